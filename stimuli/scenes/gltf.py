@@ -228,12 +228,14 @@ class Document:
         mode = part.get("mode", 4)
         if mode not in range(7):
             raise self._wrong(f"a primitive's mode must be 0 to 6, not {str(mode)[:40]}")
+        if "POSITION" not in attributes:
+            self.notes.left_out("a primitive without POSITION", "it is nowhere")
         if mode < 4 or "POSITION" not in attributes:
             return None
-        compressed = [name for name in part.get("extensions", {}) if _fallback(name)]
-        if compressed and any("bufferView" not in self._entry("accessors", attributes[key])
-                              for key in attributes):  # fmt: skip
-            raise self._unsupported(compressed[0])
+        lists = [*attributes.values(), *([part["indices"]] if "indices" in part else [])]
+        for name in filter(_fallback, part.get("extensions", {})):
+            if any("bufferView" not in self._entry("accessors", index) for index in lists):
+                raise self._unsupported(name)
         surface, where = self._surface(part.get("material"))
         wanted = {"POSITION": "position", "NORMAL": "normal", "COLOR_0": "colour"}
         if surface.picture is not None or surface.glow is not None:
@@ -425,7 +427,8 @@ class Document:
         red, green, blue, alpha = map(float, self._numbers(colour, 4, "a colour"))
         strength = extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1)
         emission = tuple(
-            float(strength) * self._numbers(entry.get("emissiveFactor", [0, 0, 0]), 3, "a colour")
+            self._numbers([strength], 1, "a strength")
+            * self._numbers(entry.get("emissiveFactor", [0, 0, 0]), 3, "a colour")
         )
         glow = entry.get("emissiveTexture") if any(emission) and not unlit else None
         picture, where = self._texture(texture, f"the colour of material {name!r}")
@@ -467,6 +470,8 @@ class Document:
         image = self._entry("images", source, what)
         if source not in self._pictures:
             uri = image.get("uri")
+            if uri is not None and "bufferView" in image:
+                raise self._wrong(f"picture {source} has a uri and a bufferView", "leave one out")
             if isinstance(uri, str) and not uri.startswith("data:"):
                 place = place_of(self.path.parent, uri)
                 data: bytes | memoryview = place.read_bytes()

@@ -27,7 +27,7 @@ class Feature:
     verdict : str
         Honoured: drawn as the format defines it. Noted: left out, and said. Refused: no picture.
     says : str
-        Why it is left out, or what to do.
+        Why it is left out, or what to do; of what is honoured, how far.
     harmless : tuple
         Values that change nothing, for what is noted or refused.
     of : str
@@ -63,7 +63,8 @@ _KEPT = _all("name extras extensions", _DRAWN)
 
 GLTF: Final[dict[str, dict[str, Feature]]] = {
     "document": {
-        **_all("asset extensionsUsed extensionsRequired scene extras extensions", _DRAWN),
+        "asset": _of("asset"),
+        **_all("extensionsUsed extensionsRequired scene extras extensions", _DRAWN),
         "scenes": _of("scene"),
         "nodes": _of("node"),
         "meshes": _of("mesh"),
@@ -78,6 +79,7 @@ GLTF: Final[dict[str, dict[str, Feature]]] = {
         "cameras": Feature("noted", "the camera is the study's", ([],)),
         "animations": Feature("noted", "the pose at rest is drawn", ([],)),
     },
+    "asset": _all("version minVersion generator copyright extras extensions", _DRAWN),
     "scene": {"nodes": _DRAWN, **_KEPT},
     "node": {
         **_all("children mesh skin weights matrix translation rotation scale", _DRAWN),
@@ -107,7 +109,8 @@ GLTF: Final[dict[str, dict[str, Feature]]] = {
     "material": {
         "pbrMetallicRoughness": _of("pbrMetallicRoughness"),
         "emissiveTexture": _of("textureInfo"),
-        **_all("emissiveFactor alphaMode alphaCutoff doubleSided", _DRAWN),
+        "alphaMode": Feature("honoured", "BLEND as a cut at one half; half transparent: refused"),
+        **_all("emissiveFactor alphaCutoff doubleSided", _DRAWN),
         **_all("normalTexture occlusionTexture", Feature("noted", _MATTE)),
         **_KEPT,
     },
@@ -123,7 +126,7 @@ GLTF: Final[dict[str, dict[str, Feature]]] = {
     "texture": {**_all("source sampler", _DRAWN), **_KEPT},
     "image": {**_all("uri mimeType bufferView", _DRAWN), **_KEPT},
     "sampler": {
-        **_all("wrapS wrapT", _DRAWN),
+        **_all("wrapS wrapT", Feature("honoured", "10497, 33071, 33648; others: refused")),
         "magFilter": Feature("noted", "pictures are filtered linearly", (None, 9729)),
         "minFilter": Feature(
             "noted", "pictures are filtered linearly", (None, 9729, 9985, 9986, 9987)
@@ -187,7 +190,7 @@ GLTF_EXTENSIONS: Final[dict[str, Feature]] = {
     "KHR_node_visibility": Feature("honoured", of="KHR_node_visibility", at=("node",)),
     "EXT_texture_webp": Feature("honoured", of="EXT_texture_webp", at=("texture",)),
     "KHR_materials_transmission": Feature(
-        "honoured", of="KHR_materials_transmission", at=("material",)
+        "honoured", "if it is 0", of="KHR_materials_transmission", at=("material",)
     ),
     **_all(
         "KHR_draco_mesh_compression EXT_meshopt_compression KHR_meshopt_compression",
@@ -254,7 +257,8 @@ OBJ: Final[dict[str, Feature]] = {
 
 _MASKED = "a pixel of a warp has one depth"
 MTL: Final[dict[str, Feature]] = {
-    **_all("newmtl kd map_kd d tr map_d ke map_ke", _DRAWN),
+    **_all("newmtl kd map_kd ke map_ke", _DRAWN),
+    **_all("d tr map_d", Feature("honoured", "as a cut at one half; half transparent: refused")),
     **_all(
         "ka ks ns ni tf illum sharpness pr pm ps pc pcr aniso anisor map_ka map_ks map_ns map_bump"
         " bump norm map_norm refl map_refl map_pr map_pm map_ps map_pc map_pcr map_rma map_orm",
@@ -335,6 +339,13 @@ def check_gltf(notes: Notes, document: dict[str, Any]) -> None:
     InputError
         Naming what is refused, with the cure.
     """
+    for key in ("version", "minVersion"):
+        version = str(document["asset"].get(key, "2.0"))
+        if not re.fullmatch(r"2\.\d+" if key == "version" else r"2\.0", version):
+            raise InputError(
+                f"{notes.path}: must be of glTF 2.0 (its {key} is {version[:40]!r}); export it as"
+                " glTF 2.0"
+            )
     required = [str(name) for name in document.get("extensionsRequired", [])]
     for name in required:
         feature = GLTF_EXTENSIONS.get(name)

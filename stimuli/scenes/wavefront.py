@@ -81,7 +81,7 @@ def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
         elif not check_statement(notes, OBJ, word, number):
             continue
         elif word == "usemtl":
-            material = rest
+            material = rest or None
         elif word == "s":
             smoothing = "off" if rest in ("0", "") else rest.lower()
     materials = _materials(path, notes, {name for name, _ in groups if name is not None})

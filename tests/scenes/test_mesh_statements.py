@@ -10,13 +10,26 @@ import struct
 
 import numpy as np
 import pytest
+from built_study import write_small_study
 from PIL import Image
+from typer.testing import CliRunner
 
 from pipeline.errors import InputError
+from stimuli.bring_in import bring_scene
 from stimuli.render import Renderer
-from stimuli.scenes.mesh_features import GLTF, GLTF_EXTENSIONS, MTL, MTL_OPTIONS, OBJ
+from stimuli.scenes import mesh_surface
+from stimuli.scenes.mesh_features import (
+    COMPONENTS,
+    GLTF,
+    GLTF_EXTENSIONS,
+    MTL,
+    MTL_OPTIONS,
+    OBJ,
+)
 from stimuli.scenes.mesh_file import load_world
 from stimuli.world import Viewpoint
+from study_app.cli import app as whole_app
+from study_app.cli.stimuli_commands import app as typer_app
 
 VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
 BYTE, UBYTE, SHORT, USHORT, UINT, FLOAT = 5120, 5121, 5122, 5123, 5125, 5126
@@ -47,7 +60,8 @@ class Gltf:
 
     def __init__(self, **material):
         self.bin = b""
-        self.doc = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
+        asset = {"version": "2.0", "minVersion": "2.0", "generator": "a", "copyright": "b"}
+        self.doc = {"asset": asset, "bufferViews": [], "accessors": []}
         self.doc["materials"] = [{"doubleSided": True, **material}]
         self.part = {"attributes": {"POSITION": self.add(QUAD)}, "material": 0}
         self.part["indices"] = self.add(FACES, USHORT, "SCALAR")
@@ -711,6 +725,12 @@ REFUSED = {
     "an index names vertex 9 of 4": (lambda: in_mode(4, [0, 1, 9]), moved),
     "two parents": (lambda: standing(PLACES, [{"children": [0]}]), lambda: standing(PLACES)),
     "ends at byte": (lambda: changed(moved(), lambda m: m.doc["accessors"][0], count=400), moved),
+    "its version is '1.0'": (
+        lambda: changed(moved(), lambda m: m.doc["asset"], version="1.0"), moved),
+    "its minVersion is '2.1'": (
+        lambda: changed(moved(), lambda m: m.doc["asset"], minVersion="2.1"), moved),
+    "has a uri and a bufferView": (
+        lambda: changed(moved(), lambda m: m.doc["images"][0], uri="data:,"), moved),
     "positions must be finite": (lambda: at(QUAD * [np.nan, 1, 1]), moved),
 }  # fmt: skip
 
@@ -1023,3 +1043,164 @@ def test_a_link_inside_the_folder_does_not_lead_out_of_it(obj, tmp_path, link):
         (folder / link).unlink()
         (outside / link).rename(folder / link)
     assert load_world(folder / path.name).parts
+
+
+# Situations that people reported to other programs, with the right values
+
+
+def seen(shown, x, y):
+    """Colour at a place of the plane z = 0."""
+    scale = 32 / (3 * np.tan(np.radians(30)))
+    return tuple(shown[int(32 - y * scale), int(32 + x * scale)])
+
+
+RED, GREEN, BLUE, WHITE = (220, 30, 30), (30, 200, 30), (40, 60, 220), (240, 240, 240)
+WALL = (
+    "v -1.5 -1.5 -0.1\nv 1.5 -1.5 -0.1\nv 1.5 1.5 -0.1\nv -1.5 1.5 -0.1\n"
+    "v -0.8 -0.8 0\nv 0.8 -0.8 0\nv 0.8 0.8 0\nv -0.8 0.8 0\n"
+    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    "usemtl wall\nf 1/1 2/2 3/3 4/4\nusemtl a\nf 5/1 6/2 7/3 8/4\n"
+)
+
+
+@pytest.mark.parametrize("component", [USHORT, UBYTE])
+def test_coordinates_of_integers_show_four_squares(draw, component):
+    shown = draw(typed("TEXCOORD_0", UV, component, True))
+    corners = [seen(shown, x, y) for x, y in ((-0.5, 0.5), (0.5, 0.5), (-0.5, -0.5), (0.5, -0.5))]
+    assert corners == [RED, GREEN, BLUE, WHITE]
+
+
+def test_a_fan_before_a_wall_is_there(draw):
+    made = moved()
+    turn = np.arange(7) * np.pi / 3
+    rim = np.stack([0.6 * np.cos(turn), 0.6 * np.sin(turn), np.full(7, 0.1)], axis=1)
+    made.doc["materials"].append({"pbrMetallicRoughness": {"baseColorFactor": [1, 0.6, 0, 1]}})
+    disc = {"attributes": {"POSITION": made.add(np.vstack([[0, 0, 0.1], rim]))}, "mode": 6}
+    made.doc["meshes"][0]["primitives"].append(disc | {"material": 1})
+    shown = draw(made)
+    assert seen(shown, 0.1, 0.1) == seen(shown, -0.4, -0.2) == (255, 203, 0)
+    assert seen(shown, 0.8, 0.8) == GREEN
+
+
+def test_a_sparse_panel_is_as_wide_as_its_substitutes_say(tmp_path):
+    low, high = load_world(panel(True).save(tmp_path / "p.glb")).bounds_m
+    np.testing.assert_allclose(high - low, [2.4, 2, 0])
+
+
+def test_a_leaf_is_a_disc_and_a_pane_is_refused(draw, obj, tmp_path):
+    y, x = np.mgrid[:64, :64]
+    disc = (np.hypot(x - 31.5, y - 31.5) < 24).astype(np.uint8) * 255
+    Image.fromarray(disc).save(tmp_path / "disc.png")
+    wall = "\nnewmtl wall\nmap_Kd p.png\n"
+    shown = draw(obj("mtllib m.mtl\n" + WALL, "Kd 0 1 0\nmap_d disc.png" + wall))
+    assert seen(shown, 0, 0) == seen(shown, 0.5, 0) == (0, 255, 0)
+    assert seen(shown, -0.7, 0.7) == RED  # the wall, through the corner of the card
+    with pytest.raises(InputError, match=r"material 'a' must be opaque or cut out"):
+        load_world(obj("mtllib m.mtl\n" + WALL, "Kd 0.2 0.5 0.9\nd 0.15" + wall))
+
+
+def test_a_picture_is_laid_as_often_as_its_option_says(draw, obj):
+    shown = draw(obj(library="map_Kd -s 4 4 1 p.png\n"))
+    row = [seen(shown, -0.9375 + 0.25 * index, 0.9375) for index in range(8)]
+    assert [red > green for red, green, _ in row] == [True, False] * 4
+
+
+# What is said where
+
+
+def commands_notes(*arguments):
+    result = CliRunner().invoke(typer_app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return [line for line in result.stdout.splitlines() if line.startswith("note: ")]
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_looking_and_panoramas_say_what_is_left_out(tmp_path):
+    made = moved()
+    made.doc["cameras"] = [{}]
+    path = made.save(tmp_path / "s.glb")
+    said = [f"note: {path}: left out document.cameras: the camera is the study's"]
+    line = "view = { position_m = [0, 0, 3], look_at_m = [0, 0, 0] }"
+    sheet, round_about = tmp_path / "v.png", tmp_path / "p.png"
+    assert commands_notes("look", path, "--out", sheet, "--view", line) == said
+    assert (
+        commands_notes("panorama", path, "--out", round_about, "--view", line, "--height-px", 16)
+        == said
+    )
+
+
+def test_a_new_scene_of_a_study_says_what_is_left_out(tmp_path):
+    made = moved()
+    made.doc["animations"] = [{}]
+    path, notes = made.save(tmp_path / "s.glb"), []
+    bring_scene(str(path), tmp_path / "study", [], None, note=notes.append)
+    assert notes == [f"{path}: left out document.animations: the pose at rest is drawn"]
+    transmitting(0.5).save(path)
+    with pytest.raises(InputError, match="set its transmission to 0"):
+        bring_scene(str(path), tmp_path / "other", [], None)
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_check_of_a_study_says_what_is_left_out_and_refused(tmp_path):
+    study = write_small_study(tmp_path)
+    box, library = tmp_path / "box.obj", tmp_path / "box.mtl"
+    box.write_text(box.read_text() + "l 1 2\n")
+    result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
+    assert result.exit_code == 0, result.output
+    said = f"{box}: left out l: points and lines are not drawn"
+    assert f"note: stimuli.scenes[0]: {said}" in result.stdout.splitlines()
+    library.write_text(library.read_text() + "d 0.5\n")
+    result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
+    assert result.exit_code == 2
+    assert f"stimuli.scenes[0]: {box}: material 'box' must be opaque or cut out" in result.stderr
+
+
+def test_a_picture_that_is_drawn_smaller_is_noted(tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_surface, "LARGEST_TEXTURE_PX", 16)
+    world = load_world(moved().save(tmp_path / "s.glb"))
+    assert world.parts[0].material.texture.shape == (16, 16, 4)
+    assert "is 32 x 32 px and is drawn from 16 x 16" in world.notes[0]
+
+
+# The page
+
+
+def names(features, verdict):
+    found = []
+    for name, feature in features.items():
+        if feature.verdict == verdict and name not in ("extras", "extensions", "name"):
+            plain = [
+                " ".join(map("{:g}".format, value)) if isinstance(value, tuple) else str(value)
+                for value in feature.harmless
+                if value not in (None, [])
+            ]
+            told = f" other than {', '.join(plain)}" if plain else ""
+            told += " with no other" if feature.fallback else ""
+            told += f" ({feature.says})" if verdict == "honoured" and feature.says else ""
+            found.append(f"`{name}`{told}")
+    return ", ".join(found)
+
+
+def mesh_table():
+    """The lists as the table of docs/stimuli.md."""
+    rows = [(f"glTF {kind}", features) for kind, features in GLTF.items()]
+    rows += [("glTF extensions", GLTF_EXTENSIONS), (".obj", OBJ), (".mtl, in any case", MTL),
+             ("options of map_ in .mtl", MTL_OPTIONS)]  # fmt: skip
+    lines = ["| of | honoured | noted | refused |", "| --- | --- | --- | --- |"]
+    for kind, features in rows:
+        cells = [names(features, verdict) for verdict in ("honoured", "noted", "refused")]
+        lines.append("| " + " | ".join([kind, *cells]) + " |")
+    kinds = {BYTE: "byte", UBYTE: "unsigned byte", SHORT: "short", USHORT: "unsigned short",
+             UINT: "unsigned int", FLOAT: "float"}  # fmt: skip
+    for semantic, (shapes, components) in COMPONENTS.items():
+        types = ", ".join(kinds[c] + " normalized" * shares for c, shares in components)
+        lines.append(
+            f"| glTF numbers of `{semantic}` | {', '.join(shapes)} of {types} | | others |"
+        )
+    return "\n".join(line.replace("|  |", "| |").replace("|  |", "| |") for line in lines)
+
+
+def test_the_page_shows_the_lists_as_they_are(repository):
+    page = (repository / "docs" / "stimuli.md").read_text(encoding="utf-8")
+    begin, end = "<!-- mesh features: begin -->\n", "\n<!-- mesh features: end -->"
+    assert page.partition(begin)[2].partition(end)[0] == mesh_table()
