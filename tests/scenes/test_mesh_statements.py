@@ -814,16 +814,17 @@ PLAIN = f"mtllib m.mtl\n{SQUARE}usemtl a\n{FACE}"
 def obj(tmp_path):
     """Write an .obj file with its library and pictures."""
 
+    for name, pixels in (
+        ("p.png", marked()[..., :3]),
+        ("alpha.png", marked((255, 0))),
+        ("mask.png", np.repeat([255, 0], 16).astype(np.uint8)[:, None] * np.ones(32, np.uint8)),
+        ("soft.png", np.full((4, 4), 128, np.uint8)),
+        ("green.png", marked((255, 255))[..., :3] * [0, 1, 0] // 200 * 255),
+        ("my p.png", marked()[..., :3]),
+    ):
+        Image.fromarray(np.asarray(pixels, np.uint8)).save(tmp_path / name)
+
     def write(text=PLAIN, library="map_Kd p.png\n"):
-        for name, pixels in (
-            ("p.png", marked()[..., :3]),
-            ("alpha.png", marked((255, 0))),
-            ("mask.png", np.repeat([255, 0], 16).astype(np.uint8)[:, None] * np.ones(32, np.uint8)),
-            ("soft.png", np.full((4, 4), 128, np.uint8)),
-            ("green.png", marked((255, 255))[..., :3] * [0, 1, 0] // 200 * 255),
-            ("my p.png", marked()[..., :3]),
-        ):
-            Image.fromarray(np.asarray(pixels, np.uint8)).save(tmp_path / name)
         (tmp_path / "m.mtl").write_text(f"newmtl a\n{library}")
         (tmp_path / "s.obj").write_text(text)
         return tmp_path / "s.obj"
