@@ -358,7 +358,9 @@ class Document:
             values = np.maximum(values / np.iinfo(kind).max, -1.0)
         if not np.isfinite(values).all():
             name = "positions" if semantic == "POSITION" else semantic
-            raise InputError(f"{self.path}: {name} must be finite (some of {count} are not)")
+            raise InputError(
+                f"{self.path}: {name} must be finite (some of {count} are not); {_AGAIN}"
+            )
         return values
 
     def _stored(
@@ -449,7 +451,7 @@ class Document:
             glow=shine,
             emission=(0.0, 0.0, 0.0) if unlit else (emission[0], emission[1], emission[2]),
             mode=mode,
-            cutoff=float(entry.get("alphaCutoff", 0.5)),
+            cutoff=float(self._numbers([entry.get("alphaCutoff", 0.5)], 1, "alphaCutoff")[0]),
             wrap=where.wrap,
             double_sided=bool(entry.get("doubleSided", False)),
             unlit=unlit,
@@ -485,7 +487,7 @@ class Document:
         return self._pictures[source], _Placed(
             texcoord=moved.get("texCoord", info.get("texCoord", 0)),
             offset=tuple(self._numbers(moved.get("offset", (0, 0)), 2, "an offset")),
-            turn=float(moved.get("rotation", 0)),
+            turn=float(self._numbers([moved.get("rotation", 0)], 1, "a rotation")[0]),
             scale=tuple(self._numbers(moved.get("scale", (1, 1)), 2, "a scale")),
             wrap=self._wraps(texture),
         )

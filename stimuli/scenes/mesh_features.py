@@ -400,7 +400,9 @@ def _extension(notes: Notes, name: str, content: Any, kind: str) -> None:
         notes.left_out(f"{name} of a {kind}", UNKNOWN)
     elif kind and feature.of:
         _check_object(notes, content, feature.of)
-    elif not feature.fallback:
+    elif feature.fallback:  # with nothing in its place, it is refused where it is used
+        notes.left_out(name, "what the file holds in its place is drawn")
+    else:
         _judge(notes, feature, name, content)
 
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit, reading
 from stimuli.scenes.gltf import Document
-from stimuli.scenes.mesh_features import Notes, check_gltf
-from stimuli.scenes.mesh_inputs import check_lists, document, files_of
+from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
+from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
 from stimuli.scenes.mesh_surface import Shape, laid_uv, material_of, with_alpha
 from stimuli.scenes.wavefront import read_obj
 from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
@@ -68,7 +68,8 @@ def load_world(
     files_of(path)
     check_lists(path)
     notes = Notes(path)
-    with reading(path, f"a whole {path.suffix} file", InputError, "export it again"):
+    whole = reading(path, f"a whole {path.suffix} file", InputError, "export it again")
+    with whole, np.errstate(all="ignore"):  # what is not finite is refused
         shapes = _within_limits(path, _shapes(path, notes))
         if lighting is None:
             bare = sun_direction is None and any(map(_brings_light, shapes))
@@ -92,6 +93,8 @@ def _shapes(path: Path, notes: Notes) -> Iterator[Shape]:
         return read_obj(path, notes)
     read = document(path)
     check_gltf(notes, read)
+    for kind in other_chunks(path):
+        notes.left_out(f"chunk {kind}", UNKNOWN)
     return Document(path, read, notes).shapes()
 
 
@@ -131,20 +134,17 @@ def _parts(path: Path, shape: Shape, material: Material, scale: float) -> Iterat
     uv = np.zeros((count, 2)) if shape.uv is None else laid_uv(shape.surface, shape.uv)
     colour = np.ones((count, 3)) if shape.colour is None else shape.colour[:, :3]
     normal = np.zeros((count, 3)) if shape.normal is None else shape.normal
-    for name, values in (("positions", shape.position), ("texture coordinates", uv)):
-        if not np.isfinite(values).all():
-            raise InputError(f"{path}: {name} must be finite (some of {count} are not)")
-    mesh = Mesh(
-        shape.position.astype(np.float32),
-        normal.astype(np.float32),
-        uv.astype(np.float32),
-        (colour * shape.surface.colour).astype(np.float32),
-        shape.triangles.astype(np.uint32),
-    )
-    for place in shape.places:
-        matrix = place.copy()
-        matrix[:3] *= scale
-        yield Part(_placed(mesh, matrix, material.lit and shape.normal is None), material)
+    flat = material.lit and shape.normal is None
+    colour = colour * shape.surface.colour
+    try:
+        numbers = (values.astype(np.float32) for values in (shape.position, normal, uv, colour))
+        mesh = Mesh(*numbers, shape.triangles.astype(np.uint32))
+        for place in shape.places:
+            matrix = place.copy()
+            matrix[:3] *= scale
+            yield Part(_placed(mesh, matrix, flat), material)
+    except InputError as error:
+        raise InputError(f"{path}: {error}; export it again") from None
 
 
 def _placed(mesh: Mesh, matrix: NDArray[np.float64], flat: bool) -> Mesh:

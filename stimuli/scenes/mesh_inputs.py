@@ -12,6 +12,7 @@ import math
 import re
 import struct
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -143,6 +144,17 @@ def data_of_uri(uri: str) -> bytes:
     return base64.b64decode(data) if head.endswith(";base64") else unquote(data).encode("latin-1")
 
 
+def other_chunks(path: Path) -> list[str]:
+    """Return the chunks of a .glb file that are neither its JSON nor its first buffer."""
+    data = memoryview(path.read_bytes()) if path.suffix.lower() == ".glb" else memoryview(b"")
+    found, place = [], 12
+    while place + 8 <= len(data):
+        length, kind = struct.unpack_from("<I4s", data, place)
+        found.append(kind.decode("latin-1").strip("\0"))
+        place += 8 + length
+    return [kind for kind in found[1:] if kind != "BIN"]
+
+
 def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
     """Return the bytes of a glTF buffer; without a name, they lie in the .glb file itself."""
     uri = buffer.get("uri")
@@ -194,12 +206,30 @@ def document(path: Path) -> dict[str, Any]:
     return read
 
 
+def statements(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Yield number, first word in small letters, and rest of the lines that are no remarks.
+
+    A line that ends in a backslash goes on in the next one.
+    """
+    kept, start = "", 0
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if not kept and line.lstrip().startswith("#"):
+                continue
+            start = start if kept else number
+            if "\\" in line and line.rstrip().endswith("\\"):
+                kept += line.rstrip()[:-1] + " "
+                continue
+            words, kept = (kept + line).split(None, 1), ""
+            if words:
+                yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
+    if words := kept.split(None, 1):
+        yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
+
+
 def words_after(path: Path, key: str) -> list[str]:
     """Return what follows a keyword at the beginning of a line, in any case."""
-    pattern = re.compile(rf"\s*{re.escape(key)}\s+(.*)", re.IGNORECASE)
-    with path.open(encoding="utf-8", errors="replace") as file:
-        found = [pattern.match(line) for line in file]
-    return [match[1].strip() for match in found if match and match[1].strip()]
+    return [rest for _, word, rest in statements(path) if word == key.lower() and rest]
 
 
 def _is_file(path: Path) -> bool:

@@ -160,19 +160,21 @@ def _coverage(
         cutoff = surface.cutoff
         return None if cutoff <= 0 else np.clip(alpha * 0.5 / cutoff, 0, 1)
     levels = np.rint(alpha * 255).clip(0, 255).astype(np.uint8)
-    if (levels >= _OPAQUE).all():
+    # A picture may be inexact; one number is not.
+    opaque, clear = (_OPAQUE, _CLEAR) if np.ptp(levels) else (255, 1)
+    if (levels >= opaque).all():
         return None
     if surface.mode == "CUT":
         if not (levels < 128).any():
             return None
         notes.say(f"the picture of material {surface.name!r} is cut where its alpha is below .5")
         return alpha
-    if (levels < _CLEAR).all():
+    if (levels < clear).all():
         return np.zeros_like(alpha)
-    between = (levels >= _CLEAR) & (levels < _OPAQUE)
+    between = (levels >= clear) & (levels < opaque)
     size = 2 * _RIM_TEXELS + 1
-    rim = (ndimage.maximum_filter(levels, size, mode="wrap") >= _OPAQUE) & (
-        ndimage.minimum_filter(levels, size, mode="wrap") < _CLEAR
+    rim = (ndimage.maximum_filter(levels, size, mode="wrap") >= opaque) & (
+        ndimage.minimum_filter(levels, size, mode="wrap") < clear
     )
     soft = between & ~rim
     if soft.any():

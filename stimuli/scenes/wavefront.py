@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,7 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from stimuli.scenes.mesh_features import MTL, MTL_OPTIONS, OBJ, Notes, check_statement
-from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of
+from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, decoded
 
 Array = NDArray[np.float64]
@@ -22,29 +23,6 @@ Array = NDArray[np.float64]
 _VALUES: Final = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _CHANNELS: Final = {"r": 0, "g": 1, "b": 2, "m": 3}
 _LENGTHS: Final = {"v": (3, 4, 6, 7), "vt": (1, 2, 3), "vn": (3,)}
-
-
-def statements(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Yield number, first word in small letters, and rest of the lines that are no remarks.
-
-    A line that ends in a backslash goes on in the next one.
-    """
-    kept, start = "", 0
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            text = line.strip()
-            if not kept and (not text or text.startswith("#")):
-                continue
-            start = start if kept else number
-            if text.endswith("\\"):
-                kept += text[:-1] + " "
-                continue
-            word, _, rest = (kept + text).replace("\t", " ").partition(" ")
-            kept = ""
-            yield start, word.lower(), rest.strip()
-    if kept.strip():
-        word, _, rest = kept.partition(" ")
-        yield start, word.lower(), rest.strip()
 
 
 @dataclass
@@ -124,9 +102,14 @@ def _rows(path: Path, word: str, rows: list[str]) -> Array:
         split = [row[:6] for row in split]
     elif word == "vt":
         split = [[*row, "0"][:2] for row in split]
-    width = len(split[0]) if split else 3
-    numbers = np.array([float(value) for row in split for value in row], np.float64)
-    return numbers.reshape(-1, width)
+    numbers = np.fromiter(map(float, chain.from_iterable(split)), np.float64)
+    numbers = numbers.reshape(-1, len(split[0]) if split else 3)
+    if not np.isfinite(numbers[:, :3]).all():
+        what = "positions" if word == "v" else word
+        raise InputError(
+            f"{path}: {what} must be finite (some of {len(rows)} are not); export it again"
+        )
+    return numbers
 
 
 def _shapes(
@@ -207,11 +190,15 @@ def _cut(
     starts, pieces = ends - lengths, lengths - 2
     owner = np.repeat(np.arange(len(lengths)), pieces)
     step = np.arange(len(owner)) - np.repeat(stops - pieces, pieces)
-    first = starts[owner]
-    fans = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
+
+    def fans(tip: NDArray[np.int64]) -> NDArray[np.int64]:
+        places = [(tip[owner] + ahead) % lengths[owner] for ahead in (0, step + 1, step + 2)]
+        return np.stack([corners[starts[owner] + place] for place in places], axis=1)
+
+    triangles = fans(0 * lengths)
     if (lengths == 3).all():
-        return fans
-    a, b, c = position[fans].transpose(1, 0, 2)
+        return triangles
+    a, b, c = position[triangles].transpose(1, 0, 2)
     normal = np.add.reduceat(np.cross(b - a, c - a), stops - pieces, axis=0)
     # In a convex face every corner turns to the same side.
     face = np.repeat(np.arange(len(lengths)), lengths)
@@ -220,10 +207,14 @@ def _cut(
     here = position[corners]
     turn = np.cross(here - here[before], here[after] - here)
     side = (turn * normal[face]).sum(axis=1) / np.maximum((normal**2).sum(axis=1), 1e-30)[face]
-    for bent in np.unique(face[side < -1e-6]):
+    dents = np.flatnonzero(side < -1e-6)
+    tip = 0 * lengths
+    tip[face[dents]] = dents - starts[face[dents]]  # from its only dent all of a face is seen
+    triangles = fans(tip)
+    for bent in np.flatnonzero(np.bincount(face[dents], minlength=len(lengths)) > 1):
         ring = corners[starts[bent] : ends[bent]]
-        fans[stops[bent] - pieces[bent] : stops[bent]] = _ears(position, ring, normal[bent])
-    return fans
+        triangles[stops[bent] - pieces[bent] : stops[bent]] = _ears(position, ring, normal[bent])
+    return triangles
 
 
 def _ears(position: Array, ring: NDArray[np.int64], normal: Array) -> NDArray[np.int64]:
@@ -234,29 +225,35 @@ def _ears(position: Array, ring: NDArray[np.int64], normal: Array) -> NDArray[np
     if (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() < 0:
         flat = flat[:, ::-1]
 
-    def turn(a: int, b: int, c: int) -> float:
-        (ax, ay), (bx, by), (cx, cy) = flat[a], flat[b], flat[c]
-        return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-
-    left, found = list(range(len(ring))), []
+    left, found = np.arange(len(ring)), []
     while len(left) > 3:
-        for place in range(len(left)):
-            a, b, c = left[place - 1], left[place], left[(place + 1) % len(left)]
-            inside = (
-                min(turn(a, b, p), turn(b, c, p), turn(c, a, p)) >= 0
-                for p in left
-                if p not in (a, b, c)
-            )
-            if turn(a, b, c) > 0 and not any(inside):
-                break
-        else:
-            place = 1  # it crosses itself: any cut is as good
-            a, b, c = left[0], left[1], left[2]
-        found.append((a, b, c))
-        left.pop(place)
+        here, ahead, behind = flat[left], flat[np.roll(left, -1)], flat[np.roll(left, 1)]
+        convex = _turn(behind, here, ahead) > 0
+        dents = here[~convex]
+        ears = (
+            place
+            for place in np.flatnonzero(convex)
+            if not _holds(behind[place], here[place], ahead[place], dents)
+        )
+        place = int(next(ears, 0))  # none: it crosses itself, and any cut is as good
+        found.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
+        left = np.delete(left, place)
     found.append((left[0], left[1], left[2]))
     triangles: NDArray[np.int64] = ring[np.array(found)]
     return triangles
+
+
+def _turn(a: Array, b: Array, c: Array) -> Array:
+    """Twice the area of triangles in the plane; positive where they turn to the left."""
+    found: Array = (b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0]
+    return found
+
+
+def _holds(a: Array, b: Array, c: Array, points: Array) -> bool:
+    """Whether a triangle holds any of some points besides its corners."""
+    inside = (_turn(a, b, points) >= 0) & (_turn(b, c, points) >= 0) & (_turn(c, a, points) >= 0)
+    corner = ((points == a) | (points == b) | (points == c)).all(axis=1)
+    return bool((inside & ~corner).any())
 
 
 # Materials

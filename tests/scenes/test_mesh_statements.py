@@ -639,6 +639,16 @@ def test_extensions_that_are_noted_or_unknown_are_said_and_change_nothing(tmp_pa
     assert "KHR_materials_unlit of a node" in note
 
 
+def test_an_invented_chunk_is_said_and_changes_nothing(draw, tmp_path):
+    path = moved().save(tmp_path / "s.glb")
+    data = path.read_bytes() + struct.pack("<I4s", 4, b"WIBL") + b"abcd"
+    path.write_bytes(data[:8] + struct.pack("<I", len(data)) + data[12:])
+    (note,) = load_world(path).notes
+    assert "left out chunk WIBL: it is not known" in note
+    shown = draw(path)
+    assert (shown == draw(moved())).all()
+
+
 def test_points_and_lines_are_not_drawn_and_a_file_of_them_alone_is_refused(tmp_path):
     for mode in range(4):
         with pytest.raises(InputError, match="at least one triangle"):
@@ -746,7 +756,7 @@ def test_what_cannot_be_drawn_is_refused_and_its_cure_works(tmp_path, said):
 
 
 @pytest.mark.parametrize("name", [n for n, f in GLTF_EXTENSIONS.items() if f.fallback])
-def test_compressed_data_beside_plain_ones_change_nothing(draw, name):
+def test_compressed_data_beside_plain_ones_change_nothing(draw, tmp_path, name):
     made = moved()
     if "texture" in name:
         made.doc["textures"][0]["extensions"] = {name: {"source": 0}}
@@ -756,6 +766,8 @@ def test_compressed_data_beside_plain_ones_change_nothing(draw, name):
         made.doc["bufferViews"][0]["extensions"] = {name: {"buffer": 0}}
     made.doc["extensionsUsed"] = [name]
     assert (draw(made) == draw(moved())).all()
+    (note,) = load_world(made.save(tmp_path / "s.glb")).notes
+    assert name in note
 
 
 def test_unlit_materials_are_shown_unlit_and_glow_not(draw):
@@ -842,6 +854,11 @@ COLOURED = "".join(
     f"v {x} {y} 0 {r} {g} {b}\n" for (x, y, _), (r, g, b) in zip(QUAD, COLOURS, strict=True)
 )
 L_SHAPE = "v -1 -1 0\nv 1 -1 0\nv 1 0 0\nv 0 0 0\nv 0 1 0\nv -1 1 0\n"
+CROSS = "".join(
+    f"v {x} {y} 0\n" for x, y in (
+        (-0.3, -0.9), (0.3, -0.9), (0.3, -0.3), (0.9, -0.3), (0.9, 0.3), (0.3, 0.3),
+        (0.3, 0.9), (-0.3, 0.9), (-0.3, 0.3), (-0.9, 0.3), (-0.9, -0.3), (-0.3, -0.3))
+)  # fmt: skip
 OBJ_HONOURED = {
     "a picture": (PLAIN, "map_Kd p.png\n", by_hand),
     "negative numbers": (
@@ -872,6 +889,12 @@ OBJ_HONOURED = {
     "a face with a dent": (
         PLAIN.split("v -1")[0] + L_SHAPE + "usemtl a\nf 4 5 6 1 2 3\n", "Kd 0.2 0.5 0.9\n",
         lambda: corner_of(KD)),
+    "a face with four dents": (
+        "mtllib m.mtl\n" + CROSS + "usemtl a\nf 1 2 3 4 5 6 7 8 9 10 11 12\n",
+        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
+    "a face with four dents, turned": (
+        "mtllib m.mtl\n" + CROSS + "usemtl a\nf 5 4 3 2 1 12 11 10 9 8 7 6\n",
+        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
     "Kd": (PLAIN, "Kd 0.2 0.5 0.9\n", lambda: KD),
     "Kd of one number": (PLAIN, "Kd 0.5\n", lambda: filled([0.5, 0.5, 0.5, 1])),
     "d of 1": (PLAIN, "map_Kd p.png\nd 1.0\nTr 0\n", by_hand),
@@ -904,6 +927,15 @@ def corner_of(made):
     corners = np.array([line.split()[1:] for line in L_SHAPE.splitlines()], float)
     made.attributes["POSITION"] = made.add(corners)
     made.part["indices"] = made.add([0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5], USHORT, "SCALAR")
+    return made
+
+
+def of_bars(made):
+    """The cross as two bars, one upright and one level."""
+    made = copy.deepcopy(made)
+    bars = np.vstack([QUAD * [0.3, 0.9, 1], QUAD * [0.9, 0.3, 1]])
+    made.attributes["POSITION"] = made.add(bars)
+    made.part["indices"] = made.add([*FACES, *(FACES + 4)], USHORT, "SCALAR")
     return made
 
 
@@ -978,6 +1010,9 @@ REFUSED_BESIDE = {
     "-cc on": (PLAIN, "map_Kd -cc on p.png\n"),
     "-wibble": (PLAIN, "map_Kd -wibble 1 p.png\n"),
     "one depth": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.15\n"),
+    "blends with": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.98\n"),
+    "positions must be finite": (PLAIN.replace("v 1 1 0", "v 1 inf 0"), "Kd 1 1 1\n"),
+    "position_m must be finite": (PLAIN.replace("v 1 1 0", "v 1 1e300 0"), "Kd 1 1 1\n"),
     "one depth;": (PLAIN, "Kd 0.2 0.5 0.9\nTr 0.85\n"),
     "can be seen": (PLAIN, "Kd 0.2 0.5 0.9\nTr 1\n"),
     "a pixel of a warp": (PLAIN, "map_Kd p.png\nmap_d soft.png\n"),
