@@ -50,8 +50,8 @@ def load_world(
         Metres per unit of the file.
     lighting : optional
         ``unlit`` shows colours as they are, ``sun`` lights them; left out, a file with textures
-        or vertex colours is unlit, since those bring their light, and one of plain colours
-        alone is lit, since it would show no form.
+        or vertex colours is unlit, since those bring their light, as is one that asks for it
+        (KHR_materials_unlit), and one of plain colours alone is lit, since it would show no form.
     sun_direction : (x, y, z), optional
         From the scene towards the sun; asks for ``sun``.
 
@@ -137,8 +137,13 @@ def _parts(path: Path, shape: Shape, material: Material, scale: float) -> Iterat
     flat = material.lit and shape.normal is None
     colour = colour * shape.surface.colour
     try:
-        numbers = (values.astype(np.float32) for values in (shape.position, normal, uv, colour))
-        mesh = Mesh(*numbers, shape.triangles.astype(np.uint32))
+        mesh = Mesh(
+            shape.position.astype(np.float32),
+            normal.astype(np.float32),
+            uv.astype(np.float32),
+            colour.astype(np.float32),
+            shape.triangles.astype(np.uint32),
+        )
         for place in shape.places:
             matrix = place.copy()
             matrix[:3] *= scale

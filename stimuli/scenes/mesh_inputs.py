@@ -28,6 +28,10 @@ PICTURES = ("map_Kd", "map_d", "map_Ke")
 _VALUES_OF = {"-s": (1, 3), "-o": (1, 3), "-t": (1, 3), "-mm": (2, 2)}
 
 
+class MissingPartError(InputError, FileNotFoundError):
+    """A file that a mesh names is not there."""
+
+
 def files_of(path: Path) -> list[Path]:
     """Return `path` and every file that it names: buffers, images, material libraries.
 
@@ -269,7 +273,7 @@ def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
             f" {what} itself there, or export the scene as one .glb file"
         )
     if not _is_file(place):
-        raise InputError(
+        raise MissingPartError(
             f"{named_in}: names a {what} that is missing ({visible_line(str(place))}); put it"
             " there, or export the scene as one .glb file"
         )
