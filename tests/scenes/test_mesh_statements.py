@@ -475,7 +475,7 @@ HONOURED = {
         lambda: filled([1, 1, 1, 0.6], marked((255, 110)), alphaMode="MASK"),
         lambda: Gltf(alphaMode="MASK").painted(marked((255, 0)))),
     "mask of nothing": (
-        lambda: filled([1, 1, 1, 0.4], marked((255, 9)), alphaMode="MASK", alphaCutoff=0), moved),
+        lambda: filled([1, 1, 1, 0.4], marked((255, 0)), alphaMode="MASK", alphaCutoff=0), moved),
     "blend of all or nothing": (
         lambda: Gltf(alphaMode="BLEND").painted(marked((255, 0))),
         lambda: Gltf(alphaMode="MASK").painted(marked((255, 0)))),
@@ -854,10 +854,10 @@ COLOURED = "".join(
     f"v {x} {y} 0 {r} {g} {b}\n" for (x, y, _), (r, g, b) in zip(QUAD, COLOURS, strict=True)
 )
 L_SHAPE = "v -1 -1 0\nv 1 -1 0\nv 1 0 0\nv 0 0 0\nv 0 1 0\nv -1 1 0\n"
-CROSS = "".join(
+COMB = "".join(
     f"v {x} {y} 0\n" for x, y in (
-        (-0.3, -0.9), (0.3, -0.9), (0.3, -0.3), (0.9, -0.3), (0.9, 0.3), (0.3, 0.3),
-        (0.3, 0.9), (-0.3, 0.9), (-0.3, 0.3), (-0.9, 0.3), (-0.9, -0.3), (-0.3, -0.3))
+        (-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (0.6, 0.9), (0.6, -0.6), (0.15, -0.6),
+        (0.15, 0.9), (-0.15, 0.9), (-0.15, -0.6), (-0.6, -0.6), (-0.6, 0.9), (-0.9, 0.9))
 )  # fmt: skip
 OBJ_HONOURED = {
     "a picture": (PLAIN, "map_Kd p.png\n", by_hand),
@@ -887,13 +887,13 @@ OBJ_HONOURED = {
     "capitals": (PLAIN, "MAP_KD p.png\n", by_hand),
     "colours at vertices": (COLOURED + "f 1 2 3 4\n", "", lambda: coloured(3)),
     "a face with a dent": (
-        PLAIN.split("v -1")[0] + L_SHAPE + "usemtl a\nf 4 5 6 1 2 3\n", "Kd 0.2 0.5 0.9\n",
+        PLAIN.split("v -1")[0] + L_SHAPE + "usemtl a\nf 2 3 4 5 6 1\n", "Kd 0.2 0.5 0.9\n",
         lambda: corner_of(KD)),
     "a face with four dents": (
-        "mtllib m.mtl\n" + CROSS + "usemtl a\nf 1 2 3 4 5 6 7 8 9 10 11 12\n",
+        "mtllib m.mtl\n" + COMB + "usemtl a\nf 1 2 3 4 5 6 7 8 9 10 11 12\n",
         "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
     "a face with four dents, turned": (
-        "mtllib m.mtl\n" + CROSS + "usemtl a\nf 5 4 3 2 1 12 11 10 9 8 7 6\n",
+        "mtllib m.mtl\n" + COMB + "usemtl a\nf 5 4 3 2 1 12 11 10 9 8 7 6\n",
         "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
     "Kd": (PLAIN, "Kd 0.2 0.5 0.9\n", lambda: KD),
     "Kd of one number": (PLAIN, "Kd 0.5\n", lambda: filled([0.5, 0.5, 0.5, 1])),
@@ -931,11 +931,13 @@ def corner_of(made):
 
 
 def of_bars(made):
-    """The cross as two bars, one upright and one level."""
+    """The comb as its back and its teeth."""
     made = copy.deepcopy(made)
-    bars = np.vstack([QUAD * [0.3, 0.9, 1], QUAD * [0.9, 0.3, 1]])
-    made.attributes["POSITION"] = made.add(bars)
-    made.part["indices"] = made.add([*FACES, *(FACES + 4)], USHORT, "SCALAR")
+    bars = [QUAD * [0.9, 0.15, 1] + np.array([0, -0.75, 0])]
+    bars += [QUAD * [0.15, 0.9, 1] + np.array([x, 0, 0]) for x in (-0.75, 0, 0.75)]
+    made.attributes["POSITION"] = made.add(np.vstack(bars))
+    corners = [corner + 4 * bar for bar in range(4) for corner in FACES]
+    made.part["indices"] = made.add(corners, USHORT, "SCALAR")
     return made
 
 
