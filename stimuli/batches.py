@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import moderngl
@@ -27,6 +27,7 @@ class Batch:
     vertices: moderngl.Buffer
     indices: moderngl.Buffer
     texture: moderngl.Texture
+    glow: moderngl.Texture
     surface: moderngl.VertexArray
     depth: moderngl.VertexArray
 
@@ -40,6 +41,8 @@ class Batch:
         """Free it all."""
         for resource in (self.surface, self.depth, self.vertices, self.indices, self.texture):
             resource.release()
+        if self.glow is not self.texture:
+            self.glow.release()
 
 
 class DepthShaders:
@@ -54,12 +57,19 @@ class DepthShaders:
         """Return the shader that `material` needs."""
         return self._cutout if material.cutout else self._solid
 
-    def draw(self, batches: Iterable[Batch], clip_from_world: NDArray[np.float64]) -> None:
-        """Draw the depth of `batches` into the framebuffer in use."""
+    def draw(
+        self,
+        batches: Iterable[Batch],
+        clip_from_world: NDArray[np.float64],
+        cull: Callable[[Material], None] = lambda _: None,
+    ) -> None:
+        """Draw the depth of `batches` into the framebuffer in use; `cull` is told of each."""
         for shader in (self._solid, self._cutout):
             set_uniform(shader, "clip_from_world", columns(clip_from_world))
         for batch in batches:
+            cull(batch.material)
             batch.texture.use(0)
+            set_uniform(self._cutout, "clamped", batch.material.clamp)
             batch.depth.render(moderngl.TRIANGLES)
 
     def release(self) -> None:
@@ -89,14 +99,15 @@ def upload(
     batches = []
     for material, meshes in groups.values():
         mesh = Mesh.joined(meshes)
-        texture = _texture(ctx, material)
+        texture = _texture(ctx, material, material.texture)
+        glow = texture if material.glow is None else _texture(ctx, material, material.glow)
         vertices = ctx.buffer(_vertex_bytes(mesh, origin_m, np.ones(len(mesh.position_m))))
         indices = ctx.buffer(mesh.triangles.tobytes())
         arrays = [
             ctx.vertex_array(shader, [(vertices, _VERTEX, *_NAMES)], indices, skip_errors=True)
             for shader in (surface, depth.of(material))
         ]
-        batches.append((Batch(material, vertices, indices, texture, *arrays), mesh))
+        batches.append((Batch(material, vertices, indices, texture, glow, *arrays), mesh))
     return batches
 
 
@@ -116,11 +127,14 @@ def _vertex_bytes(
     return packed.astype(np.float32).tobytes()
 
 
-def _texture(ctx: moderngl.Context, material: Material) -> moderngl.Texture:
-    height, width, _ = material.texture.shape
+def _texture(
+    ctx: moderngl.Context, material: Material, pixels: NDArray[np.uint8]
+) -> moderngl.Texture:
+    height, width, _ = pixels.shape
     check_size(ctx, (width, height))
-    data = np.ascontiguousarray(material.texture)
+    data = np.ascontiguousarray(pixels)
     texture = ctx.texture((width, height), 4, data, internal_format=_SRGB8_ALPHA8)
+    texture.repeat_x, texture.repeat_y = (not clamp for clamp in material.clamp)
     texture.build_mipmaps()
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     texture.anisotropy = min(ANISOTROPY, float(ctx.max_anisotropy))

@@ -21,6 +21,7 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import check_method_name, method_names
 from protocols.own_stimuli import REFERENCE, OwnMethod, OwnScene, methods_of, quoted, unused_name
 from stimuli.look import look_around
+from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import ENDINGS, files_of
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.registry import scene_names
@@ -58,6 +59,7 @@ def bring_scene(
     taken: Collection[str],
     ctx: moderngl.Context | None,
     report: Callable[[int, int], None] = lambda _done, _total: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> OwnScene:
     """Copy a 3D file with all that it names to ``scenes/NAME``, and draw views of it there.
 
@@ -73,6 +75,8 @@ def bring_scene(
         Left out: no views are drawn, and the camera is the file's own.
     report : callable
         Is told views tried and views in all.
+    note : callable
+        Is told what the file says and is not drawn.
 
     Raises
     ------
@@ -92,6 +96,8 @@ def bring_scene(
         )
     name = unused_name(path.stem, taken)
     folder = study / SCENES / name
+    for line in load_world(path).notes:
+        note(line)
     for file in files_of(path):
         place = folder / os.path.relpath(file, path.parent)
         place.parent.mkdir(parents=True, exist_ok=True)

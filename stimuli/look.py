@@ -45,12 +45,14 @@ def look_around(
     lighting: Lighting | None = None,
     sun_direction: Vector | None = None,
     report: Callable[[int, int], None] = lambda _done, _total: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> list[str]:
     """Draw the `count` best of many views, or the `chosen` ones, into `out`; a line for each.
 
     Views that uncover much when the camera moves come first: those with many jumps in depth
     that show little background. Views of surfaces from behind come last: from inside a closed
-    body, from under a terrain, from outside a room. `report` is told views tried and views in all.
+    body, from under a terrain, from outside a room. `report` is told views tried and views in all,
+    `note` what the file says and is not drawn.
     `lighting` and `sun_direction` are those of a mesh scene in a
     protocol, and get their lines as well.
 
@@ -61,6 +63,8 @@ def look_around(
     """
     light = _light_lines(lighting, sun_direction)
     world = world_of(scene, scale, seed, lighting, sun_direction)
+    for line in world.notes:
+        note(line)
     renderer = Renderer(ctx, world)
     try:
         views = [viewpoint_of(view, world) for view in chosen] or _best(
@@ -94,7 +98,8 @@ def look_interactively(
 ) -> None:
     """Serve the scene as a local page until it is done; parameters as for `look_around`.
 
-    `opened` is told the page's address, `say` the line of every view that is taken.
+    `opened` is told the page's address, `say` the line of every view that is taken, and what the
+    file says and is not drawn.
     """
     light = _light_lines(lighting, sun_direction)
     world = world_of(scene, scale, seed, lighting, sun_direction)
@@ -106,7 +111,7 @@ def look_interactively(
             sided = not _is_built_in(scene)
             start = _best(renderer, 1, lambda _done, _total: None, sided=sided)[0]
         server = LookServer(renderer, Path(scene).name, start, say)
-        for line in light:
+        for line in (*(f"note: {note}" for note in world.notes), *light):
             say(line)
         opened(server.address)
         server.run()

@@ -26,7 +26,7 @@ from stimuli.worker import RendererInfo
 
 VERSIONED = (
     "moderngl", "numpy", "scipy", "scikit-image", "opencv-python-headless", "OpenImageIO",
-    "pillow", "trimesh",
+    "pillow",
 )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from pipeline.gl.texture import check_size
 from stimuli.batches import DepthShaders, upload
 from stimuli.lights import Lamps
 from stimuli.programs import columns, program, set_uniform
-from stimuli.world import World
+from stimuli.world import Material, World
 
 NEAR_SHARE = 1e-4  # of the scene's size: how near a surface may come to the camera,
 NEAR_M = 0.05  # and at most this
@@ -66,6 +66,7 @@ class Renderer:
         for shader, name, unit in (
             (self._surface, "albedo", 0),
             (self._surface, "shadow", 1),
+            (self._surface, "glow", 2),
             (self._sky, "panorama", 0),
         ):
             set_uniform(shader, name, unit)
@@ -73,13 +74,14 @@ class Renderer:
             lamps.bake_sky(held)
         self._shadow_map = lamps.draw_shadows(self._batches)
 
-    def render(self, camera: Camera, *, fronts_only: bool = False) -> SourceFrame:
+    def render(self, camera: Camera, *, fronts_only: bool | None = None) -> SourceFrame:
         """Draw what `camera` sees.
 
         Parameters
         ----------
-        fronts_only : bool
-            Leave out triangles that are seen from behind, as their order of corners tells.
+        fronts_only : bool, optional
+            Leave out triangles that are seen from behind, as their order of corners tells, or draw
+            them all; left out, as their materials say.
 
         Returns
         -------
@@ -99,9 +101,12 @@ class Renderer:
         ctx.disable(moderngl.CULL_FACE | moderngl.BLEND | moderngl.DEPTH_TEST)
         self._draw_sky(camera)
         ctx.enable(moderngl.DEPTH_TEST)
-        if fronts_only:
-            ctx.front_face, ctx.cull_face = "cw", "back"  # rows go down: corners turn the other way
-            ctx.enable(moderngl.CULL_FACE)
+        ctx.front_face, ctx.cull_face = "cw", "back"  # rows go down: corners turn the other way
+
+        def cull(material: Material) -> None:
+            hidden = not material.double_sided if fronts_only is None else fronts_only
+            (ctx.enable if hidden else ctx.disable)(moderngl.CULL_FACE)
+
         ctx.depth_func = "<"
         rotation = np.linalg.inv(camera.world_from_camera[:3, :3])
         place = camera.world_from_camera[:3, 3] - self._origin
@@ -112,15 +117,24 @@ class Renderer:
         set_uniform(self._surface, "eye", tuple(place))
         # Depth first: the costly light is worked out once per pixel.
         framebuffer.color_mask = (False,) * 4
-        self._depth.draw(self._batches, clip_from_world)
+        self._depth.draw(self._batches, clip_from_world, cull)
         framebuffer.color_mask, framebuffer.depth_mask = (True,) * 4, False
         ctx.depth_func = "<="
         self._shadow_map.use(1)
         for batch in self._batches:
+            material = batch.material
+            cull(material)
             batch.texture.use(0)
-            set_uniform(self._surface, "cutout", batch.material.cutout)
-            set_uniform(self._surface, "lit", batch.material.lit and self.world.light is not None)
-            set_uniform(self._surface, "translucency", batch.material.translucency)
+            batch.glow.use(2)
+            for name, value in (
+                ("cutout", material.cutout),
+                ("lit", material.lit and self.world.light is not None),
+                ("translucency", material.translucency),
+                ("clamped", material.clamp),
+                ("emission", material.emission),
+                ("glowing", material.glow is not None),
+            ):
+                set_uniform(self._surface, name, value)
             batch.surface.render(moderngl.TRIANGLES)
         framebuffer.depth_mask = True  # or the next picture would not be cleared
         ctx.disable(moderngl.CULL_FACE)

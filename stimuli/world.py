@@ -26,27 +26,42 @@ class Material:
     Parameters
     ----------
     texture : ndarray of uint8, shape (H, W, 4)
-        Encoded R'G'B' and coverage; row 0 is v = 0. It repeats.
+        Encoded R'G'B' and coverage; row 0 is v = 0. It repeats, unless `clamp`.
     cutout : bool
         Whether coverage below one half is left out (leaves, fences).
     lit : bool
         Unlit surfaces show their texture as it is.
     translucency : float
         Share of light that falls through, in [0, 1]: leaves are bright on both sides.
+    clamp : (bool, bool)
+        Whether the texture's edge goes on beyond it, along u and v.
+    double_sided : bool
+        Whether triangles are seen from behind, where their corners turn clockwise.
+    emission : (r, g, b)
+        Linear light that the surface adds by itself.
+    glow : ndarray of uint8, shape (H, W, 4), optional
+        A texture that multiplies `emission`, at the same places as `texture`.
     """
 
     texture: NDArray[np.uint8]
     cutout: bool = False
     lit: bool = True
     translucency: float = 0.0
+    clamp: tuple[bool, bool] = (False, False)
+    double_sided: bool = True
+    emission: Vector = (0.0, 0.0, 0.0)
+    glow: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        shape = self.texture.shape
-        if self.texture.dtype != np.uint8 or len(shape) != 3 or shape[2] != 4 or 0 in shape:
-            raise InputError(
-                "a texture must be uint8 of shape (H, W, 4)"
-                f" (got {self.texture.dtype} of shape {shape})"
-            )
+        for texture in (self.texture, self.glow):
+            if texture is None:
+                continue
+            shape = texture.shape
+            if texture.dtype != np.uint8 or len(shape) != 3 or shape[2] != 4 or 0 in shape:
+                raise InputError(
+                    "a texture must be uint8 of shape (H, W, 4)"
+                    f" (got {texture.dtype} of shape {shape})"
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,9 @@ from pipeline.methods.frames import FRAME, FramesOnDisk
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.methods.registry import create_method
 from protocols.errors import Problem
-from protocols.recipes.warped_clips import ClipName, ExrScene, StereoScene
+from protocols.recipes.warped_clips import ClipName, ExrScene, MeshScene, StereoScene
 from stimuli.exr_parts import frame_files
+from stimuli.open_scene import open_world
 from stimuli.orders import Orders
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import is_built_in, read_pair
@@ -42,6 +43,9 @@ def look_at_scenes(orders: Orders) -> Findings:
         try:
             if isinstance(scene, StereoScene):
                 _pair(found, place, orders, scene)
+            elif isinstance(scene, MeshScene):
+                notes = open_world(scene, orders.folder).notes
+                found.doubtful.extend(Problem(place, note) for note in notes)
             elif isinstance(scene, ExrScene) and scene.has_own_path:
                 _sequence(found, place, orders, scene)
         except FileNotFoundError:

@@ -1,14 +1,15 @@
-"""The files that a mesh consists of: which they are, and whether their pictures can be read.
+"""The files that a mesh consists of, and what their text says.
 
-What a clip is known by is hashed before anything is loaded. So its loader is given these files
-and no others: one that it asks for besides is an error, and never a picture of unknown content.
+What a clip is known by is hashed before anything is loaded. The readers open these files and no
+others.
 """
 
 from __future__ import annotations
 
 import base64
 import io
-import os.path
+import json
+import math
 import re
 import struct
 from collections import Counter
@@ -19,17 +20,16 @@ from typing import Any
 from urllib.parse import unquote
 
 from PIL import Image
-from trimesh.resolvers import Resolver
 
 from pipeline.errors import InputError
-from pipeline.limits import check_memory, check_values, check_vertices
+from pipeline.limits import check_memory, check_vertices
 from protocols.outside import bounded_bytes, check_within, parsed_json, visible_line
+from stimuli.scenes.mesh_features import MTL_OPTIONS
 
 ENDINGS = (".glb", ".gltf", ".obj")
-KNOWN_EXTENSIONS = {"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization",
-                    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual"}  # fmt: skip
+PICTURES = ("map_Kd", "map_d", "map_Ke")
+"""Statements of .mtl files whose pictures are drawn."""
 _MOST_CORNERS = 1000
-_GROUPS_AT_ONCE = 40
 _DEEPEST = 256
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
 _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
@@ -37,41 +37,18 @@ _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
 a texture more while it is unpacked."""
 _PARTS = {"VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers of an entry by its type."""
-_BASE_COLOUR = (
+_DRAWN = (
     ("pbrMetallicRoughness", "baseColorTexture"),
     ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
+    ("emissiveTexture",),
 )
-_UNMOVED = {"offset": [0, 0], "rotation": 0, "scale": [1, 1], "texCoord": 0}
+"""Where a material names pictures that are drawn."""
+_INSTANCES = "EXT_mesh_gpu_instancing"
+_VALUES_OF = {"-s": (1, 3), "-o": (1, 3), "-t": (1, 3), "-mm": (2, 2)}
 
 
-class OnlyThese(Resolver):
-    """Hands a loader the files of a mesh, and notes what else it asks for."""
-
-    def __init__(self, path: Path) -> None:
-        self.folder = path.parent
-        self.listed = {os.path.normpath(file) for file in files_of(path)}
-        self.file_name = path.name
-        self.refused: list[str] = []
-
-    def get(self, name: str) -> bytes:
-        """Return a file's bytes; `FileNotFoundError` if it is none of the mesh's."""
-        place = place_of(self.folder, name)
-        if os.path.normpath(place) not in self.listed:
-            self.refused.append(name)
-            raise FileNotFoundError(name)
-        return place.read_bytes()
-
-    def write(self, name: str, data: str | bytes) -> None:  # noqa: ARG002
-        """Refuse: nothing is written beside a mesh."""
-        raise PermissionError(name)
-
-    def namespaced(self, namespace: str) -> Resolver:
-        """Refuse: the files of a mesh have one folder."""
-        raise FileNotFoundError(namespace)
-
-    def keys(self) -> Iterator[str]:
-        """Yield the files by their names relative to the mesh."""
-        yield from (os.path.relpath(file, self.folder) for file in sorted(self.listed))
+class MissingPartError(InputError, FileNotFoundError):
+    """A file that a mesh names is not there."""
 
 
 def files_of(path: Path) -> list[Path]:
@@ -91,17 +68,11 @@ def files_of(path: Path) -> list[Path]:
         raise FileNotFoundError(2, "No such file", str(path))
     found = [path]
     if path.suffix.lower() == ".obj":
-        for library in words_after(path, "mtllib"):
+        for library in libraries_of(path):
             found.append(_named(path, path, library, "material library"))
             found += [_named(path, found[-1], image, "texture") for image in _images_of(found[-1])]
     else:
         read = document(path)
-        needed = set(read.get("extensionsRequired", [])) - KNOWN_EXTENSIONS
-        if needed:
-            raise InputError(
-                f"{path}: needs glTF extensions that are not supported"
-                f" ({', '.join(sorted(needed))}); export it without compression and without them"
-            )
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
             for entry in read.get(kind, []):
                 uri = entry.get("uri")
@@ -110,46 +81,54 @@ def files_of(path: Path) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def libraries_of(path: Path) -> list[str]:
+    """Return the material libraries that an .obj file names; a line may name several."""
+    found: list[str] = []
+    for text in words_after(path, "mtllib"):
+        whole = _is_file(place_of(path.parent, text))
+        found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
+    return found
+
+
 def place_of(folder: Path, name: str) -> Path:
-    """Return the file that a mesh means by a name: options before it and %20 are read over."""
+    """Return the file that a mesh means by a name, which may be written with %20 or backslashes."""
     plain = name.strip()
-    for text in (plain, unquote(plain), plain.replace("\\", "/"), *plain.split()[-1:]):
+    for text in (plain, unquote(plain), plain.replace("\\", "/")):
         if text and _is_file(folder / text):
             return folder / text
     return folder / unquote(plain)
 
 
-def check_textures(path: Path) -> None:
-    """Decode every picture that gives a surface its colour; loaders leave out what they cannot.
+def name_and_options(library: Path, text: str) -> tuple[str, list[tuple[str, list[str]]]]:
+    """Return the file that a ``map_`` statement of an .mtl file names, and its options.
 
     Raises
     ------
     InputError
-        Naming the picture that cannot be read, or the material that no library has.
+        If an option is not known, or lacks its values.
     """
-    if path.suffix.lower() == ".obj":
-        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
-        defined = {name for file in libraries for name in words_after(file, "newmtl")}
-        lost = sorted(set(words_after(path, "usemtl")) - defined)
-        if libraries and lost:
+    words, options = text.split(), []
+    while words and words[0].startswith("-") and not _is_file(place_of(library.parent, text)):
+        option = words.pop(0).lower()
+        if option not in MTL_OPTIONS:
             raise InputError(
-                f"{path}: must use materials that its libraries have"
-                f" ({', '.join(file.name for file in libraries)} lack {lost[0][:200]!r}); export it"
-                " again, with its materials"
+                f"{library}: must have options that are known (got {option[:40]!r}, in"
+                f" {text[:80]!r}); leave it out, or export it again"
             )
-        for file in libraries:
-            for image in _images_of(file):
-                picture = place_of(path.parent, image)
-                _decode(picture.read_bytes(), str(picture), f"which {file.name} names")
-        return
-    read = document(path)
-    for number, material in enumerate(read.get("materials", [])):
-        for keys in _BASE_COLOUR:
-            entry: Any = material
-            for key in keys:
-                entry = entry.get(key) if isinstance(entry, dict) else None
-            if isinstance(entry, dict):
-                _check_texture(path, read, entry, str(material.get("name", number)))
+        least, most = _VALUES_OF.get(option, (1, 1))
+        numbers = most > 1
+        count = 0
+        while count < min(most, len(words) - 1) and (not numbers or _is_number(words[count])):
+            count += 1
+        if count < least:
+            raise InputError(
+                f"{library}: {option} must have {least} values before the picture's name (got"
+                f" {text[:80]!r}); write them, or leave it out"
+            )
+        options.append((option, words[:count]))
+        words = words[count:]
+        text = text.split(None, 1 + count)[-1]
+    return text, options
 
 
 def check_lists(path: Path) -> None:
@@ -167,7 +146,7 @@ def check_lists(path: Path) -> None:
     packed = sum(file.stat().st_size for file in files)
     if path.suffix.lower() == ".obj":
         _check_obj(path)
-        libraries = [place_of(path.parent, name) for name in words_after(path, "mtllib")]
+        libraries = [place_of(path.parent, name) for name in libraries_of(path)]
         images = (name for library in libraries for name in _images_of(library))
         _check_pictures(path, [(name, place_of(path.parent, name)) for name in images], packed)
         return
@@ -185,7 +164,6 @@ def check_lists(path: Path) -> None:
 
 def _check_obj(path: Path) -> None:
     found: Counter[bytes] = Counter({b"v": 0})
-    groups: set[bytes] = set()
     corners = longest = 0
     with path.open("rb") as file:
         for line in file:
@@ -196,17 +174,12 @@ def _check_obj(path: Path) -> None:
             longest = max(longest, corners)
             if not line.rstrip(b"\r\n").endswith(b"\\"):
                 corners = 0
-            if line.startswith((b"usemtl", b"o ", b"g ")):
-                groups.add(line)
     if longest > _MOST_CORNERS:
         raise InputError(
             f"{path}: a face must have at most {_MOST_CORNERS:,} corners (a line has"
             f" {longest:,} parts); cut its faces into triangles"
         )
     check_vertices(path, max(found.values()))
-    check_within("nodes", len(groups), InputError, path, "groups and materials")
-    # Each group is cut out of the whole list.
-    check_vertices(path, found[b"v"] * max(len(groups), 1) // _GROUPS_AT_ONCE)
 
 
 def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
@@ -234,7 +207,11 @@ def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
     taken = sum(int(view["byteLength"]) for view in views) + _NUMBER_BYTES * sum(numbers)
     each = [_bytes_of(mesh, counts) for mesh in read.get("meshes", [])]
     taken += sum(each)
-    shown = Counter(node["mesh"] for node in nodes if "mesh" in node)
+    shown: Counter[int] = Counter()
+    for node in nodes:
+        if "mesh" in node:
+            many = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
+            shown[node["mesh"]] += max((counts[entry] for entry in many.values()), default=1)
     taken += _SHOWN * sum(each[mesh] * times for mesh, times in shown.items())
     check_memory(path, taken, "its lists, each as often as it is used,", packed)
     _check_tree(path, nodes)
@@ -283,7 +260,7 @@ def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | by
     textures = read.get("textures", [])
     used: Counter[object] = Counter()
     for material in read.get("materials", []):
-        for keys in _BASE_COLOUR:
+        for keys in _DRAWN:
             entry: Any = material
             for key in keys:
                 entry = entry.get(key) if isinstance(entry, dict) else None
@@ -294,7 +271,7 @@ def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | by
         source: Path | bytes = b""
         if isinstance(uri, str):
             data = uri.startswith("data:")
-            source = _of_data_uri(uri) if data else place_of(path.parent, uri)
+            source = data_of_uri(uri) if data else place_of(path.parent, uri)
         elif "bufferView" in image:
             source = _of_view(path, read, image)
         yield from [(name, source)] * (1 + used[number])
@@ -315,75 +292,40 @@ def _check_pictures(path: Path, found: Iterable[tuple[str, Path | bytes]], packe
     check_memory(path, need, "its pictures, each as often as it is used,", packed)
 
 
-def _check_texture(path: Path, read: dict[str, Any], entry: dict[str, Any], material: str) -> None:
-    """Decode the picture of a glTF texture, and refuse coordinates that its loader leaves out."""
-    found = entry.get("extensions")
-    moved = found.get("KHR_texture_transform") if isinstance(found, dict) else None
-    placed = [entry, moved if isinstance(moved, dict) else {}]
-    if any(by.get(key, own) != own for by in placed for key, own in _UNMOVED.items()):
-        raise InputError(
-            f"{path}: the colour of material {material!r} must lie by the first texture coordinates"
-            " (it has others, or KHR_texture_transform moves it); bake them and export it again"
-        )
-    try:
-        texture = read["textures"][entry["index"]]
-        source = texture.get("source")
-        if source is None:
-            kinds = ", ".join(texture.get("extensions", {})) or "no source"
-            raise InputError(
-                f"{path}: the colour of material {material!r} must be a picture in PNG, JPEG or"
-                f" another common format (its texture has {kinds}); export it so"
-            )
-        image = read["images"][source]
-        uri = image.get("uri")
-        if isinstance(uri, str) and not uri.startswith("data:"):
-            place = place_of(path.parent, uri)
-            _decode(place.read_bytes(), str(place), f"the colour of material {material!r}")
-            return
-        name = f"{path}: picture {image.get('name', source)!r}"
-        data = _of_data_uri(uri) if isinstance(uri, str) else _of_view(path, read, image)
-    except InputError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, struct.error) as error:
-        raise InputError(
-            f"{path}: the texture of material {material!r} must lead to a picture"
-            f" (it does not: {error!r}); export it again"
-        ) from None
-    _decode(data, name, f"the colour of material {material!r}")
-
-
-def _of_data_uri(uri: str) -> bytes:
+def data_of_uri(uri: str) -> bytes:
+    """Return what a data URI holds."""
     head, _, data = uri.partition(",")
     return base64.b64decode(data) if head.endswith(";base64") else unquote(data).encode("latin-1")
 
 
-def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
-    view = read["bufferViews"][image["bufferView"]]
-    uri = read["buffers"][view["buffer"]].get("uri")
+def other_chunks(path: Path) -> list[str]:
+    """Return the chunks of a .glb file that are neither its JSON nor its first buffer."""
+    data = memoryview(path.read_bytes()) if path.suffix.lower() == ".glb" else memoryview(b"")
+    found, place = [], 12
+    while place + 8 <= len(data):
+        length, kind = struct.unpack_from("<I4s", data, place)
+        found.append(kind.decode("latin-1").strip("\0"))
+        place += 8 + length
+    return [kind for kind in found[1:] if kind != "BIN"]
+
+
+def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
+    """Return the bytes of a glTF buffer; without a name, they lie in the .glb file itself."""
+    uri = buffer.get("uri")
     if uri is None:
         data = path.read_bytes()
         (json_length,) = struct.unpack_from("<I", data, 12)
-        whole = data[20 + json_length + 8 :]
-    elif uri.startswith("data:"):
-        whole = _of_data_uri(uri)
-    else:
-        whole = place_of(path.parent, uri).read_bytes()
+        (length,) = struct.unpack_from("<I", data, 20 + json_length)
+        first = 20 + json_length + 8
+        return data[first : first + length]
+    return data_of_uri(uri) if uri.startswith("data:") else place_of(path.parent, uri).read_bytes()
+
+
+def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
+    view = read["bufferViews"][image["bufferView"]]
+    whole = bytes_of_buffer(path, read["buffers"][view["buffer"]])
     first = int(view.get("byteOffset", 0))
     return whole[first : first + int(view["byteLength"])]
-
-
-def _decode(data: bytes, name: str, what: str) -> None:
-    try:
-        with Image.open(io.BytesIO(data)) as picture:
-            check_values(Path(name), *picture.size, len(picture.getbands()))
-            picture.load()
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's formats raise what they meet
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(
-            f"{name}: {what}, must be a picture that can be read ({reason}); save it as PNG"
-        ) from None
 
 
 def document(path: Path) -> dict[str, Any]:
@@ -406,6 +348,8 @@ def document(path: Path) -> dict[str, Any]:
         else:
             data = bounded_bytes(path, InputError)
         read = parsed_json(path, data, "a whole glTF 2.0 file", InputError, "export it again")
+        if b"\\u" in data:  # half a character, which no message could show
+            json.dumps(read, ensure_ascii=False).encode()
         if not isinstance(read, dict) or "asset" not in read:
             raise ValueError("it has no asset entry")
         for kind in (
@@ -430,13 +374,31 @@ def document(path: Path) -> dict[str, Any]:
     return read
 
 
+def statements(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Yield number, first word in small letters, and rest of the lines that are no remarks.
+
+    A line that ends in a backslash goes on in the next one.
+    """
+    kept, start = "", 0
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if not kept and line.lstrip().startswith("#"):
+                continue
+            start = start if kept else number
+            if "\\" in line and line.rstrip().endswith("\\"):
+                kept += line.rstrip()[:-1] + " "
+                continue
+            words, kept = (kept + line).split(None, 1), ""
+            if words:
+                yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
+    if words := kept.split(None, 1):
+        yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
+
+
 def words_after(path: Path, key: str) -> list[str]:
     """Return what follows a keyword at the beginning of a line, in any case."""
     check_within("text", path.stat().st_size, InputError, path, "bytes")
-    pattern = re.compile(rf"\s*{re.escape(key)}\s+(.*)", re.IGNORECASE)
-    with path.open(encoding="utf-8", errors="replace") as file:
-        found = [pattern.match(line) for line in file]
-    return [match[1].strip() for match in found if match and match[1].strip()]
+    return [rest for _, word, rest in statements(path) if word == key.lower() and rest]
 
 
 def _is_file(path: Path) -> bool:
@@ -447,22 +409,37 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def _leads_out(folder: Path, place: Path) -> bool:
+    """Whether a file lies outside a folder: a symbolic link leads out as well as ".." does."""
+    try:
+        return not place.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # links in a circle, names that cannot be
+        return False
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
+
+
 def _images_of(library: Path) -> list[str]:
-    return words_after(library, "map_Kd")
+    found = [text for key in PICTURES for text in words_after(library, key)]
+    return [name_and_options(library, text)[0] for text in found]
 
 
 def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
     place = place_of(mesh.parent, name)
-    inside = os.path.normpath(mesh.parent.absolute())
-    if os.path.commonpath([inside, os.path.normpath(place.absolute())]) != inside:
+    if _leads_out(mesh.parent, place):
         raise InputError(
             f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
-            f" {what} there, or export the scene as one .glb file"
+            f" {what} itself there, or export the scene as one .glb file"
         )
     if not _is_file(place):
-        raise InputError(
-            f"{named_in}: names a {what} that is missing ({str(place)[:300]}); put it"
+        raise MissingPartError(
+            f"{named_in}: names a {what} that is missing ({visible_line(str(place))}); put it"
             " there, or export the scene as one .glb file"
         )
     return place

@@ -4,9 +4,10 @@
 in vec2 uv;
 
 uniform sampler2D albedo;
+uniform bvec2 clamped;
 
 #include "coverage.glsl"
 
 void main() {
-    if (uncovered(uv, texel_at(uv).a)) discard;
+    if (uncovered(uv, texel_at(albedo, uv).a)) discard;
 }

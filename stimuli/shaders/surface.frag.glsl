@@ -14,6 +14,10 @@ in vec2 uv;
 in vec4 tint;
 
 uniform sampler2D albedo;          // linear light (sRGB texture) and coverage
+uniform bvec2 clamped;             // whether its edge goes on, along u and v
+uniform vec3 emission;             // linear light of the surface's own, ...
+uniform sampler2D glow;            // ... and its texture,
+uniform bool glowing;              // if it has one
 uniform sampler2DShadow shadow;
 uniform mat4 shadow_from_world;
 uniform bool cutout;
@@ -47,7 +51,7 @@ float sunlit(vec3 facing) {
 }
 
 void main() {
-    vec4 texel = texel_at(uv);
+    vec4 texel = texel_at(albedo, uv);
     if (cutout && uncovered(uv, texel.a)) discard;
     vec3 colour = texel.rgb * tint.rgb;
     if (lit) {
@@ -63,5 +67,6 @@ void main() {
         // Measured from the scene's own viewpoint, which is the origin.
         colour = mix(haze, colour, exp(-haze_per_m * length(world)));
     }
+    colour += glowing ? emission * texel_at(glow, uv).rgb : emission;
     result = vec4(encode(colour), 1.0 / gl_FragCoord.w);
 }

@@ -253,7 +253,7 @@ def _own(
                 taken = [each.name for each in (*photographed, *found)]
                 shown = f"views of {Path(scene).name}"
                 say_of = partial(_say_of, report, shown)
-                found.append(bring_scene(scene, work, taken, ctx, say_of))
+                found.append(bring_scene(scene, work, taken, ctx, say_of, notes.append))
     finally:
         if ctx is not None:
             release_context(ctx)

@@ -194,6 +194,7 @@ def look(
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
+        notes: list[str] = []
         with lent_context() as ctx:
             if interactive:
                 _look_interactively(ctx, scene, scale, seed, chosen, kind, sun_direction)
@@ -210,7 +211,10 @@ def look(
                     lighting=kind,
                     sun_direction=sun_direction,
                     report=lambda done, total: report(done, total, "trying views"),
+                    note=notes.append,
                 )
+        for note in notes:
+            say(f"note: {note}")
         say("\n".join(lines))
         say(f"wrote {out}")
 
@@ -256,6 +260,8 @@ def panorama(
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         world = world_of(scene, scale, seed)
+        for note in world.notes:
+            say(f"note: {note}")
         if view is not None:
             world = world.seen_from(viewpoint_of(parse_view(view), world))
         with lent_context() as ctx, progress_line("looking around") as report:

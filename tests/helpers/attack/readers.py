@@ -285,7 +285,7 @@ def _write_meshes(folder: Path, picture: Any) -> None:
     for name, data in scene.export(file_type="gltf").items():
         (folder / "gltf" / ("s.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
     for kind in ("obj", "mtl"):
-        (folder / kind / "s.mtl").write_text("newmtl m\nKd 0.8 0.5 0.2\nd 0.9\nmap_Kd t.png\n")
+        (folder / kind / "s.mtl").write_text("newmtl m\nKd 0.8 0.5 0.2\nd 1\nmap_Kd t.png\n")
         Image.fromarray(picture).save(folder / kind / "t.png")
         (folder / kind / "s.obj").write_text(
             "mtllib s.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"

@@ -1,0 +1,1262 @@
+"""What glTF, .obj and .mtl files say is drawn right, refused or noted: each beside a control."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import io
+import json
+import struct
+
+import numpy as np
+import pytest
+from built_study import write_small_study
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.errors import InputError
+from stimuli.bring_in import bring_scene
+from stimuli.render import Renderer
+from stimuli.scenes import mesh_surface
+from stimuli.scenes.mesh_features import (
+    COMPONENTS,
+    GLTF,
+    GLTF_EXTENSIONS,
+    MTL,
+    MTL_OPTIONS,
+    OBJ,
+)
+from stimuli.scenes.mesh_file import load_world
+from stimuli.world import Viewpoint
+from study_app.cli import app as whole_app
+from study_app.cli.stimuli_commands import app as typer_app
+
+VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
+BYTE, UBYTE, SHORT, USHORT, UINT, FLOAT = 5120, 5121, 5122, 5123, 5125, 5126
+KINDS = {BYTE: "i1", UBYTE: "u1", SHORT: "<i2", USHORT: "<u2", UINT: "<u4", FLOAT: "<f4"}
+QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], float)
+FACES = np.array([0, 1, 2, 0, 2, 3])
+COLOURS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
+
+
+def marked(alpha=(255, 255)):
+    """Left top red, right top green, left bottom blue, right bottom white; alpha above, below."""
+    pixels = np.zeros((32, 32, 4), np.uint8)
+    pixels[:16, :16], pixels[:16, 16:] = (220, 30, 30, 0), (30, 200, 30, 0)
+    pixels[16:, :16], pixels[16:, 16:] = (40, 60, 220, 0), (240, 240, 240, 0)
+    pixels[:16, :, 3], pixels[16:, :, 3] = alpha
+    return pixels
+
+
+def encoded(pixels, kind="PNG", **options):
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, kind, **options)
+    return file.getvalue()
+
+
+class Gltf:
+    """A document in the making: one square with one material, unless told otherwise."""
+
+    def __init__(self, **material):
+        self.bin = b""
+        asset = {"version": "2.0", "minVersion": "2.0", "generator": "a", "copyright": "b"}
+        self.doc = {"asset": asset, "bufferViews": [], "accessors": []}
+        self.doc["materials"] = [{"doubleSided": True, **material}]
+        self.part = {"attributes": {"POSITION": self.add(QUAD)}, "material": 0}
+        self.part["indices"] = self.add(FACES, USHORT, "SCALAR")
+        self.doc["meshes"] = [{"primitives": [self.part]}]
+        self.doc["nodes"] = [{"mesh": 0}]
+        self.doc["scenes"] = [{"nodes": [0]}]
+        self.doc["scene"] = 0
+        self.doc["buffers"] = [{}]
+
+    @property
+    def attributes(self):
+        return self.part["attributes"]
+
+    @property
+    def material(self):
+        return self.doc["materials"][0]
+
+    @property
+    def node(self):
+        return self.doc["nodes"][0]
+
+    def view(self, data, **more):
+        self.bin += b"\0" * (-len(self.bin) % 4)
+        entry = {"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data), **more}
+        self.doc["bufferViews"].append(entry)
+        self.bin += data
+        return len(self.doc["bufferViews"]) - 1
+
+    def add(self, values, component=FLOAT, kind=None, *, shares=False, view=True):
+        values = np.asarray(values, float)
+        if shares:
+            values = np.rint(values * np.iinfo(KINDS[component]).max)
+        kind = kind or f"VEC{values.shape[1]}"
+        rows = values.astype(KINDS[component]).reshape(len(values), -1)
+        width = rows.itemsize * rows.shape[1]
+        step = width + -width % 4 if kind != "SCALAR" else width
+        raw = np.zeros((len(rows), step), np.uint8)
+        raw[:, :width] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), width)
+        entry = {"componentType": component, "count": len(values), "type": kind}
+        if view:
+            entry["bufferView"] = self.view(
+                raw.tobytes(), **({"byteStride": step} if step != width else {})
+            )
+            entry["byteOffset"] = 0
+        if shares:
+            entry["normalized"] = True
+        self.doc["accessors"].append(entry)
+        return len(self.doc["accessors"]) - 1
+
+    def sparse(self, accessor, rows, values):
+        entry = self.doc["accessors"][accessor]
+        raw = np.asarray(values, KINDS[entry["componentType"]])
+        entry["sparse"] = {
+            "count": len(rows),
+            "indices": {"bufferView": self.view(np.asarray(rows, "u1").tobytes()),
+                        "byteOffset": 0, "componentType": UBYTE},
+            "values": {"bufferView": self.view(raw.tobytes()), "byteOffset": 0},
+        }  # fmt: skip
+        return accessor
+
+    def picture(self, pixels, mime="image/png", data=None, **texture):
+        image = {"bufferView": self.view(data or encoded(pixels)), "mimeType": mime}
+        self.doc.setdefault("images", []).append(image)
+        texture.setdefault("source", len(self.doc["images"]) - 1)
+        self.doc.setdefault("textures", []).append(texture)
+        return {"index": len(self.doc["textures"]) - 1}
+
+    def painted(self, pixels=None, uv=UV, **texture):
+        """Give the square a picture."""
+        pbr = self.material.setdefault("pbrMetallicRoughness", {})
+        pbr["baseColorTexture"] = self.picture(marked() if pixels is None else pixels, **texture)
+        self.attributes["TEXCOORD_0"] = self.add(uv)
+        return self
+
+    def sampled(self, wrap_s, wrap_t):
+        self.doc["samplers"] = [{"wrapS": wrap_s, "wrapT": wrap_t}]
+        self.doc["textures"][0]["sampler"] = 0
+        return self
+
+    def extended(self, where, name, content, *, required=False):
+        where.setdefault("extensions", {})[name] = content
+        self.doc["extensionsUsed"] = [name]
+        if required:
+            self.doc["extensionsRequired"] = [name]
+        return self
+
+    def save(self, path):
+        self.bin += b"\0" * (-len(self.bin) % 4)
+        self.doc["buffers"][0]["byteLength"] = len(self.bin)
+        text = json.dumps(self.doc).encode()
+        text += b" " * (-len(text) % 4)
+        head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(self.bin))
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text
+        path.write_bytes(head + chunks + struct.pack("<I4s", len(self.bin), b"BIN\0") + self.bin)
+        return path
+
+
+@pytest.fixture
+def draw(gl_context, tmp_path):
+    def run(made, view=VIEW, **options):
+        path = made.save(tmp_path / "s.glb") if isinstance(made, Gltf) else made
+        renderer = Renderer(gl_context, load_world(path, **options).seen_from(view))
+        try:
+            return np.rint(renderer.render(view.camera(64, 64)).colour * 255).astype(int)
+        finally:
+            renderer.release()
+
+    return run
+
+
+# Each feature with the control that says the same in plain numbers.
+
+
+def moved(**node):
+    made = Gltf().painted()
+    made.node.update(node)
+    return made
+
+
+def changed(made, place, **entries):
+    place(made).update(entries)
+    return made
+
+
+def at(corners, uv=UV, **material):
+    made = Gltf(**material).painted(uv=uv)
+    made.attributes["POSITION"] = made.add(corners)
+    return made
+
+
+def typed(semantic, values, component, shares):
+    made = Gltf().painted()
+    made.attributes[semantic] = made.add(values, component, shares=shares)
+    return made
+
+
+def in_mode(mode, order):
+    made = Gltf().painted()
+    made.part["mode"], made.part["indices"] = mode, made.add(order, UBYTE, "SCALAR")
+    return made
+
+
+def indexed(component):
+    made = Gltf().painted()
+    made.part["indices"] = made.add(FACES, component, "SCALAR")
+    return made
+
+
+def without_indices():
+    made = at(QUAD[FACES], UV[FACES])
+    del made.part["indices"]
+    return made
+
+
+def panel(sparse):
+    wide = QUAD * [1.0, 1, 1]
+    wide[1:3, 0] += 0.4
+    made = Gltf().painted()
+    made.attributes["POSITION"] = made.add(QUAD if sparse else wide)
+    if sparse:
+        made.sparse(made.attributes["POSITION"], [1, 2], wide[1:3])
+    return made
+
+
+def of_zeros(view, sparse=False):
+    """Coordinates without a bufferView are zero: the whole square shows the picture's corner."""
+    made = Gltf().painted(uv=UV if sparse and view else np.zeros((4, 2)))
+    made.attributes["TEXCOORD_0"] = made.add(UV if sparse and view else np.zeros((4, 2)), view=view)
+    if sparse and not view:
+        made.sparse(made.attributes["TEXCOORD_0"], [0, 1, 2, 3], UV)
+    return made
+
+
+def transformed(uv, **transform):
+    made = Gltf().painted(uv=uv)
+    if transform:
+        texture = made.material["pbrMetallicRoughness"]["baseColorTexture"]
+        made.extended(texture, "KHR_texture_transform", transform)
+    return made
+
+
+def second_set(where):
+    made = Gltf().painted(uv=UV[::-1])
+    made.attributes["TEXCOORD_1"] = made.add(UV)
+    texture = made.material["pbrMetallicRoughness"]["baseColorTexture"]
+    if where == "texCoord":
+        texture["texCoord"] = 1
+    else:
+        made.extended(texture, "KHR_texture_transform", {"texCoord": 1})
+    return made
+
+
+def coloured(width, component=FLOAT, shares=False, values=COLOURS):
+    made = Gltf()
+    values = np.hstack([values, np.full((4, 1), 0.5)])[:, :width]
+    made.attributes["COLOR_0"] = made.add(values, component, shares=shares)
+    return made
+
+
+def filled(colour, picture=None, **material):
+    material["pbrMetallicRoughness"] = {"baseColorFactor": colour}
+    made = Gltf(**material)
+    return made.painted(picture) if picture is not None else made
+
+
+def glowing(emission, base, picture=None, strength=None, **material):
+    made = filled([*base, 1], emissiveFactor=emission, **material)
+    made.extended(made.material, "KHR_materials_unlit", {})
+    del made.material["extensions"]
+    del made.doc["extensionsUsed"]
+    made.attributes["COLOR_0"] = made.add(np.ones((4, 3)))  # colours of its own: shown unlit
+    if picture is not None:
+        made.material["emissiveTexture"] = made.picture(picture)
+        made.attributes["TEXCOORD_0"] = made.add(UV)
+    if strength is not None:
+        made.extended(
+            made.material, "KHR_materials_emissive_strength", {"emissiveStrength": strength}
+        )
+    return made
+
+
+def standing(places, extra=()):
+    """Small squares at places (x, y, scale)."""
+    made = Gltf().painted()
+    made.doc["nodes"] = [
+        {"mesh": 0, "translation": [x, y, 0], "scale": [s, s, s]} for x, y, s in places
+    ]
+    made.doc["nodes"] += extra
+    made.doc["scenes"] = [{"nodes": list(range(len(made.doc["nodes"])))}]
+    return made
+
+
+PLACES = [(-0.6, 0.5, 0.3), (0.6, 0.5, 0.4), (0.0, -0.6, 0.35)]
+
+
+def instanced(component=FLOAT, shares=False):
+    made = Gltf().painted()
+    turns = np.tile([0, 0, 0, 1.0], (3, 1))
+    attributes = {
+        "TRANSLATION": made.add([[x, y, 0] for x, y, _ in PLACES]),
+        "ROTATION": made.add(turns, component, shares=shares),
+        "SCALE": made.add([[s, s, s] for *_, s in PLACES]),
+    }
+    return made.extended(made.node, "EXT_mesh_gpu_instancing", {"attributes": attributes})
+
+
+def morphed(where, **targets):
+    made = Gltf().painted()
+    made.attributes["COLOR_0"] = made.add(np.full((4, 3), 0.5))
+    made.part["targets"] = [
+        {key: made.add(values) for key, values in targets.items()},
+        {"POSITION": made.add(np.full((4, 3), 9.0))},
+    ]
+    where(made)["weights"] = [0.5, 0.0]
+    return made
+
+
+def plain_morph():
+    made = at(np.add(QUAD, [0.3, 0.2, 0]), np.roll(UV, 1, axis=0))
+    made.attributes["COLOR_0"] = made.add(COLOURS)
+    return made
+
+
+CHANGES = {
+    "POSITION": np.tile([0.6, 0.4, 0], (4, 1)),
+    "TEXCOORD_0": 2 * (np.roll(UV, 1, axis=0) - UV),
+    "COLOR_0": 2 * (COLOURS - 0.5),
+}
+
+
+def skinned(inverse=True):
+    """Two joints: the right half follows one that lies 1 up; the mesh's own node counts not."""
+    made = Gltf().painted()
+    joints = np.tile([0, 1, 0, 0], (4, 1))
+    right = np.array([0, 1, 1, 0.0])
+    weights = np.stack([1 - right, right, 0 * right, 0 * right], axis=1)
+    made.attributes["JOINTS_0"] = made.add(joints, UBYTE)
+    made.attributes["WEIGHTS_0"] = made.add(weights, UBYTE, shares=True)
+    made.doc["nodes"] = [
+        {"mesh": 0, "skin": 0, "translation": [5, 5, 5]},
+        {"children": [2]},
+        {"translation": [0.5, 0.3, 0]},
+    ]
+    made.doc["scenes"] = [{"nodes": [0, 1]}]
+    made.doc["skins"] = [{"joints": [1, 2], "skeleton": 1}]
+    if inverse:
+        bind = np.tile(np.eye(4).T.ravel(), (2, 1))
+        bind[1, 12] = -0.5  # a column-major translation of -0.5 in x
+        made.doc["skins"][0]["inverseBindMatrices"] = made.add(bind, FLOAT, "MAT4")
+    return made
+
+
+def bent(by):
+    return at(np.add(QUAD, [[0, 0, 0], by, by, [0, 0, 0]]))
+
+
+def stored(kind):
+    made = Gltf().painted()
+    image = made.doc["images"][0]
+    if kind == "uri":
+        image.clear()
+        image["uri"] = "data:image/png;base64," + base64.b64encode(encoded(marked())).decode()
+    elif kind == "webp":
+        extra = made.picture(None, "image/webp", encoded(marked(), "WEBP", lossless=True))
+        made.doc["textures"] = [{"extensions": {"EXT_texture_webp": {"source": extra["index"]}}}]
+        made.doc["extensionsUsed"] = ["EXT_texture_webp"]
+    return made
+
+
+def grey(bits):
+    levels = np.linspace(0, 65535, 32).astype(np.uint16) * np.ones((32, 1), np.uint16)
+    pixels = levels if bits == 16 else np.rint(levels / 257).astype(np.uint8)
+    return Gltf().painted(pixels)
+
+
+def glossy():
+    made = Gltf(pbrMetallicRoughness={"baseColorFactor": [1, 0, 0, 1]})
+    made.attributes["TEXCOORD_0"] = made.add(UV)
+    content = {"diffuseFactor": [0.5, 1, 1, 1], "diffuseTexture": made.picture(marked())}
+    return made.extended(made.material, "KHR_materials_pbrSpecularGlossiness", content)
+
+
+def several_scenes(chosen):
+    made = standing(PLACES)
+    made.doc["scenes"] = [{"nodes": [0]}, {"nodes": [1, 2]}]
+    made.doc["scene"] = chosen
+    return made
+
+
+def hidden():
+    extra = [{"extensions": {"KHR_node_visibility": {"visible": False}}, "children": [4]},
+             {"mesh": 0, "scale": [0.2, 0.2, 0.2]}]  # fmt: skip
+    made = standing(PLACES, extra)
+    made.doc["scenes"][0]["nodes"] = [0, 1, 2, 3]
+    made.doc["extensionsUsed"] = ["KHR_node_visibility"]
+    return made
+
+
+def behind(double_sided, turned=True):
+    return at(QUAD[::-1] if turned else QUAD, doubleSided=double_sided)
+
+
+def nothing():
+    made = Gltf()
+    made.doc["nodes"].append({"mesh": 0, "translation": [0, 0, 90]})
+    made.doc["scenes"] = [{"nodes": [1]}]
+    return made.painted()
+
+
+def around(wrap_s, wrap_t):
+    """A picture seen with its surroundings: coordinates from -0.5 to 1.5."""
+    return Gltf().painted(uv=2 * UV - 0.5).sampled(wrap_s, wrap_t)
+
+
+def padded(along_u, along_v):
+    pixels = np.pad(marked(), ((0, 0), (32, 32), (0, 0)), along_u)
+    pixels = np.pad(pixels, ((32, 32), (0, 0), (0, 0)), along_v)
+    return Gltf().painted(pixels, uv=(2 * UV + 0.5) / 3)
+
+
+HONOURED = {
+    "coordinates in 2 bytes": (lambda: typed("TEXCOORD_0", UV, USHORT, True), moved),
+    "coordinates in a byte": (lambda: typed("TEXCOORD_0", UV, UBYTE, True), moved),
+    "coordinates signed": (lambda: typed("TEXCOORD_0", UV, BYTE, True), moved),
+    "coordinates signed in 2 bytes": (lambda: typed("TEXCOORD_0", UV, SHORT, True), moved),
+    "coordinates as integers": (lambda: typed("TEXCOORD_0", UV, USHORT, False), moved),
+    "places in a byte": (lambda: typed("POSITION", QUAD, BYTE, True), moved),
+    "places in 2 bytes": (lambda: typed("POSITION", QUAD, SHORT, True), moved),
+    "places as integers": (lambda: typed("POSITION", QUAD, SHORT, False), moved),
+    "places unsigned": (
+        lambda: typed("POSITION", QUAD.clip(0), UBYTE, True), lambda: at(QUAD.clip(0))),
+    "a strip": (lambda: in_mode(5, [3, 0, 2, 1]), moved),
+    "a fan": (lambda: in_mode(6, [0, 1, 2, 3]), moved),
+    "a list": (lambda: in_mode(4, FACES), moved),
+    "indices of a byte": (lambda: indexed(UBYTE), moved),
+    "indices of 4 bytes": (lambda: indexed(UINT), moved),
+    "no indices": (without_indices, moved),
+    "sparse": (lambda: panel(True), lambda: panel(False)),
+    "no bufferView": (lambda: of_zeros(False), lambda: of_zeros(True)),
+    "sparse without bufferView": (lambda: of_zeros(False, True), lambda: of_zeros(True, True)),
+    "repeat": (lambda: around(10497, 10497), lambda: padded("wrap", "wrap")),
+    "clamp": (lambda: around(33071, 33071), lambda: padded("edge", "edge")),
+    "mirror": (lambda: around(33648, 33648), lambda: padded("symmetric", "symmetric")),
+    "clamp along u": (lambda: around(33071, 10497), lambda: padded("edge", "wrap")),
+    "mirror along v": (lambda: around(10497, 33648), lambda: padded("wrap", "symmetric")),
+    "clamp at one place": (
+        lambda: Gltf().painted(uv=np.tile([1.7, -0.2], (4, 1))).sampled(33071, 33071),
+        lambda: Gltf().painted(uv=np.tile([0.9, 0.1], (4, 1)))),
+    "transform offset": (
+        lambda: transformed(UV, offset=[0.5, 0.25]), lambda: transformed(np.add(UV, [0.5, 0.25]))),
+    "transform scale": (lambda: transformed(UV, scale=[2, 3]), lambda: transformed(UV * [2, 3])),
+    "transform turn": (
+        lambda: transformed(UV, rotation=np.pi / 2, scale=[2, 1], offset=[0, 0.5]),
+        lambda: transformed(UV[:, ::-1] * [1, -2] + [0, 0.5])),
+    "coordinates of set 1": (lambda: second_set("texCoord"), moved),
+    "coordinates of set 1 by transform": (lambda: second_set("transform"), moved),
+    "colours in a byte": (lambda: coloured(3, UBYTE, True), lambda: coloured(3)),
+    "colours in 2 bytes": (lambda: coloured(3, USHORT, True), lambda: coloured(3)),
+    "colours with alpha, opaque": (lambda: coloured(4, UBYTE, True), lambda: coloured(3)),
+    "colour factor": (
+        lambda: filled([1, 0.5, 0, 1], marked()[:1, :1]),
+        lambda: Gltf().painted(np.full((1, 1, 3), (220, 21, 0), np.uint8))),
+    "opaque whatever its alpha": (lambda: Gltf().painted(marked((0, 90))), moved),
+    "mask": (
+        lambda: Gltf(alphaMode="MASK").painted(marked((255, 0))),
+        lambda: at(QUAD.clip([-1, 0, 0], 1), UV.clip(0, [1, 0.5]))),
+    "mask by cutoff": (
+        lambda: Gltf(alphaMode="MASK", alphaCutoff=0.2).painted(marked((70, 40))),
+        lambda: Gltf(alphaMode="MASK").painted(marked((255, 0)))),
+    "mask by factor": (
+        lambda: filled([1, 1, 1, 0.6], marked((255, 110)), alphaMode="MASK"),
+        lambda: Gltf(alphaMode="MASK").painted(marked((255, 0)))),
+    "mask of nothing": (
+        lambda: filled([1, 1, 1, 0.4], marked((255, 0)), alphaMode="MASK", alphaCutoff=0), moved),
+    "blend of all or nothing": (
+        lambda: Gltf(alphaMode="BLEND").painted(marked((255, 0))),
+        lambda: Gltf(alphaMode="MASK").painted(marked((255, 0)))),
+    "blend of an opaque picture": (lambda: Gltf(alphaMode="BLEND").painted(), moved),
+    "emission": (
+        lambda: glowing([0, 0.5, 1], [0.2, 0.1, 0]), lambda: glowing([0, 0, 0], [0.2, 0.6, 1])),
+    "emission by a picture": (
+        lambda: glowing([1, 1, 1], [0, 0, 0], marked()), moved),
+    "emission by strength": (
+        lambda: glowing([0, 0.1, 0.2], [0, 0, 0], strength=3),
+        lambda: glowing([0, 0.3, 0.6], [0, 0, 0])),
+    "seen from behind": (lambda: behind(True), lambda: at(QUAD[::-1])),
+    "not seen from behind": (lambda: behind(False), nothing),
+    "one side seen": (lambda: behind(False, turned=False), moved),
+    "one side, mirrored": (
+        lambda: changed(behind(False, turned=False), lambda m: m.node, scale=[-1, 1, 1]),
+        lambda: at(QUAD * [-1, 1, 1])),
+    "instances": (instanced, lambda: standing(PLACES)),
+    "instances turned by bytes": (lambda: instanced(BYTE, True), lambda: standing(PLACES)),
+    "morph by its mesh": (lambda: morphed(lambda m: m.doc["meshes"][0], **CHANGES), plain_morph),
+    "morph by its node": (lambda: morphed(lambda m: m.node, **CHANGES), plain_morph),
+    "skin": (skinned, lambda: bent([0, 0.3, 0])),
+    "skin without matrices": (lambda: skinned(False), lambda: bent([0.5, 0.3, 0])),
+    "a picture in its name": (lambda: stored("uri"), moved),
+    "a picture as WebP": (lambda: stored("webp"), moved),
+    "16 bits of grey": (lambda: grey(16), lambda: grey(8)),
+    "specular and gloss": (glossy, lambda: filled([0.5, 1, 1, 1], marked())),
+    "a matrix": (
+        lambda: moved(matrix=[0.5, 0, 0, 0, 0, 0.25, 0, 0, 0, 0, 1, 0, 0.2, 0.1, 0, 1]),
+        lambda: at(QUAD * [0.5, 0.25, 1] + [0.2, 0.1, 0])),
+    "turn, then shift": (
+        lambda: moved(translation=[0.2, 0.1, 0], rotation=[0, 0, 0.5**0.5, 0.5**0.5],
+                      scale=[0.5, 0.25, 1]),
+        lambda: at((QUAD * [0.5, 0.25, 1])[:, [1, 0, 2]] * [-1, 1, 1] + [0.2, 0.1, 0])),
+    "pressed flat": (lambda: moved(scale=[1, 1, 0]), moved),
+    "scene 1 of 2": (lambda: several_scenes(1), lambda: standing(PLACES[1:])),
+    "a node that is hidden": (hidden, lambda: standing(PLACES)),
+}  # fmt: skip
+ALONG_A_CUT = {"mask": 64}
+"""Pixels that may differ: along a cut the picture is filtered, and along an edge it is not."""
+
+
+def differing(shown, control):
+    return int((np.abs(shown - control) > 2).any(axis=-1).sum())
+
+
+@pytest.mark.parametrize("feature", HONOURED)
+def test_what_gltf_says_is_drawn_as_the_plain_control(draw, feature):
+    made, control = HONOURED[feature]
+    assert differing(draw(made()), draw(control())) <= ALONG_A_CUT.get(feature, 0)
+
+
+def objects(found, kind):
+    """Yield every object of a document with the list that it is held against."""
+    for entry in found if isinstance(found, list) else [found]:
+        yield kind, entry
+        for key, value in entry.items():
+            feature = GLTF[kind].get(key)
+            if feature is not None and feature.of:
+                yield from objects(value, feature.of)
+        for name, content in entry.get("extensions", {}).items():
+            if GLTF_EXTENSIONS[name].of:
+                yield from objects(content, GLTF_EXTENSIONS[name].of)
+
+
+def generic(key):
+    return {"TEXCOORD_1": "TEXCOORD_n", "TEXCOORD_0": "TEXCOORD_n", "JOINTS_0": "JOINTS_n",
+            "WEIGHTS_0": "WEIGHTS_n"}.get(key, key)  # fmt: skip
+
+
+def test_every_key_that_is_honoured_is_in_a_file_with_a_control():
+    tried = {
+        (kind, generic(key))
+        for made, _ in HONOURED.values()
+        for kind, entry in objects(made().doc, "document")
+        for key in entry
+    }
+    anywhere = {"extras", "name", "extensions", "max", "min", "target"}  # change no picture
+    honoured = {
+        (kind, key)
+        for kind, features in GLTF.items()
+        for key, feature in features.items()
+        if feature.verdict == "honoured" and key not in anywhere
+    }
+    # Transmission is refused unless it is 0; the others are in tests of their own.
+    alone = {("document", "extensionsRequired"), ("attribute", "NORMAL"), ("target", "NORMAL"),
+             ("document", "buffers"), ("buffer", "uri"), ("buffer", "byteLength")}  # fmt: skip
+    assert honoured - tried - alone == set()
+    used = {name for made, _ in HONOURED.values() for name in made().doc.get("extensionsUsed", [])}
+    said = {name for name, feature in GLTF_EXTENSIONS.items() if feature.verdict == "honoured"}
+    assert said - used == {
+        "KHR_mesh_quantization",  # a promise about types, which are read in any case
+        "KHR_materials_unlit",  # below
+        "KHR_materials_transmission",
+    }
+
+
+def everything():
+    """A document that has an object of every kind, and how to reach each."""
+    made = skinned()
+    made.attributes["COLOR_0"] = made.add(np.ones((4, 3)))
+    made.part["targets"] = [{"POSITION": made.sparse(made.add(0 * QUAD), [0], [[0, 0, 0]])}]
+    made.sampled(10497, 10497)
+    texture = made.material["pbrMetallicRoughness"]["baseColorTexture"]
+    texture["extensions"] = {"KHR_texture_transform": {}}
+    made.material["extensions"] = {
+        "KHR_materials_emissive_strength": {},
+        "KHR_materials_transmission": {},
+    }
+    made.doc["nodes"][1]["extensions"] = {"KHR_node_visibility": {}, "EXT_mesh_gpu_instancing":
+                                          {"attributes": {}}}  # fmt: skip
+    made.doc["textures"][0]["extensions"] = {"EXT_texture_webp": {}}
+    made.doc["materials"].append({"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}})
+    return made
+
+
+NOTED = [
+    (kind, key)
+    for kind, features in GLTF.items()
+    for key, feature in features.items()
+    if feature.verdict == "noted"
+] + [(kind, "wibble") for kind in GLTF]
+VALUES = {"mode": 1, "cameras": [{}], "animations": [{}], "magFilter": 9728, "minFilter": 9728,
+          "COLOR_n": "COLOR_0", "_*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
+
+
+def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, tmp_path):
+    control = draw(everything())
+    for kind, key in NOTED:
+        made = everything()
+        place = next(entry for of, entry in objects(made.doc, "document") if of == kind)
+        name = {"COLOR_n": "COLOR_1", "_*": "_TEMPERATURE"}.get(key, key)
+        if key == "mode":  # lines beside the triangles, which stay
+            place = copy.deepcopy(place)
+            made.doc["meshes"][0]["primitives"].append(place)
+        value = VALUES.get(key, 7)
+        place[name] = made.attributes[value] if value == "COLOR_0" else value
+        world = load_world(made.save(tmp_path / "n.glb"))
+        said = [note for note in world.notes if f"{kind}.{name}" in note]
+        assert len(said) == 1, (kind, key, world.notes)
+        assert (GLTF[kind][key].says if key != "wibble" else "not known") in said[0]
+    assert (draw(made) == control).all()
+    assert load_world(everything().save(tmp_path / "n.glb")).notes == ()
+
+
+HARMLESS = [n for n, f in GLTF_EXTENSIONS.items() if f.verdict == "noted"] + ["ACME_wibble"]
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_extensions_that_are_noted_or_unknown_are_said_and_change_nothing(tmp_path, declared):
+    for name in HARMLESS:
+        made = moved()
+        made.extended(made.material, name, {"any": 1})
+        if not declared:
+            del made.doc["extensionsUsed"]
+        (note,) = load_world(made.save(tmp_path / "n.glb")).notes
+        assert name in note
+    made = moved()
+    made.extended(made.node, "KHR_materials_unlit", {})  # where it has no meaning
+    (note,) = load_world(made.save(tmp_path / "n.glb")).notes
+    assert "KHR_materials_unlit of a node" in note
+
+
+def test_an_invented_chunk_is_said_and_changes_nothing(draw, tmp_path):
+    path = moved().save(tmp_path / "s.glb")
+    data = path.read_bytes() + struct.pack("<I4s", 4, b"WIBL") + b"abcd"
+    path.write_bytes(data[:8] + struct.pack("<I", len(data)) + data[12:])
+    (note,) = load_world(path).notes
+    assert "left out chunk WIBL: it is not known" in note
+    shown = draw(path)
+    assert (shown == draw(moved())).all()
+
+
+def test_points_and_lines_are_not_drawn_and_a_file_of_them_alone_is_refused(tmp_path):
+    for mode in range(4):
+        with pytest.raises(InputError, match="at least one triangle"):
+            load_world(in_mode(mode, [0, 1, 2, 3]).save(tmp_path / "n.glb"))
+
+
+def compressed(name):
+    """Data that only the extension can unpack."""
+    made = moved()
+    if "draco" in name:
+        made.extended(made.part, name, {"bufferView": 0, "attributes": {}})
+        del made.doc["accessors"][0]["bufferView"]
+        return made
+    made.extended(made.doc["bufferViews"][0], name, {"buffer": 0})
+    made.doc["bufferViews"][0]["buffer"] = 1
+    made.doc["buffers"] = [{}, {"byteLength": 48, "extensions": {name: {"fallback": True}}}]
+    return made
+
+
+def only_as(name):
+    made = moved()
+    made.doc["textures"] = [{"extensions": {name: {"source": 0}}}]
+    made.doc["extensionsUsed"] = [name]
+    return made
+
+
+def required(name):
+    made = moved()
+    made.doc["extensionsRequired"] = [name]
+    return made
+
+
+def lit_elsewhere():
+    made = glowing([1, 1, 1], [1, 1, 1], marked()).painted()
+    made.material["emissiveTexture"]["texCoord"] = 1
+    made.attributes["TEXCOORD_1"] = made.add(UV)
+    return made
+
+
+def varying():
+    made = Gltf(alphaMode="MASK").painted()
+    made.attributes["COLOR_0"] = made.add(np.hstack([COLOURS, np.linspace(0, 1, 4)[:, None]]))
+    return made
+
+
+def unwrapped():
+    made = moved()
+    del made.attributes["TEXCOORD_0"]
+    return made
+
+
+def transmitting(factor):
+    made = moved()
+    content = {"transmissionFactor": factor}
+    return made.extended(made.material, "KHR_materials_transmission", content)
+
+
+REFUSED = {
+    "KHR_draco_mesh_compression": (lambda: compressed("KHR_draco_mesh_compression"), moved),
+    "EXT_meshopt_compression": (lambda: compressed("EXT_meshopt_compression"), moved),
+    "KHR_meshopt_compression": (lambda: compressed("KHR_meshopt_compression"), moved),
+    **{name: (lambda name=name: only_as(name), moved)
+       for name in ("KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds")},
+    "ACME_wibble": (lambda: required("ACME_wibble"), moved),
+    "KHR_draco_mesh_compression)": (lambda: required("KHR_draco_mesh_compression"), moved),
+    "transmission to 0": (lambda: transmitting(0.9), lambda: transmitting(0)),
+    "a pixel of a warp has one depth": (
+        lambda: Gltf(alphaMode="BLEND").painted(marked((255, 128))),
+        lambda: Gltf(alphaMode="MASK").painted(marked((255, 128)))),
+    "(it blends with what is behind it, throughout)": (
+        lambda: filled([1, 1, 1, 0.15], alphaMode="BLEND"),
+        lambda: filled([1, 1, 1, 0.15], alphaMode="OPAQUE")),
+    "one alpha at all vertices": (varying, lambda: changed(varying(), lambda m: m.material,
+                                                           alphaMode="OPAQUE")),
+    "must lie as its colour does": (lit_elsewhere, lambda: changed(
+        lit_elsewhere(), lambda m: m.material["emissiveTexture"], texCoord=0)),
+    "has a picture, and a mesh of its has no TEXCOORD_0": (unwrapped, moved),
+    "a primitive's mode must be 0 to 6": (lambda: in_mode(7, FACES), lambda: in_mode(4, FACES)),
+    "an alphaMode is WIBBLE": (lambda: Gltf(alphaMode="WIBBLE"), Gltf),
+    "wrap modes must be": (lambda: moved().sampled(1, 10497), moved),
+    "TEXCOORD_0 must not be VEC2 of u4": (lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
+    "COLOR_0 must not be VEC3 of u1, not normalized": (
+        lambda: coloured(3, UBYTE, False), lambda: coloured(3, UBYTE, True)),
+    "an index names vertex 9 of 4": (lambda: in_mode(4, [0, 1, 9]), moved),
+    "two parents": (lambda: standing(PLACES, [{"children": [0]}]), lambda: standing(PLACES)),
+    "ends at byte": (lambda: changed(moved(), lambda m: m.doc["accessors"][0], count=400), moved),
+    "its version is '1.0'": (
+        lambda: changed(moved(), lambda m: m.doc["asset"], version="1.0"), moved),
+    "its minVersion is '2.1'": (
+        lambda: changed(moved(), lambda m: m.doc["asset"], minVersion="2.1"), moved),
+    "has a uri and a bufferView": (
+        lambda: changed(moved(), lambda m: m.doc["images"][0], uri="data:,"), moved),
+    "positions must be finite": (lambda: at(QUAD * [np.nan, 1, 1]), moved),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_what_cannot_be_drawn_is_refused_and_its_cure_works(tmp_path, said):
+    made, cured = REFUSED[said]
+    with pytest.raises(InputError) as found:
+        load_world(made().save(tmp_path / "r.glb"))
+    assert said.split(")")[0] in str(found.value)
+    assert "; " in str(found.value) or "must be finite" in said
+    load_world(cured().save(tmp_path / "r.glb"))
+
+
+@pytest.mark.parametrize("name", [n for n, f in GLTF_EXTENSIONS.items() if f.fallback])
+def test_compressed_data_beside_plain_ones_change_nothing(draw, tmp_path, name):
+    made = moved()
+    if "texture" in name:
+        made.doc["textures"][0]["extensions"] = {name: {"source": 0}}
+    elif "draco" in name:
+        made.part["extensions"] = {name: {"bufferView": 0, "attributes": {}}}
+    else:
+        made.doc["bufferViews"][0]["extensions"] = {name: {"buffer": 0}}
+    made.doc["extensionsUsed"] = [name]
+    assert (draw(made) == draw(moved())).all()
+    (note,) = load_world(made.save(tmp_path / "s.glb")).notes
+    assert name in note
+
+
+def test_unlit_materials_are_shown_unlit_and_glow_not(draw):
+    made = filled([0.2, 0.6, 1, 1], emissiveFactor=[1, 1, 1], normalTexture={"index": 0})
+    made.extended(made.material, "KHR_materials_unlit", {})
+    assert (draw(made) == draw(glowing([0, 0, 0], [0.2, 0.6, 1]))).all()
+
+
+def test_a_mirrored_or_pressed_node_is_lit_as_its_plain_control(draw):
+    for scale, corners in (([-1, 1, 1], QUAD * [-1, 1, 1]), ([1, 1, 0], QUAD)):
+        made, control = Gltf(), Gltf()
+        made.node["scale"] = scale
+        control.attributes["POSITION"] = control.add(corners)
+        shown = draw(made, lighting="sun")
+        assert differing(shown, draw(control, lighting="sun")) == 0
+        assert shown[32, 32].sum() > 100
+
+
+def test_normals_of_every_type_and_bent_by_skins_and_morphs_light_as_floats(draw):
+    def made(component=FLOAT, shares=False, slant=0.6):
+        built = Gltf()
+        built.node["scale"] = [0.6, 1, 1]
+        slanted = np.tile([slant, 0.0, 0.8], (4, 1))
+        built.attributes["NORMAL"] = built.add(slanted, component, shares=shares)
+        return built
+
+    def lit(built):
+        return draw(built, lighting="sun")
+
+    control = lit(made())
+    assert differing(lit(made(SHORT, True)), control) == 0
+    assert differing(lit(made(BYTE, True)), control) == 0
+    assert differing(control, lit(made(slant=0))) > 500
+    by_skin = made()
+    by_skin.attributes["JOINTS_0"] = by_skin.add(np.zeros((4, 4)), UBYTE)
+    by_skin.attributes["WEIGHTS_0"] = by_skin.add(np.tile([1, 0, 0, 0], (4, 1)))
+    by_skin.doc["nodes"] = [{"mesh": 0, "skin": 0}, by_skin.node]
+    by_skin.doc["nodes"][1].pop("mesh")
+    by_skin.doc["scenes"] = [{"nodes": [0, 1]}]
+    by_skin.doc["skins"] = [{"joints": [1]}]
+    assert differing(lit(by_skin), control) == 0
+    by_morph = made(slant=0)
+    by_morph.part["targets"] = [{"NORMAL": by_morph.add(np.tile([1.2, 0, 0], (4, 1)))}]
+    by_morph.doc["meshes"][0]["weights"] = [0.5]
+    assert differing(lit(by_morph), control) == 0
+
+
+# .obj and .mtl
+
+SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3 4/4\n"
+PLAIN = f"mtllib m.mtl\n{SQUARE}usemtl a\n{FACE}"
+
+
+@pytest.fixture
+def obj(tmp_path):
+    """Write an .obj file with its library and pictures."""
+
+    for name, pixels in (
+        ("p.png", marked()[..., :3]),
+        ("alpha.png", marked((255, 0))),
+        ("mask.png", np.repeat([255, 0], 16).astype(np.uint8)[:, None] * np.ones(32, np.uint8)),
+        ("soft.png", np.full((4, 4), 128, np.uint8)),
+        ("green.png", marked((255, 255))[..., :3] * [0, 1, 0] // 200 * 255),
+        ("my p.png", marked()[..., :3]),
+    ):
+        Image.fromarray(np.asarray(pixels, np.uint8)).save(tmp_path / name)
+
+    def write(text=PLAIN, library="map_Kd p.png\n"):
+        (tmp_path / "m.mtl").write_text(f"newmtl a\n{library}")
+        (tmp_path / "s.obj").write_text(text)
+        return tmp_path / "s.obj"
+
+    return write
+
+
+def by_hand(uv=UV, pixels=None, **material):
+    return Gltf(**material).painted(pixels, uv=uv)
+
+
+UPPER = marked((255, 0))
+KD = Gltf(pbrMetallicRoughness={"baseColorFactor": [0.2, 0.5, 0.9, 1]})
+COLOURED = "".join(
+    f"v {x} {y} 0 {r} {g} {b}\n" for (x, y, _), (r, g, b) in zip(QUAD, COLOURS, strict=True)
+)
+L_SHAPE = "v -1 -1 0\nv 1 -1 0\nv 1 0 0\nv 0 0 0\nv 0 1 0\nv -1 1 0\n"
+COMB = "".join(
+    f"v {x} {y} 0\n" for x, y in (
+        (-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (0.6, 0.9), (0.6, -0.6), (0.15, -0.6),
+        (0.15, 0.9), (-0.15, 0.9), (-0.15, -0.6), (-0.6, -0.6), (-0.6, 0.9), (-0.9, 0.9))
+)  # fmt: skip
+OBJ_HONOURED = {
+    "a picture": (PLAIN, "map_Kd p.png\n", by_hand),
+    "negative numbers": (
+        PLAIN.replace(FACE, "f -4/-4 -3/-3 -2/-2 -1/-1\n"), "map_Kd p.png\n", by_hand),
+    "negative numbers before more": (
+        PLAIN.replace(FACE, "f -4/-4 -3/-3 -2/-2 -1/-1\nv 9 9 9\nvt 3 3\n"),
+        "map_Kd p.png\n", by_hand),
+    "triangles": (PLAIN.replace(FACE, "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"), "map_Kd p.png\n", by_hand),
+    "a line that goes on": (
+        PLAIN.replace("f 1/1 2/2", "f 1/1 \\\n  2/2"), "map_Kd p.png\n", by_hand),
+    "remarks": (PLAIN.replace("usemtl", "# f 1 2 \\\nusemtl").replace("4/4", "4/4 # a wall"),
+                "map_Kd p.png\n", by_hand),
+    "groups": (PLAIN.replace("usemtl a", "o house\ng wall front\ns 1\nusemtl a\ng other"),
+               "map_Kd p.png\n", by_hand),
+    "fo": (PLAIN.replace("f 1/1", "fo 1/1"), "map_Kd p.png\n", by_hand),
+    "normals": (
+        PLAIN.replace(FACE, "vn 0 0 1\nf 1/1/1 2/2/1 3/3/1 4/4/-1\n"), "map_Kd p.png\n", by_hand),
+    "weights and depth of coordinates": (
+        PLAIN.replace("v 1 1 0\n", "v 1 1 0 1.0\n").replace("vt 1 1\n", "vt 1 1 0\n"),
+        "map_Kd p.png\n", by_hand),
+    "two libraries": (
+        PLAIN.replace("mtllib m.mtl", "mtllib other.mtl m.mtl"), "map_Kd p.png\n", by_hand),
+    "a name with a space": (PLAIN, "map_Kd my p.png\n", by_hand),
+    "options before a name with a space": (PLAIN, "map_Kd -s 2 2 -clamp off my p.png\n",
+                                           lambda: by_hand(UV * 2)),
+    "capitals": (PLAIN, "MAP_KD p.png\n", by_hand),
+    "colours at vertices": (COLOURED + "f 1 2 3 4\n", "", lambda: coloured(3)),
+    "a face with a dent": (
+        PLAIN.split("v -1")[0] + L_SHAPE + "usemtl a\nf 2 3 4 5 6 1\n", "Kd 0.2 0.5 0.9\n",
+        lambda: corner_of(KD)),
+    "a face with four dents": (
+        "mtllib m.mtl\n" + COMB + "usemtl a\nf 1 2 3 4 5 6 7 8 9 10 11 12\n",
+        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
+    "a face with four dents, turned": (
+        "mtllib m.mtl\n" + COMB + "usemtl a\nf 5 4 3 2 1 12 11 10 9 8 7 6\n",
+        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
+    "Kd": (PLAIN, "Kd 0.2 0.5 0.9\n", lambda: KD),
+    "Kd of one number": (PLAIN, "Kd 0.5\n", lambda: filled([0.5, 0.5, 0.5, 1])),
+    "d of 1": (PLAIN, "map_Kd p.png\nd 1.0\nTr 0\n", by_hand),
+    "-s": (PLAIN, "map_Kd -s 4 2 1 p.png\n", lambda: by_hand(UV * [4, 2])),
+    "-s and -o": (PLAIN, "map_Kd -s 2 2 -o 0.25 0.5 0 p.png\n",
+                  lambda: by_hand(UV * 2 + [0.25, -1.5])),
+    "-clamp": (PLAIN, "map_Kd -s 2 2 -clamp on p.png\n",
+               lambda: by_hand(UV * 2 - [0, 1]).sampled(33071, 33071)),
+    "-mm, -t, -cc, -blendu that say nothing": (
+        PLAIN, "map_Kd -mm 0 1 -t 0 0 0 -cc off -blendu on p.png\n", by_hand),
+    "map_d": (PLAIN, "map_Kd p.png\nmap_d mask.png\n",
+              lambda: by_hand(UV, UPPER, alphaMode="MASK")),
+    "map_d by its alpha": (PLAIN, "map_Kd p.png\nmap_d alpha.png\n",
+                           lambda: by_hand(UV, UPPER, alphaMode="MASK")),
+    "map_d by a channel": (
+        PLAIN, "map_Kd p.png\nmap_d -imfchan g green.png\n",
+        lambda: by_hand(UV, with_alpha_of([[0, 1], [0, 1]]), alphaMode="MASK")),
+    "map_d alone": (PLAIN, "Kd 0.2 0.5 0.9\nmap_d mask.png\n", lambda: filled(
+        [0.2, 0.5, 0.9, 1], np.where(np.arange(4) == 3, UPPER, 255).astype(np.uint8),
+        alphaMode="MASK")),
+    "alpha of a picture": (PLAIN, "map_Kd alpha.png\n",
+                           lambda: by_hand(UV, UPPER, alphaMode="MASK")),
+    "Ke": (PLAIN, "Kd 0.2 0.1 0\nKe 0 0.5 1\n", lambda: glowing([0, 0, 0], [0.2, 0.6, 1])),
+    "map_Ke": (PLAIN, "Kd 0 0 0\nmap_Ke p.png\n", by_hand),
+}  # fmt: skip
+
+
+def corner_of(made):
+    made = copy.deepcopy(made)
+    corners = np.array([line.split()[1:] for line in L_SHAPE.splitlines()], float)
+    made.attributes["POSITION"] = made.add(corners)
+    made.part["indices"] = made.add([0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5], USHORT, "SCALAR")
+    return made
+
+
+def of_bars(made):
+    """The comb as its back and its teeth."""
+    made = copy.deepcopy(made)
+    bars = [QUAD * [0.9, 0.15, 1] + np.array([0, -0.75, 0])]
+    bars += [QUAD * [0.15, 0.9, 1] + np.array([x, 0, 0]) for x in (-0.75, 0, 0.75)]
+    made.attributes["POSITION"] = made.add(np.vstack(bars))
+    corners = [corner + 4 * bar for bar in range(4) for corner in FACES]
+    made.part["indices"] = made.add(corners, USHORT, "SCALAR")
+    return made
+
+
+def with_alpha_of(quarters):
+    pixels = marked()
+    pixels[..., 3] = np.kron(quarters, np.full((16, 16), 255))
+    return pixels
+
+
+@pytest.mark.parametrize("feature", OBJ_HONOURED)
+def test_what_an_obj_says_is_drawn_as_the_plain_control(draw, obj, tmp_path, feature):
+    text, library, control = OBJ_HONOURED[feature]
+    (tmp_path / "other.mtl").write_text("newmtl b\nKd 1 0 0\n")
+    shown = draw(obj(text, library), lighting="unlit")
+    assert differing(shown, draw(control(), lighting="unlit")) == 0
+
+
+def test_every_statement_that_is_honoured_is_in_a_file_with_a_control():
+    texts = "".join(text for text, *_ in OBJ_HONOURED.values())
+    libraries = "newmtl a\n" + "".join(library for _, library, _ in OBJ_HONOURED.values())
+    for features, tried in (
+        (OBJ, {line.split()[0].lower() for line in texts.splitlines()}),
+        (MTL, {line.split()[0].lower() for line in libraries.splitlines()}),
+        (MTL_OPTIONS, set(libraries.lower().split())),
+    ):
+        assert {n for n, f in features.items() if f.verdict == "honoured"} - tried == set()
+
+
+def test_what_an_obj_says_besides_is_noted_and_changes_nothing(draw, obj):
+    control = draw(obj())
+    for word in [word for word, feature in OBJ.items() if feature.verdict == "noted"]:
+        path = obj(PLAIN + f"{word} 1 2\n")
+        (note,) = load_world(path).notes
+        assert note.startswith(f"{path}: left out {word}: ")
+    assert (draw(path) == control).all()
+    for word in [word for word, feature in MTL.items() if feature.verdict == "noted"]:
+        path = obj(library=f"map_Kd p.png\n{word} 0.5 0.5 0.5\n")
+        (note,) = load_world(path).notes
+        assert f"m.mtl: left out {word}: " in note
+    assert (draw(path) == control).all()
+    for option in [word for word, feature in MTL_OPTIONS.items() if feature.verdict == "noted"]:
+        path = obj(library=f"map_Kd {option} off p.png\n")
+        (note,) = load_world(path).notes
+        assert f"left out {option} of map_kd" in note
+    assert (draw(path) == control).all()
+
+
+@pytest.mark.parametrize(
+    ("library", "said"),
+    [
+        ("map_Kd p.png\nKd 0.2 0.2 0.2\n", "Kd beside map_Kd"),
+        ("map_Ke p.png\nKe 0.2 0.2 0.2\n", "Ke beside map_Ke"),
+        ("Kd 1 1 1\nd 1\nTr 1\n", "Tr beside d: d counts"),
+        ("map_Kd alpha.png\n", "cut where its alpha is below .5"),
+        ("map_Kd -imfchan r p.png\n", "-imfchan of map_kd"),
+    ],
+)
+def test_what_counts_of_two_statements_is_noted(obj, library, said):
+    (note,) = load_world(obj(library=library)).notes
+    assert said in note
+
+
+REFUSED_BESIDE = {
+    **{word: (PLAIN + f"{word} 1 2\n", "map_Kd p.png\n")
+       for word, feature in {**OBJ, "wibble": None}.items()
+       if feature is None or feature.verdict == "refused"},
+    **{f"map_Kd p.png\n{word}": (PLAIN, f"map_Kd p.png\n{word} 1\n")
+       for word, feature in {**MTL, "wibble": None}.items()
+       if feature is None or feature.verdict == "refused"},
+    "-mm 0 2": (PLAIN, "map_Kd -mm 0 2 p.png\n"),
+    "-t 1": (PLAIN, "map_Kd -t 1 p.png\n"),
+    "-cc on": (PLAIN, "map_Kd -cc on p.png\n"),
+    "-wibble": (PLAIN, "map_Kd -wibble 1 p.png\n"),
+    "one depth": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.15\n"),
+    "blends with": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.98\n"),
+    "positions must be finite": (PLAIN.replace("v 1 1 0", "v 1 inf 0"), "Kd 1 1 1\n"),
+    "position_m must be finite": (PLAIN.replace("v 1 1 0", "v 1 1e300 0"), "Kd 1 1 1\n"),
+    "one depth;": (PLAIN, "Kd 0.2 0.5 0.9\nTr 0.85\n"),
+    "can be seen": (PLAIN, "Kd 0.2 0.5 0.9\nTr 1\n"),
+    "a pixel of a warp": (PLAIN, "map_Kd p.png\nmap_d soft.png\n"),
+    "d must be one number": (PLAIN, "Kd 1 1 1\nd -halo 0.5\n"),
+    "kd must be three numbers": (PLAIN, "Kd spectral glass.rfl 1\n"),
+    "must lie alike": (PLAIN, "map_Kd -s 2 2 p.png\nmap_d mask.png\n"),
+    "once for a material": (PLAIN, "Kd 1 1 1\nKd 0 0 0\n"),
+    "describe each material once": (PLAIN, "Kd 1 1 1\nnewmtl a\nKd 0 0 0\n"),
+    "a vt that is not there": (PLAIN.replace("4/4", "4/9"), "map_Kd p.png\n"),
+    "three corners": (PLAIN.replace(FACE, "f 1 2\n"), ""),
+}  # fmt: skip
+
+
+CURED = {
+    "one depth": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
+    "one depth;": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
+    "blends with": (PLAIN, "Kd 0.2 0.5 0.9\nmap_d mask.png\n"),
+    "can be seen": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
+    "a pixel of a warp": (PLAIN, "map_Kd p.png\nmap_d mask.png\n"),
+    "d must be one number": (PLAIN, "Kd 1 1 1\nd 1\n"),
+    "kd must be three numbers": (PLAIN, "Kd 1 0.5 0\n"),
+    "must lie alike": (PLAIN, "map_Kd -s 2 2 p.png\nmap_d -s 2 2 mask.png\n"),
+    "once for a material": (PLAIN, "Kd 1 1 1\n"),
+    "describe each material once": (PLAIN, "Kd 1 1 1\n"),
+}
+"""What the messages say to do; for all others, the line or the option is left out."""
+
+
+@pytest.mark.parametrize("said", REFUSED_BESIDE)
+def test_what_an_obj_must_not_say_is_refused_with_a_cure(obj, said):
+    text, library = REFUSED_BESIDE[said]
+    with pytest.raises(InputError) as found:
+        load_world(obj(text, library))
+    assert said.split("\n")[-1].rstrip(";") in str(found.value)
+    assert "; " in str(found.value)
+    load_world(obj(*CURED.get(said, (PLAIN, "map_Kd p.png\n"))))
+
+
+def test_a_part_that_is_not_here_is_no_mistake_of_a_study(tmp_path):
+    """Where sessions run, built clips are enough."""
+    study = write_small_study(tmp_path)
+    (tmp_path / "wall.png").unlink()
+    result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
+    assert result.exit_code == 0, result.output
+
+
+def test_smoothing_groups_light_faces_without_normals(draw, obj):
+    """A ridge of two faces: smoothed, the light passes over the edge without a step."""
+    ridge = "v -1 -1 0\nv 0 -1 0.3\nv 1 -1 0\nv -1 1 0\nv 0 1 0.3\nv 1 1 0\n"
+    faces = "f 1 2 5 4\nf 2 3 6 5\n"
+    flat, smooth, apart = (
+        draw(obj(ridge + text, ""), sun_direction=(-1, 0.2, 1))[32].sum(axis=1)
+        for text in (faces, "s 1\n" + faces, "s 1\nf 1 2 5 4\ns 2\nf 2 3 6 5\n")
+    )
+    assert abs(flat[30] - flat[34]) > 40
+    assert abs(smooth[30] - smooth[34]) < 20
+    assert (apart == flat).all()
+
+
+@pytest.mark.parametrize("link", ["p.png", "m.mtl", "sub"])
+def test_a_link_inside_the_folder_does_not_lead_out_of_it(obj, tmp_path, link):
+    path = obj(library="map_Kd sub/p.png\n" if link == "sub" else "map_Kd p.png\n")
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    for name in ("s.obj", "m.mtl", "p.png"):
+        (tmp_path / name).rename(folder / name)
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    if link == "sub":
+        (folder / "p.png").rename(outside / "p.png")
+        (folder / "sub").symlink_to(outside)
+    else:
+        (folder / link).rename(outside / link)
+        (folder / link).symlink_to(outside / link)
+    with pytest.raises(InputError, match=r"in its own folder \(.* lies outside\)"):
+        load_world(folder / path.name)
+    # The cure: the file itself.
+    if link == "sub":
+        (folder / "sub").unlink()
+        outside.rename(folder / "sub")
+    else:
+        (folder / link).unlink()
+        (outside / link).rename(folder / link)
+    assert load_world(folder / path.name).parts
+
+
+# Situations that people reported to other programs, with the right values
+
+
+def seen(shown, x, y):
+    """Colour at a place of the plane z = 0."""
+    scale = 32 / (3 * np.tan(np.radians(30)))
+    return tuple(shown[int(32 - y * scale), int(32 + x * scale)])
+
+
+RED, GREEN, BLUE, WHITE = (220, 30, 30), (30, 200, 30), (40, 60, 220), (240, 240, 240)
+WALL = (
+    "v -1.5 -1.5 -0.1\nv 1.5 -1.5 -0.1\nv 1.5 1.5 -0.1\nv -1.5 1.5 -0.1\n"
+    "v -0.8 -0.8 0\nv 0.8 -0.8 0\nv 0.8 0.8 0\nv -0.8 0.8 0\n"
+    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    "usemtl wall\nf 1/1 2/2 3/3 4/4\nusemtl a\nf 5/1 6/2 7/3 8/4\n"
+)
+
+
+@pytest.mark.parametrize("component", [USHORT, UBYTE])
+def test_coordinates_of_integers_show_four_squares(draw, component):
+    shown = draw(typed("TEXCOORD_0", UV, component, True))
+    corners = [seen(shown, x, y) for x, y in ((-0.5, 0.5), (0.5, 0.5), (-0.5, -0.5), (0.5, -0.5))]
+    assert corners == [RED, GREEN, BLUE, WHITE]
+
+
+def test_a_fan_before_a_wall_is_there(draw):
+    made = moved()
+    turn = np.arange(7) * np.pi / 3
+    rim = np.stack([0.6 * np.cos(turn), 0.6 * np.sin(turn), np.full(7, 0.1)], axis=1)
+    made.doc["materials"].append({"pbrMetallicRoughness": {"baseColorFactor": [1, 0.6, 0, 1]}})
+    disc = {"attributes": {"POSITION": made.add(np.vstack([[0, 0, 0.1], rim]))}, "mode": 6}
+    made.doc["meshes"][0]["primitives"].append(disc | {"material": 1})
+    shown = draw(made)
+    assert seen(shown, 0.1, 0.1) == seen(shown, -0.4, -0.2) == (255, 203, 0)
+    assert seen(shown, 0.8, 0.8) == GREEN
+
+
+def test_a_sparse_panel_is_as_wide_as_its_substitutes_say(tmp_path):
+    low, high = load_world(panel(True).save(tmp_path / "p.glb")).bounds_m
+    np.testing.assert_allclose(high - low, [2.4, 2, 0])
+
+
+def test_a_leaf_is_a_disc_and_a_pane_is_refused(draw, obj, tmp_path):
+    y, x = np.mgrid[:64, :64]
+    disc = (np.hypot(x - 31.5, y - 31.5) < 24).astype(np.uint8) * 255
+    Image.fromarray(disc).save(tmp_path / "disc.png")
+    wall = "\nnewmtl wall\nmap_Kd p.png\n"
+    shown = draw(obj("mtllib m.mtl\n" + WALL, "Kd 0 1 0\nmap_d disc.png" + wall))
+    assert seen(shown, 0, 0) == seen(shown, 0.5, 0) == (0, 255, 0)
+    assert seen(shown, -0.7, 0.7) == RED  # the wall, through the corner of the card
+    with pytest.raises(InputError, match=r"material 'a' must be opaque or cut out"):
+        load_world(obj("mtllib m.mtl\n" + WALL, "Kd 0.2 0.5 0.9\nd 0.15" + wall))
+
+
+def test_a_picture_is_laid_as_often_as_its_option_says(draw, obj):
+    shown = draw(obj(library="map_Kd -s 4 4 1 p.png\n"))
+    row = [seen(shown, -0.9375 + 0.25 * index, 0.9375) for index in range(8)]
+    assert [red > green for red, green, _ in row] == [True, False] * 4
+
+
+# What is said where
+
+
+def commands_notes(*arguments):
+    result = CliRunner().invoke(typer_app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return [line for line in result.stdout.splitlines() if line.startswith("note: ")]
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_looking_and_panoramas_say_what_is_left_out(tmp_path):
+    made = moved()
+    made.doc["cameras"] = [{}]
+    path = made.save(tmp_path / "s.glb")
+    said = [f"note: {path}: left out document.cameras: the camera is the study's"]
+    line = "view = { position_m = [0, 0, 3], look_at_m = [0, 0, 0] }"
+    sheet, round_about = tmp_path / "v.png", tmp_path / "p.png"
+    assert commands_notes("look", path, "--out", sheet, "--view", line) == said
+    assert (
+        commands_notes("panorama", path, "--out", round_about, "--view", line, "--height-px", 16)
+        == said
+    )
+
+
+def test_a_new_scene_of_a_study_says_what_is_left_out(tmp_path):
+    made = moved()
+    made.doc["animations"] = [{}]
+    path, notes = made.save(tmp_path / "s.glb"), []
+    bring_scene(str(path), tmp_path / "study", [], None, note=notes.append)
+    assert notes == [f"{path}: left out document.animations: the pose at rest is drawn"]
+    transmitting(0.5).save(path)
+    with pytest.raises(InputError, match="set its transmission to 0"):
+        bring_scene(str(path), tmp_path / "other", [], None)
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_check_of_a_study_says_what_is_left_out_and_refused(tmp_path):
+    study = write_small_study(tmp_path)
+    box, library = tmp_path / "box.obj", tmp_path / "box.mtl"
+    box.write_text(box.read_text() + "l 1 2\n")
+    result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
+    assert result.exit_code == 0, result.output
+    said = f"{box}: left out l: points and lines are not drawn"
+    assert f"note: stimuli.scenes[0]: {said}" in result.stdout.splitlines()
+    library.write_text(library.read_text() + "d 0.5\n")
+    result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
+    assert result.exit_code == 2
+    assert f"stimuli.scenes[0]: {box}: material 'box' must be opaque or cut out" in result.stderr
+
+
+def test_a_picture_that_is_drawn_smaller_is_noted(tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_surface, "LARGEST_TEXTURE_PX", 16)
+    world = load_world(moved().save(tmp_path / "s.glb"))
+    assert world.parts[0].material.texture.shape == (16, 16, 4)
+    assert "is 32 x 32 px and is drawn from 16 x 16" in world.notes[0]
+
+
+# The page
+
+
+def names(features, verdict):
+    found = []
+    for name, feature in features.items():
+        if feature.verdict == verdict and name not in ("extras", "extensions", "name"):
+            plain = [
+                " ".join(map("{:g}".format, value)) if isinstance(value, tuple) else str(value)
+                for value in feature.harmless
+                if value not in (None, [])
+            ]
+            told = f" other than {', '.join(plain)}" if plain else ""
+            told += " with no other" if feature.fallback else ""
+            told += f" ({feature.says})" if verdict == "honoured" and feature.says else ""
+            found.append(f"`{name}`{told}")
+    return ", ".join(found)
+
+
+def mesh_table():
+    """The lists as the table of docs/stimuli.md."""
+    rows = [(f"glTF {kind}", features) for kind, features in GLTF.items()]
+    rows += [("glTF extensions", GLTF_EXTENSIONS), (".obj", OBJ), (".mtl, in any case", MTL),
+             ("options of map_ in .mtl", MTL_OPTIONS)]  # fmt: skip
+    lines = ["| of | honoured | noted | refused |", "| --- | --- | --- | --- |"]
+    for kind, features in rows:
+        cells = [names(features, verdict) for verdict in ("honoured", "noted", "refused")]
+        lines.append("| " + " | ".join([kind, *cells]) + " |")
+    kinds = {BYTE: "byte", UBYTE: "unsigned byte", SHORT: "short", USHORT: "unsigned short",
+             UINT: "unsigned int", FLOAT: "float"}  # fmt: skip
+    for semantic, (shapes, components) in COMPONENTS.items():
+        types = ", ".join(kinds[c] + " normalized" * shares for c, shares in components)
+        lines.append(
+            f"| glTF numbers of `{semantic}` | {', '.join(shapes)} of {types} | | others |"
+        )
+    return "\n".join(line.replace("|  |", "| |").replace("|  |", "| |") for line in lines)
+
+
+def test_the_page_shows_the_lists_as_they_are(repository):
+    page = (repository / "docs" / "stimuli.md").read_text(encoding="utf-8")
+    begin, end = "<!-- mesh features: begin -->\n", "\n<!-- mesh features: end -->"
+    assert page.partition(begin)[2].partition(end)[0] == mesh_table()
