@@ -1,5 +1,6 @@
 """Which conditions are compared with which, and Wald's comparisons of what was estimated."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,6 +27,11 @@ class Gap:
     upper: float
     p: float
     p_adjusted: float
+
+
+def unidentified(gap: Gap) -> Gap:
+    """Return a comparison that the data do not identify: without numbers."""
+    return Gap(gap.first, gap.second, *[math.nan] * 6)
 
 
 def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:

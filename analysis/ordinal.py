@@ -11,7 +11,7 @@ from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import Pair, pairs_of, wald
+from analysis.contrasts import Pair, pairs_of, unidentified, wald
 from analysis.numeric import numeric_hessian
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -26,6 +26,9 @@ LARGEST = 30.0
 SEPARATED = 10.0
 """Conditions so far apart share no rating: no finite distance fits better than a larger one."""
 
+FLAT = 1e-6
+"""Curvature given to directions in which the likelihood is flat: an error of 1000 there."""
+
 MISFIT_P = 0.001
 
 
@@ -34,7 +37,7 @@ class CumulativeFit:
     """P(y <= j) = F(theta_j - x beta - z b), by Laplace's method.
 
     `covariance` is of theta, then beta, then sd. `converged` is False where the likelihood has no
-    proper maximum.
+    proper maximum; errors of what it leaves open are then far above `LARGEST`.
     """
 
     theta: Floats
@@ -50,7 +53,8 @@ class RatedCondition:
     """Where one condition lies on the latent axis, and how its ratings spread.
 
     `place` is relative to the first condition, in standard deviations of one person's ratings
-    (probit) or logits. `shares` holds how often each rating was given.
+    (probit) or logits; NaN, as its limits, where the ratings do not identify it. `shares` holds
+    how often each rating was given.
     """
 
     condition: str
@@ -67,7 +71,7 @@ class RatingDifference:
     """How much higher one condition is rated than another; p tests no difference.
 
     `superiority` is the chance that the same person rates the first higher at one showing of
-    each, on the latent axis, where nothing ties.
+    each, on the latent axis, where nothing ties. What the ratings do not identify is NaN.
     """
 
     first: str
@@ -89,9 +93,10 @@ class RatingModel:
     Attributes
     ----------
     categories : tuple of str
-        From the lowest.
+        From the lowest; of a declared scale also those that nobody chose.
     thresholds : tuple of float
-        Between neighbouring categories, on the latent axis of the first condition.
+        Between neighbouring categories in use, on the latent axis of the first condition; NaN
+        where the ratings do not identify them.
     sd : mapping
         Between participants, of a participant's deviation in a condition, between scenes.
     """
@@ -107,6 +112,18 @@ class RatingModel:
     ratings: int
     participants: int
     warnings: tuple[str, ...]
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Categories that were chosen, from the lowest."""
+        chosen = np.any([one.shares for one in self.conditions], axis=0)
+        return tuple(name for name, some in zip(self.categories, chosen, strict=True) if some)
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Place of each category on its scale, in the least step between two of them."""
+        gaps = np.abs(np.diff(_scale_numbers(self.categories)))
+        return dict(zip(self.categories, [0.0, *np.cumsum(gaps / gaps.min())], strict=True))
 
 
 def fit_cumulative(
@@ -182,19 +199,23 @@ def fit_cumulative(
     natural = np.concatenate([theta, beta, sd])
     cut = (top, top + coefficients)
     hessian = numeric_hessian(lambda v: laplace(*np.split(v, cut)), natural, step=1e-3)
-    proper = bool(np.all(np.isfinite(hessian))) and float(np.abs(natural).max()) < LARGEST
-    # At sd 0 the likelihood is even in sd: its curvature may vanish there, and nowhere else.
-    inner = hessian[: cut[1], : cut[1]]
-    proper = proper and bool(np.linalg.eigvalsh(inner)[0] > 1e-8)
-    covariance = np.eye(natural.size)
+    proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST
+    covariance = np.eye(natural.size) / FLAT
     if proper:
+        # At sd 0 the likelihood is even in sd: its curvature may vanish there, and nowhere else.
+        inner = hessian[: cut[1], : cut[1]]
+        curvature, axes = np.linalg.eigh(inner)
+        proper = bool(curvature[0] > LARGEST**-2) and float(np.abs(natural).max()) < LARGEST
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
-        if float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
-            covariance[: cut[1], : cut[1]] = np.linalg.inv(inner)
+        if not proper or float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
+            covariance[: cut[1], : cut[1]] = axes / np.maximum(curvature, FLAT) @ axes.T
     return CumulativeFit(
         theta=theta,
         beta=beta,
-        sd={name: float(value) for name, value in zip(effects, sd, strict=True)},
+        sd={
+            name: float(value) if value < LARGEST else np.nan
+            for name, value in zip(effects, sd, strict=True)
+        },
         covariance=covariance,
         log_likelihood=-laplace(theta, beta, sd),
         converged=proper,
@@ -230,8 +251,8 @@ def rating_model(
     Notes
     -----
     Random are participants, a participant's deviation in a condition, and scenes where there are
-    several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose are left
-    out: no threshold of theirs can be told.
+    several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose have no
+    thresholds of their own, and keep their number in means.
     """
     rows = checked(trials, ("rating",), by)
     texts = rows["rating"].map(_text)
@@ -262,7 +283,7 @@ def rating_model(
     fit = fit_cumulative(design, y, effects, link=link)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += _misfit(design, y, condition, link)
-    return _model(parts, pairs, used, y, fit, people, link, level, notes)
+    return _model(parts, pairs, _codes(texts, known), known, fit, people, link, level, notes)
 
 
 def paired_ratings(
@@ -313,14 +334,14 @@ def paired_ratings(
     fit = fit_cumulative(gap[:, 1:], y, {"participant x method": own}, link=link)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
     notes = _notes(fit, len(people), [])
-    return _model(parts, pairs, used, y, fit, len(people), link, level, notes)
+    return _model(parts, pairs, y, used, fit, len(people), link, level, notes)
 
 
 def _model(
     parts: Sequence[tuple[str, pd.DataFrame]],
     pairs: Sequence[Pair],
-    used: Sequence[str],
-    y: Whole,
+    chosen: Whole,
+    scale: Sequence[str],
     fit: CumulativeFit,
     people: int,
     link: OrdinalLink,
@@ -329,11 +350,16 @@ def _model(
 ) -> RatingModel:
     df = people - 1
     gaps = wald([name for name, _ in parts], pairs, *_places(fit), df=df, level=level)
+    gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
+    errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
         link=link,
-        categories=tuple(used),
-        thresholds=tuple(map(float, fit.theta)),
-        conditions=_rated(parts, used, fit, df, level, y),
+        categories=tuple(scale),
+        thresholds=tuple(
+            float(theta) if _told(theta, error) else np.nan
+            for theta, error in zip(fit.theta, errors, strict=True)
+        ),
+        conditions=_rated(parts, chosen, scale, fit, df, level),
         contrasts=tuple(
             RatingDifference(
                 first=gap.first,
@@ -352,10 +378,15 @@ def _model(
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
-        ratings=y.size,
+        ratings=chosen.size,
         participants=people,
         warnings=tuple(notes),
     )
+
+
+def _told(value: float, error: float) -> bool:
+    """Return whether the ratings identify a distance on the latent axis."""
+    return abs(value) <= SEPARATED and error <= LARGEST
 
 
 def _answers(
@@ -421,11 +452,14 @@ def _numbers(texts: pd.Series) -> list[str]:
 def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
     notes = []
     if not fit.converged or np.abs(fit.beta).max(initial=0.0) > SEPARATED:
-        notes.append("the model has no proper maximum: limits and p mean nothing")
+        notes.append(
+            "the model has no proper maximum (conditions, or people, share too few ratings): what"
+            " has no number is not identified by these data"
+        )
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     if unused:
-        notes.append(f"nobody chose {', '.join(unused)}: left out of the scale")
+        notes.append(f"nobody chose {', '.join(unused)}: without thresholds of their own")
     return notes
 
 
@@ -447,33 +481,40 @@ def _misfit(design: Floats, y: Whole, condition: Whole, link: OrdinalLink) -> li
 
 def _rated(
     parts: Sequence[tuple[str, pd.DataFrame]],
-    used: Sequence[str],
+    chosen: Whole,
+    scale: Sequence[str],
     fit: CumulativeFit,
     df: int,
     level: float,
-    y: Whole,
 ) -> tuple[RatedCondition, ...]:
-    top = fit.theta.size
     value, covariance = _places(fit)
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * np.sqrt(np.diag(covariance).clip(min=0))
-    numbers = pd.to_numeric(pd.Series(list(used)), errors="coerce").to_numpy(dtype=np.float64)
-    if not np.all(np.isfinite(numbers)):
-        numbers = np.arange(1.0, top + 2.0)
+    error = np.sqrt(np.diag(covariance).clip(min=0))
+    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    numbers = _scale_numbers(scale)
     found = []
     for k, (name, part) in enumerate(parts):
-        own = y[part.index.to_numpy()]
+        own = chosen[part.index.to_numpy()]
+        place = float(value[k]) if _told(value[k], error[k]) else np.nan
         found.append(
             RatedCondition(
                 condition=name,
-                place=float(value[k]),
-                lower=float(value[k] - reach[k]),
-                upper=float(value[k] + reach[k]),
+                place=place,
+                lower=place - float(reach[k]),
+                upper=place + float(reach[k]),
                 mean_rating=float(numbers[own].mean()),
                 ratings=own.size,
-                shares=tuple(float(np.mean(own == j)) for j in range(top + 1)),
+                shares=tuple(float(np.mean(own == j)) for j in range(len(scale))),
             )
         )
     return tuple(found)
+
+
+def _scale_numbers(scale: Sequence[str]) -> Floats:
+    """Return the number of each category: its own, or its place on the scale, from 1."""
+    numbers = pd.to_numeric(pd.Series(list(scale)), errors="coerce").to_numpy(dtype=np.float64)
+    if np.isfinite(numbers).all() and np.unique(numbers).size == len(scale):
+        return numbers
+    return np.arange(1.0, len(scale) + 1.0)
 
 
 def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:

@@ -1,6 +1,7 @@
 """What such an analysis hands back, and the folder it becomes."""
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.values import as_json
+from analysis.report.wording import NONE
 from protocols.outside import json_bytes
 
 Progress = Callable[[str, int, int], object]
@@ -63,13 +65,15 @@ def write_found(found: Found, folder: Path) -> None:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number in so many significant digits; ``none`` for None."""
-    return "none" if value is None else f"{value:.{digits}g}"
+    """Return a number in so many significant digits; ``none`` for None and NaN."""
+    return NONE if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
 def limits(lower: float | None, upper: float | None) -> str:
-    """Return limits in brackets."""
-    return "none" if lower is None or upper is None else f"[{lower:.3g}, {upper:.3g}]"
+    """Return limits in brackets; ``none`` for None and NaN."""
+    if lower is None or upper is None or math.isnan(lower):
+        return NONE
+    return f"[{lower:.3g}, {upper:.3g}]"
 
 
 def unique(notes: Sequence[str]) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Numbers in words, as APA style writes them, and what every report says."""
 
+import math
 import unicodedata
 from collections.abc import Sequence
 
@@ -8,6 +9,10 @@ from analysis.exclusions import FlowStep
 REPLACED = "\N{REPLACEMENT CHARACTER}"
 # Control, format (among them bidirectional overrides), surrogate, private use.
 _UNPRINTABLE = {"Cc", "Cf", "Cs", "Co"}
+
+NOT_IDENTIFIED = "not identified by these data"
+NONE = "none"
+"""In place of a number that is NaN: the data do not identify it."""
 
 
 def p_text(p: float) -> str:
@@ -20,7 +25,9 @@ def p_text(p: float) -> str:
 
 
 def p_number(p: float) -> str:
-    """Return a p-value for a table: ``.012``, ``< .001``."""
+    """Return a p-value for a table: ``.012``, ``< .001``, ``none`` for NaN."""
+    if math.isnan(p):
+        return NONE
     return p_text(p).removeprefix("p ").removeprefix("= ")
 
 
@@ -30,17 +37,19 @@ def leading(number: str) -> str:
 
 
 def share(value: float) -> str:
-    """Return a share with two digits."""
-    return leading(f"{value:.2f}")
+    """Return a share with two digits; ``none`` for NaN."""
+    return NONE if math.isnan(value) else leading(f"{value:.2f}")
 
 
 def share_range(lower: float, upper: float) -> str:
-    """Return limits of a share."""
-    return f"[{share(lower)}, {share(upper)}]"
+    """Return limits of a share; ``none`` for NaN."""
+    return NONE if math.isnan(lower) else f"[{share(lower)}, {share(upper)}]"
 
 
 def big(value: float) -> str:
     """Return a Bayes factor, odds ratio or the like in at most four digits."""
+    if math.isnan(value):
+        return NONE
     if value >= 1e4:
         mantissa, power = f"{value:.1e}".split("e")
         return f"{mantissa}e{int(power)}"
@@ -52,14 +61,16 @@ def big(value: float) -> str:
 
 
 def number(value: float, digits: int = 2) -> str:
-    """Return a number with so many digits, and never ``-0.00``."""
+    """Return a number with so many digits, never ``-0.00``; ``none`` for NaN."""
+    if math.isnan(value):
+        return NONE
     text = f"{value:.{digits}f}"
     return text.lstrip("-") if float(text) == 0 else text
 
 
 def number_range(lower: float, upper: float) -> str:
-    """Return limits of a number."""
-    return f"[{number(lower)}, {number(upper)}]"
+    """Return limits of a number; ``none`` for NaN."""
+    return NONE if math.isnan(lower) else f"[{number(lower)}, {number(upper)}]"
 
 
 def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:

@@ -14,10 +14,8 @@ from analysis.detection import (
 from analysis.learning import Trend
 from analysis.models import ModelFit
 from analysis.rates import Difference, Rate
-from analysis.report.wording import leading, number, p_text, share, share_range
+from analysis.report.wording import NOT_IDENTIFIED, leading, number, p_text, share, share_range
 from analysis.thresholds import ThresholdModel
-
-NOT_IDENTIFIED = "not identified by these data"
 
 
 def column_in_words(column: str) -> str:

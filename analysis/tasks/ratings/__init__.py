@@ -1,5 +1,6 @@
 """The analysis of ordered ratings, kind `ratings`: of tables, until a study shows ratings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn
@@ -84,7 +85,7 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
             raise StudyError(f"{settings.study}: {problem}") from None
 
     def estimates(self, decisions: pd.DataFrame, settings: RatingSettings) -> Sequence[Estimate]:
-        """Return the differences between conditions."""
+        """Return the differences between conditions that the ratings identify."""
         model = fitted(decisions, settings)
         return tuple(
             Estimate(
@@ -96,11 +97,13 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
                 model.ratings,
             )
             for one in model.contrasts
+            if not math.isnan(one.difference)
         )
 
     def planned_p(self, results: RatingResults) -> float | None:
         """Return the least adjusted p of the comparisons."""
-        return min((one.p_adjusted for one in results.model.contrasts), default=None)
+        known = [one.p_adjusted for one in results.model.contrasts if one.p_adjusted >= 0]
+        return min(known, default=None)
 
     def warnings(self, results: RatingResults) -> tuple[str, ...]:
         """Return what is odd about the table as a whole."""
@@ -148,8 +151,8 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
                 ),
             )
         ]
-        places = {name: number for number, name in enumerate(results.model.categories)}
-        rows = decisions.assign(step=decisions["rating"].map(category).map(places).astype(float))
+        steps = decisions["rating"].map(category).map(results.model.steps).astype(float)
+        rows = decisions.assign(step=steps)
         if results.learning:
             made.append(
                 ReportFigure(

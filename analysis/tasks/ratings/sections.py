@@ -1,5 +1,7 @@
 """The sections of a report of ratings."""
 
+import math
+
 from analysis.ordinal import RatingDifference
 from analysis.report.wording import number, number_range, p_number, share
 from analysis.tasks.blocks import (
@@ -33,8 +35,8 @@ def lead(results: RatingResults, settings: RatingSettings) -> tuple[Block, ...]:
 
 
 def clearest(results: RatingResults) -> RatingDifference:
-    """Return the comparison with the least p."""
-    return min(results.model.contrasts, key=lambda one: one.p)
+    """Return the comparison with the least p; any, where the ratings identify none."""
+    return min(results.model.contrasts, key=lambda one: (math.isnan(one.p), one.p))
 
 
 def decisive_p(one: RatingDifference, settings: RatingSettings) -> float:

@@ -46,10 +46,10 @@ def analyse(decisions: pd.DataFrame, settings: RatingSettings, step: Step) -> Ra
     step("ratings")
     model = fitted(decisions, settings)
     step("learning, reaction times")
-    steps = {name: number for number, name in enumerate(model.categories)}
-    codes = decisions["rating"].map(category).map(steps).astype(float)
-    levels = pd.crosstab(decisions["participant"], codes)
-    levels = levels.reindex(columns=range(len(model.categories)), fill_value=0)
+    given = decisions["rating"].map(category)
+    codes = given.map(model.steps).astype(float)
+    levels = pd.crosstab(decisions["participant"], given)
+    levels = levels.reindex(columns=list(model.categories), fill_value=0)
     by = () if settings.by is None else (settings.by,)
     learning = []
     if decisions["order"].notna().any():

@@ -1,14 +1,18 @@
 """Ratings in words and tables."""
 
+import math
+
 import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel
-from analysis.report.wording import leading, p_number, p_text
+from analysis.report.wording import NOT_IDENTIFIED, leading, p_number, p_text
 
 
 def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     """Return how much higher one condition is rated as a sentence."""
+    if math.isnan(one.difference):
+        return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     unit = "SD" if model.link == "probit" else "logits"
     return (
         f"{one.first} was rated {one.difference:.2f} {unit} above {one.second},"
@@ -37,8 +41,8 @@ def rating_tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]
         "comparisons.csv": frame_of(RatingDifference, model.contrasts),
         "thresholds.csv": pd.DataFrame(
             {
-                "below": model.categories[:-1],
-                "above": model.categories[1:],
+                "below": model.used[:-1],
+                "above": model.used[1:],
                 "threshold": model.thresholds,
             }
         ),
