@@ -7,10 +7,12 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from protocols.prose import shortest
 from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
 
 FRAME_TOLERANCE = 1e-6
 """How far, in frames, a duration may be from a whole number of them."""
+COMMON_RATES_HZ = (60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 
 
 class Display(Model):
@@ -71,10 +73,23 @@ class Display(Model):
         whole = round(exact)
         return whole if whole >= 0 and abs(exact - whole) <= FRAME_TOLERANCE else None
 
-    def nearest_durations(self, duration_s: float) -> tuple[float, ...]:
-        """Return the durations of whole frames just below and above, in seconds."""
+    def nearest_durations(self, duration_s: float) -> tuple[str, ...]:
+        """Return the durations of whole frames just below and above, in seconds, as texts."""
         low = math.floor(duration_s * self.refresh_hz)
-        return tuple(frames / self.refresh_hz for frames in (low, low + 1) if frames > 0)
+        return tuple(
+            shortest(frames / self.refresh_hz, lambda s, frames=frames: self.frames(s) == frames)
+            for frames in (low, low + 1)
+            if frames > 0
+        )
+
+    def at_nominal_rate(self) -> Display | None:
+        """Return the display with a whole rate that its tolerance covers; None if it has one."""
+        rates = [*COMMON_RATES_HZ, round(self.refresh_hz)]
+        near = min(rates, key=lambda rate: abs(self.refresh_hz / rate - 1) if rate else math.inf)
+        off = abs(self.refresh_hz / near - 1)
+        if off == 0 or off > self.refresh_tolerance_share:
+            return None
+        return self.model_copy(update={"refresh_hz": float(near)})
 
     def centred_size_px(self, width_deg: float, height_deg: float) -> tuple[int, int]:
         """Return (width, height) in even pixels of a centred rectangle of that visual angle."""

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 
-from protocols.display import FRAME_TOLERANCE, Display
+from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
 from protocols.phases import Clip, Image
+from protocols.prose import shortest
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 
 TRIALS_IN_MEMORY = 2
 """The one that is shown, and the next one."""
 MIB = 2**20
-COMMON_RATES_HZ = (60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 ASSUMED_RT_S = 1.5
 """For estimates of a session's length."""
 
@@ -32,6 +33,18 @@ def check_feasible(
     Every message says the nearest feasible values. The list is empty where all is well.
     """
     problems = _times(protocol, display) + _rate(protocol, display)
+    nominal = display.at_nominal_rate()
+    if problems and nominal is not None:
+        problems = [
+            Problem(
+                "refresh_hz",
+                f"must be the display's nominal rate; write refresh_hz = {nominal.refresh_hz:g} in"
+                f" its file (got {display.refresh_hz:g} Hz, as drivers measure it, which"
+                " refresh_tolerance_share allows)",
+            ),
+            *_times(protocol, nominal),
+            *_rate(protocol, nominal),
+        ]
     size = _size(protocol, display)
     problems += size
     if not size:
@@ -130,7 +143,7 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
     problems = []
     for place, duration_s in times.items():
         if display.frames(duration_s) in (None, 0):
-            near = " or ".join(f"{near:.6g} s" for near in display.nearest_durations(duration_s))
+            near = " or ".join(f"{near} s" for near in display.nearest_durations(duration_s))
             also = _other_displays({rate: duration_s * rate for rate in COMMON_RATES_HZ})
             problems.append(
                 Problem(
@@ -157,10 +170,15 @@ def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
         return []
     fps = protocol.stimuli.frame_hz
     exact = display.refresh_hz / fps
-    if round(exact) >= 1 and abs(exact - round(exact)) <= FRAME_TOLERANCE:
+
+    def whole(rate: float, n: int = max(1, round(exact))) -> bool:
+        return abs(display.refresh_hz / rate - n) <= FRAME_TOLERANCE
+
+    if whole(fps):
         return []
     counts = {max(1, math.floor(exact)), max(1, math.ceil(exact))}
-    near = " or ".join(f"{display.refresh_hz / count:g} fps" for count in sorted(counts))
+    rates = {n: shortest(display.refresh_hz / n, partial(whole, n=n)) for n in sorted(counts)}
+    near = " or ".join(f"{rate} fps" for rate in rates.values())
     also = _other_displays({rate: rate / fps for rate in COMMON_RATES_HZ if rate >= fps})
     return [
         Problem(

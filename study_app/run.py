@@ -77,6 +77,7 @@ class Listener:
     on_check: Callable[[DisplayCheck], None] = lambda _: None
     on_validation: Callable[[list[PointQuality], CalibrationResult], None] = lambda _p, _r: None
     on_attempt: Callable[[Attempt, RecordedEvents], None] = lambda _a, _e: None
+    on_note: Callable[[str], None] = lambda _: None
 
 
 def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
@@ -157,6 +158,9 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             recorder, plan = resume(setting, options.participant, presenter, gaze)
         else:
             recorder, plan = begin(setting, options.participant, language, presenter, gaze)
+        for note in () if gaze is None else gaze.info().notes:
+            listener.on_note(note)
+            recorder.append(Note(**recorder.stamps(), text=note))
         validated = None
         if gaze is not None and options.validate:
             validated = _validation(display, gaze, presenter, listener)

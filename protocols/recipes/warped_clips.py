@@ -17,7 +17,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.prose import Block, Table, labelled
+from protocols.prose import Block, Table, labelled, shortest
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Condition,
@@ -454,11 +454,14 @@ class Clips(Grown):
     def _whole_frames(self) -> Clips:
         exact = self.duration_s * self.fps
         if self.frames < 1 or abs(exact - self.frames) > 1e-6:
-            low, high = max(1, int(exact)), int(exact) + 1
+            nearest = [
+                shortest(n / self.fps, lambda s, n=n: abs(s * self.fps - n) <= 1e-6)
+                for n in (max(1, int(exact)), int(exact) + 1)
+            ]
             raise ValueError(
                 f"duration_s x fps must be whole frames (got {self.duration_s:g} s x"
                 f" {self.fps:g} fps = {exact:g}); the nearest durations are"
-                f" {low / self.fps:g} s and {high / self.fps:g} s"
+                f" {' and '.join(f'{near} s' for near in nearest)}"
             )
         if self.render_width_px is not None and self.rescale == "none":
             raise ValueError(

@@ -262,7 +262,7 @@ def _listener() -> Listener:
     def on_attempt(attempt: Attempt, events: list[AnyEvent]) -> None:
         console.print(attempt_line(attempt, events))
 
-    return Listener(on_check, on_validation, on_attempt)
+    return Listener(on_check, on_validation, on_attempt, lambda text: say(f"note: {text}"))
 
 
 def _say_gaze(options: SittingOptions) -> None:

@@ -249,6 +249,11 @@ class LslGaze:
         whole = len(labels) == count
         said = units[x].lower() if whole else ""
         label = labels[x].lower() if whole else ""
+        if said.startswith("deg") and not self._spec.unit:
+            raise StudyError(
+                "gaze: the stream must give pixels or shares of the screen (its channels say"
+                f" {units[x]!r}); if they are one of these, add unit=px or unit=norm to --gaze"
+            )
         norm = said.startswith("norm") or label.startswith("norm")
         unit = self._spec.unit or ("norm" if norm else "px")
         self._channels = x, y

@@ -45,15 +45,12 @@ def _mouse(_rest: str, desk: Desk) -> GazeSource:
 def _replay(rest: str, desk: Desk) -> GazeSource:
     if not rest:
         raise StudyError("--gaze: replay needs a file: replay:FILE (.asc or .csv)")
-    recording = load_recording(Path(rest))
-    here = desk.display.width_px, desk.display.height_px
-    if recording.screen_px is not None and recording.screen_px != here:
-        raise StudyError(
-            f"{rest}: must be recorded on a screen of {here[0]}x{here[1]} pixels, as the display"
-            f" {desk.display.name!r} has (got {recording.screen_px[0]}x{recording.screen_px[1]});"
-            " name the display of the recording with --display"
-        )
-    return ReplaySource(recording, desk.clock)
+    file, _, eye = rest.partition(",eye=")
+    if eye not in ("", "left", "right"):
+        raise StudyError(f"--gaze: must read replay:FILE,eye=left|right (got {rest!r})")
+    recording = load_recording(Path(file), eye or None)
+    here = recording.on_screen(desk.display.width_px, desk.display.height_px)
+    return ReplaySource(here, desk.clock)
 
 
 ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(

@@ -6,8 +6,9 @@ import csv
 import math
 import re
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,24 @@ from protocols.limits import check_rows, unpacked
 from protocols.load import read_bytes
 from protocols.outside import lines_of, reading
 
+Eye = Literal["left", "right"]
+Box = tuple[float, float, float, float]
+"""Coordinates of the left, top, right and bottom pixel."""
+
 _SCREEN = re.compile(
-    r"^MSG\s+\S+\s+(?:DISPLAY_COORDS|GAZE_COORDS)\s*=?\s*"
+    r"^MSG\s+\S+\s+(DISPLAY_COORDS|GAZE_COORDS)\s*=?\s*"
     r"(-?[\d.]+)\s+(-?[\d.]+)\s+(-?[\d.]+)\s+(-?[\d.]+)"
 )
 _RATE = re.compile(r"^SAMPLES\s.*\bRATE\s+([\d.]+)")
 _BLINK = re.compile(r"^EBLINK\s+[LR]\s+(\d+)\s+(\d+)")
 FARTHEST_PX = 1e6
 """No screen is as wide; what lies farther away is no gaze."""
+NO_DATA = -32768.0
+"""How EyeLink writes a number that it does not have, where it is not a dot."""
+WORSE_SHARE = 0.1
+"""Of samples: an eye that is lost so much more often than the other is not replayed."""
+CORNER_PX = 60.0
+"""Gaze that never leaves so small a corner is given in degrees, or in shares of the screen."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +53,54 @@ class Recording:
     rate_hz: float
     screen_px: tuple[int, int] | None
     """Width and height that the coordinates belong to, where the file says so."""
+    from_zero: bool
+    """The file's own coordinates begin at 0; from elsewhere they were shifted."""
     blinks_s: tuple[tuple[float, float], ...]
     """(start, end) of the blinks the tracker itself found, seconds since the first sample."""
+    notes: tuple[str, ...] = ()
+
+    def on_screen(self, width_px: int, height_px: int) -> Recording:
+        """Return the recording as one of this screen, with what had to be assumed as notes.
+
+        Raises
+        ------
+        StudyError
+            If it belongs to another screen, or its gaze is not in pixels of this one.
+        """
+        said, notes = self.screen_px, self.notes
+        if said == (width_px + 1, height_px + 1) and self.from_zero:
+            notes += (
+                f"{self.path.name}: its coordinates end at {width_px} and {height_px}, one more"
+                f" than the last pixel: taken as the size of the screen, {width_px}x{height_px}",
+            )
+        elif said is not None and said != (width_px, height_px):
+            raise StudyError(
+                f"{self.path}: must be recorded on a screen of {width_px}x{height_px} pixels, as"
+                f" the display has (got {said[0]}x{said[1]}); name the display of the recording"
+                " with --display"
+            )
+        found = np.isfinite(self.x_px) & np.isfinite(self.y_px)
+        if not found.any():
+            raise StudyError(f"{self.path}: must hold gaze (the eye was lost in every sample)")
+        x, y = self.x_px[found], self.y_px[found]
+        inside = (x >= 0) & (x <= width_px) & (y >= 0) & (y <= height_px)
+        corner_px = min(CORNER_PX, 0.1 * min(width_px, height_px))
+        if inside.mean() < 0.5 or np.abs([x, y]).max() < corner_px:
+            raise StudyError(
+                f"{self.path}: gaze must be in pixels from the upper left corner of the screen of"
+                f" {width_px}x{height_px} (got x from {x.min():g} to {x.max():g}, y from"
+                f" {y.min():g} to {y.max():g}); turn degrees, shares of the screen and pixels from"
+                " its middle into these"
+            )
+        return replace(self, notes=notes)
 
 
-def load_recording(path: Path) -> Recording:
+def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     """Read ``.asc`` or ``.csv``, also compressed (``.gz``).
 
     A CSV needs columns ``t_s`` (or ``t_ms``), ``x_px`` and ``y_px``; an empty field or `nan`
-    is a lost eye. An ASC file with both eyes gives the left one.
+    is a lost eye. An ASC file with both eyes gives `eye`; left out, the left one, unless it was
+    lost far more often than the right one. Its coordinates are those that its header names.
 
     Raises
     ------
@@ -65,55 +115,121 @@ def load_recording(path: Path) -> Recording:
     name = path.name.removesuffix(".gz")
     with reading(path, "a whole recording of gaze", StudyError):
         if name.endswith(".asc"):
-            return _read_asc(path, text)
+            return _read_asc(path, text, eye)
         if name.endswith(".csv"):
+            if eye is not None:
+                raise StudyError(f"{path}: a .csv file holds one eye; leave ',eye={eye}' away")
             return _read_csv(path, text)
     raise StudyError(f"{path}: must be an EyeLink .asc or a .csv file (or .gz of one)")
 
 
-def _read_asc(path: Path, text: str) -> Recording:
+def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
     samples = array("d")
     blinks: list[tuple[float, float]] = []
-    rate_hz, screen = 0.0, None
+    rate_hz = 0.0
+    boxes: dict[str, Box] = {}
     recording = False
+    eyes: list[str] = []
+    every: set[str] = set()
     for line in text.splitlines():
         if line[:1].isdigit():
             if recording:
-                samples.extend(_asc_sample(line))
-        elif line.startswith("START"):
+                samples.extend(_asc_sample(line, len(eyes)))
+        elif line.startswith(("START", "SAMPLES")):
             recording = True
+            eyes = [word for word in ("LEFT", "RIGHT") if word in line.split()]
+            every.update(eyes)
+            _check_kind(path, line)
+            if match := _RATE.match(line):
+                rate_hz = float(match[1])
         elif line.startswith("END"):
             recording = False
-        elif match := _RATE.match(line):
-            rate_hz = float(match[1])
         elif match := _BLINK.match(line):
             blinks.append((float(match[1]), float(match[2])))
         elif match := _SCREEN.match(line):
-            left, top, right, bottom = map(float, match.groups())
-            screen = (round(right - left) + 1, round(bottom - top) + 1)
+            left, top, right, bottom = map(float, match.groups()[1:])
+            box = (left, top, right, bottom)
+            if match[1] == "GAZE_COORDS" and boxes.setdefault(match[1], box) != box:
+                first, then = (" ".join(f"{v:g}" for v in one) for one in (boxes[match[1]], box))
+                raise StudyError(
+                    f"{path}: must keep its coordinates (GAZE_COORDS {first}, later {then}); cut"
+                    " the file, and replay one part"
+                )
+            boxes[match[1]] = box
     if not samples:
         raise StudyError(f"{path}: must hold samples between START and END (found none)")
-    stamps, x, y = np.array(samples).reshape(-1, 3).T
+    stamps, *places = np.array(samples).reshape(-1, 5).T
     t_s = (stamps - stamps[0]) / 1e3
+    box = boxes.get("GAZE_COORDS", boxes.get("DISPLAY_COORDS"))
+    screen = None if box is None else (_size(box[0], box[2]), _size(box[1], box[3]))
+    x, y, notes = _one_eye(path, places, every, eye)
+    if box is not None:
+        x, y = (x - box[0]) * _sense(box[0], box[2]), (y - box[1]) * _sense(box[1], box[3])
     _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
     if any(not a <= b for a, b in blinks):
         raise StudyError(f"{path}: a blink (EBLINK) must not end before it begins")
     blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
-    return Recording(path, stamps, t_s, x, y, rate_hz or _median_rate(path, t_s), screen, blinks_s)
+    rate_hz = rate_hz or _median_rate(path, t_s)
+    from_zero = box is not None and box[:2] == (0.0, 0.0)
+    return Recording(path, stamps, t_s, x, y, rate_hz, screen, from_zero, blinks_s, notes)
 
 
-def _asc_sample(line: str) -> tuple[float, float, float]:
+def _asc_sample(line: str, eyes: int) -> tuple[float, float, float, float, float]:
+    """Return stamp, gaze of the left, and of the right eye: of the one where there is one."""
     fields = line.split()
 
     def number(index: int) -> float:
         try:
-            return float(fields[index])
+            value = float(fields[index])
         except (ValueError, IndexError):  # "." is a lost eye
             return math.nan
+        return math.nan if value == NO_DATA else value
 
-    return number(0), number(1), number(2)
+    right = 4 if eyes == 2 else 1
+    return number(0), number(1), number(2), number(right), number(right + 1)
+
+
+def _check_kind(path: Path, line: str) -> None:
+    """Samples may be of gaze, of angles of the head (HREF), or raw places of the pupil."""
+    kind = line.split()[1:2]
+    if line.startswith("SAMPLES") and kind != ["GAZE"]:
+        raise StudyError(
+            f"{path}: samples must be gaze in pixels of the screen (SAMPLES GAZE; got"
+            f" {' '.join(['SAMPLES', *kind])}); convert the .edf file again, with 'edf2asc -sg'"
+        )
+
+
+def _one_eye(
+    path: Path, places: list[NDArray[np.float64]], eyes: set[str], eye: Eye | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[str, ...]]:
+    """Return gaze (x, y) of the wanted eye, or of the one that was found; and what to note."""
+    if eye is not None and eyes and eye.upper() not in eyes:
+        raise StudyError(
+            f"{path}: must hold the {eye} eye (has the {' and '.join(eyes).lower()} one); leave"
+            f" ',eye={eye}' away"
+        )
+    lost = [float(np.mean(~np.isfinite(x + y))) for x, y in (places[:2], places[2:])]
+    notes: tuple[str, ...] = () if eye is None else (f"{path.name}: its {eye} eye is replayed",)
+    if eye is None and lost[0] > lost[1] + WORSE_SHARE:
+        eye = "right"
+        notes = (
+            f"{path.name}: the left eye was lost in {100 * lost[0]:.0f} % of samples, the right one"
+            f" in {100 * lost[1]:.0f} %: the right one is replayed (',eye=left' after the file's"
+            " name takes the other)",
+        )
+    x, y = places[2:] if eye == "right" else places[:2]
+    return x, y, notes
+
+
+def _size(first: float, last: float) -> int:
+    return round(abs(last - first)) + 1
+
+
+def _sense(first: float, last: float) -> float:
+    """Return -1 where coordinates fall to the right or downwards, else 1."""
+    return -1.0 if last < first else 1.0
 
 
 def _read_csv(path: Path, text: str) -> Recording:
@@ -150,7 +266,7 @@ def _read_csv(path: Path, text: str) -> Recording:
             f"{path}: line {line}: {unit} must not fall from line to line (got"
             f" {stamps[line - 2]:g} after {stamps[line - 3]:g}); sort the samples by time"
         )
-    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, ())
+    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, True, ())
 
 
 def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:

@@ -34,7 +34,8 @@ class ReplaySource:
 
     def info(self) -> SourceInfo:
         """Name the file."""
-        return SourceInfo("replay", self._recording.path.name, self._recording.rate_hz)
+        tape = self._recording
+        return SourceInfo("replay", tape.path.name, tape.rate_hz, notes=tape.notes)
 
     def poll(self) -> Sequence[GazeSample]:
         """Return the samples whose time has come."""

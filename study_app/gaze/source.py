@@ -37,6 +37,8 @@ class SourceInfo:
     """Added to raw stamps to give the session's clock; None where they are one clock."""
     polled: bool = False
     """Each poll takes one sample, so that gaps between samples are the display's, not the eye's."""
+    notes: tuple[str, ...] = ()
+    """What had to be assumed of the coordinates or the eye: said, and kept in the journal."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,84 @@
+"""The advice of a message is tried on the input that caused it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from protocols.feasibility import check_feasible
+from protocols.load import load_display, load_protocol
+from protocols.recipes.warped_clips import Clips
+
+STUDY = load_protocol(Path("inpainting-2afc"))
+DISPLAY = load_display("fhd27-60hz")
+
+
+def at(refresh_hz: float):
+    return DISPLAY.model_copy(update={"refresh_hz": refresh_hz})
+
+
+def changed(**task: float):
+    return STUDY.model_copy(update={"task": STUDY.task.model_copy(update=task)})
+
+
+@pytest.mark.parametrize("measured", [59.951, 59.94, 60.02, 119.88, 239.76, 143.86, 74.97])
+def test_a_measured_rate_names_the_nominal_one_which_then_is_right(measured):
+    first, *_ = check_feasible(STUDY, at(measured))
+    named = float(re.search(r"write refresh_hz = (\d+)", first.message)[1])
+
+    assert first.place == "refresh_hz"
+    assert abs(named / measured - 1) < DISPLAY.refresh_tolerance_share
+    # What is left is what a display of that rate has to say, and it says nothing of rates.
+    assert [str(one) for one in check_feasible(STUDY, at(measured))[1:]] == [
+        str(one) for one in check_feasible(STUDY, at(named))
+    ]
+    if named % 60 == 0:
+        assert len(check_feasible(STUDY, at(measured))) == 1
+
+
+@pytest.mark.parametrize("rate", [60.0, 61.0, 59.6, 144.0])
+def test_a_rate_of_its_own_is_not_called_a_measured_one(rate):
+    said = [str(one) for one in check_feasible(changed(gap_s=0.123), at(rate))]
+
+    assert said
+    assert not any("refresh_hz" in one for one in said)
+
+
+@pytest.mark.parametrize("rate", [60.0, 90.0, 144.0, 165.0])
+@pytest.mark.parametrize("gap_s", [0.123, 0.1547, 0.7013])
+def test_the_nearest_times_are_whole_frames(rate, gap_s):
+    def said(gap: float) -> list[str]:
+        found = check_feasible(changed(gap_s=gap), at(rate))
+        return [one.message for one in found if one.place == "task.gap_s"]
+
+    nearest = re.findall(r"([\d.]+) s\b", said(gap_s)[0].split("nearest:")[1])
+
+    assert len(nearest) == 2
+    assert [said(float(near)) for near in nearest] == [[], []]
+
+
+def with_clips(fps: float):
+    clips = STUDY.stimuli.clips.model_copy(update={"fps": fps})
+    return STUDY.model_copy(update={"stimuli": STUDY.stimuli.model_copy(update={"clips": clips})})
+
+
+@pytest.mark.parametrize(("fps", "rate"), [(60.0, 144.0), (25.0, 165.0), (21.0, 144.0)])
+def test_the_nearest_frame_rates_are_whole_refreshes(fps, rate):
+    (said,) = (str(x) for x in check_feasible(with_clips(fps), at(rate)) if x.place.endswith("fps"))
+    found = re.findall(r"([\d.]+) fps", said.split("nearest:")[1])
+
+    assert found
+    for near in found:
+        again = check_feasible(with_clips(float(near)), at(rate))
+        assert not any(one.place.endswith("fps") for one in again)
+
+
+@pytest.mark.parametrize(("duration_s", "fps"), [(1.29, 24.0), (0.7, 13.0), (2.01, 30.0)])
+def test_the_nearest_durations_of_clips_are_whole_frames(duration_s, fps):
+    given = STUDY.stimuli.clips.model_dump() | {"fps": fps}
+    with pytest.raises(ValueError, match="must be whole frames") as refused:
+        Clips.model_validate(given | {"duration_s": duration_s})
+    for near in re.findall(r"([\d.]+) s\b", str(refused.value).split("nearest durations are")[1]):
+        Clips.model_validate(given | {"duration_s": float(near)})
