@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 from protocols.errors import Problem
 from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS
-from protocols.suggest import cure_for_key, did_you_mean, split_unit
+from protocols.suggest import cure_for_key, cure_for_key_name, did_you_mean, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 
 _WANTED_TYPE = {
@@ -118,7 +118,8 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
             if context["pattern"] == KEY_PATTERN
             else f"text that matches {context['pattern']}"
         )
-        yield Problem(place, f"must be {wanted} (got {_show(found)})")
+        meant = cure_for_key_name(str(found)) if wanted == KEYS_IN_WORDS else ""
+        yield Problem(place, f"must be {wanted} (got {_show(found)}){meant}")
     elif kind in {"too_short", "string_too_short"}:
         least = context.get("min_length", 1)
         if isinstance(found, (tuple, list)) and len(found) >= least:

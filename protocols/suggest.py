@@ -2,10 +2,40 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+from protocols.session_schema import KEY_PATTERN
 from protocols.units import CONVERSIONS, UNIT_OF_SUFFIX
+
+_KEYS = ("left", "right", "up", "down", "space", "enter", "escape", "tab", "backspace")
+_ALSO_CALLED = {
+    "": "space",
+    "blank": "space",
+    "return": "enter",
+    "esc": "escape",
+    "back": "backspace",
+    "bksp": "backspace",
+}
+_NUMBER_BLOCK = re.compile(r"(?:num|numpad|numlock|kp|keypad|numerickeypad|np|pad)([0-9]|enter)")
+_MODIFIERS = re.compile(r"[lr]?(left|right)?(shift|ctrl|control|alt|option|cmd|command|meta)[lr]?")
+
+
+def cure_for_key_name(name: str) -> str:
+    """Return the cure for a key that other programs call `name`: ``num_4`` is our ``kp_4``."""
+    low = name.strip().lower()
+    plain = re.sub(r"[^a-z0-9]", "", low) if len(low) > 1 else low
+    if _MODIFIERS.fullmatch(plain.removesuffix("key")):
+        return "; shift, control and alt give no answer: take letters, such as 'z' and 'm'"
+    block = _NUMBER_BLOCK.fullmatch(plain) or re.fullmatch(r"\[([0-9])\]", low)
+    if block:
+        return f"; did you mean {'enter' if block[1] == 'enter' else f'kp_{block[1]}'!r}?"
+    for meant in (low, plain, re.sub("arrow|key|bar|digit", "", plain)):
+        meant = _ALSO_CALLED.get(meant, meant)
+        if re.match(KEY_PATTERN, meant):
+            return f"; did you mean {meant!r}?"
+    return did_you_mean(plain, _KEYS)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -6,10 +6,14 @@ import re
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from protocols.feasibility import check_feasible
 from protocols.load import load_display, load_protocol
+from protocols.problems import problems_of
 from protocols.recipes.warped_clips import Clips
+from protocols.session_schema import KEY_PATTERN, Response
+from protocols.suggest import cure_for_key_name
 
 STUDY = load_protocol(Path("inpainting-2afc"))
 DISPLAY = load_display("fhd27-60hz")
@@ -82,3 +86,42 @@ def test_the_nearest_durations_of_clips_are_whole_frames(duration_s, fps):
         Clips.model_validate(given | {"duration_s": duration_s})
     for near in re.findall(r"([\d.]+) s\b", str(refused.value).split("nearest durations are")[1]):
         Clips.model_validate(given | {"duration_s": float(near)})
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        # PsychoPy, pyglet
+        ("num_4", "kp_4"), ("return", "enter"), ("num_enter", "enter"), ("SPACE", "space"),
+        # Psychtoolbox
+        ("LeftArrow", "left"), ("RightArrow", "right"), ("ESCAPE", "escape"), ("1!", "1"),
+        ("Return", "enter"), ("KP_7", "kp_7"),
+        # jsPsych: KeyboardEvent.key and .code
+        ("ArrowLeft", "left"), (" ", "space"), ("Enter", "enter"), ("F", "f"), ("Numpad4", "kp_4"),
+        ("KeyJ", "j"), ("Digit3", "3"), ("NumpadEnter", "enter"), ("Backspace", "backspace"),
+        # OpenSesame, pygame
+        ("space bar", "space"), ("[4]", "kp_4"), ("keypad 6", "kp_6"), ("left arrow", "left"),
+        # E-Prime, and slips
+        ("{SPACE}", "space"), ("{LEFTARROW}", "left"), ("Esc", "escape"), ("rigth", "right"),
+        ("kp4", "kp_4"), ("F5", "f5"), ("spacebar", "space"),
+    ],
+)  # fmt: skip
+def test_a_key_as_another_program_names_it_leads_to_ours(theirs, ours):
+    given = STUDY.response.model_dump()
+
+    wrong = given | {"pause_keys": (theirs,)}
+    with pytest.raises(ValidationError) as refused:
+        Response.model_validate(wrong)
+    (said,) = (str(one) for one in problems_of(refused.value, wrong, Response))
+    named = re.search(r"did you mean '(\w+)'\?", said)[1]
+    assert named == ours
+    assert Response.model_validate(given | {"pause_keys": (named,)}).pause_keys == (ours,)
+
+
+@pytest.mark.parametrize("theirs", ["lctrl", "Shift", "right shift", "ControlLeft", "alt"])
+def test_a_key_that_changes_others_is_not_mistaken_for_one(theirs):
+    said = cure_for_key_name(theirs)
+
+    assert "did you mean" not in said
+    for named in re.findall(r"'(\w+)'", said):
+        assert re.match(KEY_PATTERN, named)
