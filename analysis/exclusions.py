@@ -33,7 +33,7 @@ def apply_exclusions(
         Marked copies.
     flow : tuple of FlowStep
         From all sessions to the decisions analysed; every rule has its line, also where it
-        left nothing out.
+        left nothing out; that on catch trials only where there were some.
     """
     sessions, decisions = sessions.copy(), decisions.copy()
     decisions["included"] = 0
@@ -64,18 +64,18 @@ def _session_rules(
     one_sided = f"more than {_percent(rules.same_side_max_share)} of answers on one side"
     if rules.same_side_max_share >= 1.0:
         one_sided = "answers on one side: the protocol sets no limit"
+    caught = (
+        f"fewer than {_percent(rules.catch_min_share)} of catch trials right",
+        lambda row: bool(
+            pd.notna(row["catch_correct"]) and row["catch_correct"] < rules.catch_min_share - 1e-9
+        ),
+    )
     return [
         (
             f"fewer than {_percent(rules.completed_min_share)} of the planned trials decided",
             lambda row: row["decided"] < rules.completed_min_share * row["planned"] - 1e-9,
         ),
-        (
-            f"fewer than {_percent(rules.catch_min_share)} of catch trials right",
-            lambda row: bool(
-                pd.notna(row["catch_correct"])
-                and row["catch_correct"] < rules.catch_min_share - 1e-9
-            ),
-        ),
+        *([caught] if (decisions["kind"] == "catch").any() else []),
         (
             one_sided,
             lambda row: one_side.get(row["session"], 0.0) > rules.same_side_max_share + 1e-9,

@@ -52,7 +52,7 @@ def preference_bars(
     """
     rows, headings, place, last = [], [], 0.0, None
     for cell in cells:
-        if cell.size != last:
+        if cell.size != last and _sized(cells):
             headings.append((place, cell.size))
             place += 0.75
             last = cell.size
@@ -146,7 +146,7 @@ def forest_plot(
     Coloured where the verdict, by adjusted p, is a preference; the limits are not adjusted.
     """
     with style(width_in):
-        names = [_pair(cell, label, width_in) for cell in cells]
+        names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
         lines = max(name.count("\n") for name in names) + 1
         row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
         figure = new_figure(width_in, 0.6 + row_in * len(cells), simulated=simulated)
@@ -181,12 +181,14 @@ def forest_plot(
     return figure
 
 
-def _pair(cell: Preference, label: Label, width_in: float) -> str:
+def _pair(cell: Preference, label: Label, width_in: float, *, sized: bool) -> str:
     size = "all sizes" if cell.size == "all" else label(cell.size)
-    method, against = label(cell.method), label(cell.against)
-    if width_in < 5:
-        return "\n".join(textwrap.wrap(f"{method} / {against}, {size}", 22))
-    return f"{method} / {against}, {size}"
+    text = f"{label(cell.method)} / {label(cell.against)}" + (f", {size}" if sized else "")
+    return "\n".join(textwrap.wrap(text, 22)) if width_in < 5 else text
+
+
+def _sized(cells: Sequence[Preference]) -> bool:
+    return any(cell.size not in ("", "all") for cell in cells)
 
 
 def _spread(values: Floats) -> Floats:

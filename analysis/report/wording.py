@@ -81,7 +81,9 @@ def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
             names.setdefault(text, []).append(name)
     everywhere = len(notes)
     return tuple(
-        text if len(found) == everywhere and everywhere > 1 else f"{'; '.join(found)}: {text}"
+        text
+        if (len(found) == everywhere and everywhere > 1) or not any(found)
+        else f"{'; '.join(found)}: {text}"
         for text, found in names.items()
     )
 

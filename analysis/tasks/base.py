@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from pydantic import Field
 
 from analysis.exclusions import FlowStep
 from analysis.seed import SEED
@@ -20,6 +21,7 @@ from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
+from protocols.suggest import did_you_mean
 from protocols.units import Model
 
 Step = Callable[[str], None]
@@ -47,6 +49,33 @@ class TableOptions(Model):
 
     Subclasses say it in fields; `metamerlab analysis import --set KEY=VALUE` fills them.
     """
+
+
+class NamedOptions(TableOptions):
+    """How a report of a table names and sorts its conditions."""
+
+    order: str | None = None
+    """Conditions in the order of the report, with commas between; others follow."""
+    label: dict[str, str] = Field(default_factory=dict)
+    """What the report calls a condition, as label.NAME = "TEXT"."""
+
+    def sort(self, names: Sequence[str], parts: Sequence[str] = ()) -> list[str]:
+        """Return conditions in the order that is asked for.
+
+        Raises
+        ------
+        StudyError
+            If `order` or `label` name what is no condition, nor (`label`) one of its parts.
+        """
+        first = [] if self.order is None else [name.strip() for name in self.order.split(",")]
+        for key, given, known in (("order", first, names), ("label", self.label, (*names, *parts))):
+            for name in given:
+                if name not in known:
+                    raise StudyError(
+                        f"--set {key}: must name conditions of the table ({', '.join(known)})"
+                        f" (got {name!r}){did_you_mean(name, known)}"
+                    )
+        return sorted(names, key=lambda name: (*first, name).index(name))
 
 
 @dataclass(frozen=True)

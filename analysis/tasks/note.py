@@ -68,7 +68,14 @@ def options_from(kind: str, texts: Mapping[str, str]) -> TableOptions:
     StudyError
         If a key is unknown, or a value cannot be.
     """
-    return _checked(kind, {key: _value(text) for key, text in texts.items()}, "--set")
+    values: dict[str, Any] = {}
+    for key, text in texts.items():
+        name, dot, part = key.partition(".")
+        if dot:  # label.ours=Our method
+            values.setdefault(name, {})[part] = text.strip("\"'")
+        else:
+            values[name] = _value(text)
+    return _checked(kind, values, "--set")
 
 
 def _value(text: str) -> object:

@@ -329,7 +329,8 @@ def import_(
             help="How to analyse the table, as in a protocol's section on analysis; may be"
             " given more than once: by=method, level=eccentricity_deg, falling=true,"
             " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
-            " rule=independent (abx), scale=bad,fair,good (ratings).",
+            " rule=independent (abx), scale=bad,fair,good (ratings), primary=ours/blur (pairs)."
+            " All but ratings: order=ours,blur,none and label.ours='Our method'.",
         ),
     ] = None,
     replace: ReplaceOption = False,

@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field
 
 from analysis.exclusions import FlowStep
 from analysis.pairings import Comparisons, pairing_rows
@@ -37,7 +36,12 @@ from analysis.tasks.preference.power import (
     primary_p_values,
 )
 from analysis.tasks.preference.sections import lead, sections
-from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
+from analysis.tasks.preference.settings import (
+    PreferenceOptions,
+    Settings,
+    from_decisions,
+    from_protocol,
+)
 from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse, primary_of
 from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
 from analysis.tidy import pwcmp_table
@@ -46,17 +50,6 @@ from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 
 POWER_STUDIES = 10_000
-
-
-class PreferenceOptions(TableOptions):
-    """What a table of preferences may be told."""
-
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Level of every test."""
-    margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
-    """Smallest effect of interest, as a distance from one half."""
-    reaction: Literal["summary", "models"] = "summary"
-    """Of reaction times: medians and means, or a model of them too."""
 
 
 class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
@@ -71,9 +64,8 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         return from_protocol(study)
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> Settings:
-        """Return every pairing found, and no primary comparison."""
-        found = from_decisions(decisions, name, alpha=options.alpha, margin=options.margin)
-        return replace(found, reaction=options.reaction)
+        """Return every pairing found, as the options name and turn them."""
+        return from_decisions(decisions, name, options)
 
     def options_of(self, settings: Settings) -> PreferenceOptions:
         """Return alpha and margin."""

@@ -59,7 +59,8 @@ def report_figures(
             " preferred; orange: the second."
         )
         columns = [
-            f"{label(method)} / {label(against)}" + ("" if size == "all" else f"\n{label(size)}")
+            f"{label(method)} / {label(against)}"
+            + (f"\n{label(size)}" * (settings.sized and size != "all"))
             for method, against, size in shares
         ]
         found = list(shares.values())
@@ -96,6 +97,8 @@ def report_figures(
     if results.reaction:
         times = results.reaction
         made.append(
-            reaction_figure(decisions, "size", times, level, label=label, simulated=simulated)
+            reaction_figure(
+                decisions, "size", times, level, label=settings.size_label, simulated=simulated
+            )
         )
     return tuple(made)

@@ -273,6 +273,8 @@ def _odds(logarithm: float) -> str:
 
 
 def _at(size: str, settings: Settings) -> str:
+    if not settings.sized:
+        return ""
     return "all sizes" if size == "all" else settings.label(size)
 
 
@@ -286,7 +288,11 @@ def _scales(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
     blocks: list[Block] = [Picture("scale")]
     for one in results.scales:
         blocks += [
-            Heading("All sizes" if one.size == "all" else settings.label(one.size)),
+            *(
+                [Heading("All sizes" if one.size == "all" else settings.label(one.size))]
+                if settings.sized
+                else []
+            ),
             _scores(one, settings),
             _differences(one, settings),
             Paragraph(scale_text(one, settings), muted=True),
@@ -363,7 +369,9 @@ def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ),
         Cautions("About these shares", grouped([(b.alternative, b.warnings) for b in biases])),
         *learning_blocks(results.learning),
-        *reaction_blocks(results.reaction, "Size", settings.label),
-        *time_model_blocks(results.times, settings.label),
+        *reaction_blocks(
+            results.reaction, "Size" if settings.sized else "Trials", settings.size_label
+        ),
+        *time_model_blocks(results.times, settings.size_label),
     ]
     return tuple(blocks)

@@ -1,15 +1,20 @@
 """What an analysis needs to know of a study: from its protocol, or from a plain table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import combinations
+from typing import Annotated, Literal
 
 import pandas as pd
+from pydantic import Field
 
 from analysis.pairings import found_pairings
 from analysis.preference import Test
+from analysis.tasks.base import NamedOptions
+from protocols.errors import StudyError
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
+from protocols.suggest import did_you_mean
 from protocols.tasks.base import Cell
 from protocols.tasks.pairs import PairTask, PreferenceAnalysis
 
@@ -57,6 +62,10 @@ class Settings:
         """Whether the study has sizes of disocclusion."""
         return self.sizes not in (("all",), ("",))
 
+    def size_label(self, name: str) -> str:
+        """Return what reports print for a size; ``all`` where the study has none."""
+        return self.label(name) if self.sized else "all"
+
     def label(self, name: str) -> str:
         """Return what reports print for a method, size or scene."""
         return self.labels.get(name, name)
@@ -78,16 +87,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
     pairings = task.paired(protocol)
     cells = task.cells(protocol, protocol.main_scenes())
     sizes = tuple(map(str, recipe.values("size"))) or ("",)
-    turned = tuple(
-        sorted(
-            (_turn(pairing, primary.method, primary.against, references) for pairing in pairings),
-            # The primary comparison first, then the others of its method; else as declared.
-            key=lambda pair: (
-                pair != (primary.method, primary.against),
-                primary.method not in pair,
-            ),
-        )
-    )
+    turned = _turned(pairings, primary.method, primary.against, references)
     comparisons = tuple(
         Comparison(
             method, against, size, _scenes(cells, {method, against}, size), protocol.design.repeats
@@ -117,28 +117,69 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
     )
 
 
+class PreferenceOptions(NamedOptions):
+    """What a table of preferences may be told."""
+
+    primary: str | None = None
+    """The comparison that the report leads with and does not adjust, as METHOD/AGAINST or
+    METHOD/AGAINST/SIZE; left out: none."""
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Level of every test."""
+    margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    """Smallest effect of interest, as a distance from one half."""
+    reaction: Literal["summary", "models"] = "summary"
+    """Of reaction times: medians and means, or a model of them too."""
+
+
 def from_decisions(
-    decisions: pd.DataFrame, name: str, *, alpha: float = 0.05, margin: float = 0.1
+    decisions: pd.DataFrame, name: str, options: PreferenceOptions | None = None
 ) -> Settings:
-    """Return settings for a table without a protocol: every pairing found, no primary."""
-    pairings = found_pairings(decisions)
-    methods = sorted({method for pairing in pairings for method in pairing})
+    """Return settings for a table without a protocol: every pairing found.
+
+    Raises
+    ------
+    StudyError
+        If the options name methods or comparisons that the table does not have.
+    """
+    options = options or PreferenceOptions()
+    found = found_pairings(decisions)
+    methods = options.sort(sorted({method for pairing in found for method in pairing}))
+    sizes = tuple(sorted(map(str, decisions["size"].unique())))
+    pairings = tuple(pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
+    primary = None
+    if options.primary is not None:
+        known = {
+            "/".join((*sides, *size)): (*sides, *(size or ("all",)))
+            for pair in pairings
+            for sides in (pair, pair[::-1])
+            for size in ((), *((size,) for size in sizes))
+        }
+        text = "/".join(part.strip() for part in options.primary.split("/"))
+        if text not in known:
+            raise StudyError(
+                f"--set primary={options.primary}: must be a comparison of the table, as"
+                f" METHOD/AGAINST ({', '.join('/'.join(pair) for pair in pairings)})"
+                f"{did_you_mean(text, known)}"
+            )
+        primary = known[text]
+        pairings = _turned(pairings, *primary[:2], set())
     return Settings(
         study=name,
         title=name,
         methods=tuple(methods),
-        sizes=tuple(sorted(map(str, decisions["size"].unique()))),
+        sizes=sizes,
         pairings=pairings,
         comparisons=(),
-        labels={},
-        primary=None,
-        alpha=alpha,
-        margin=margin,
+        labels=options.label,
+        primary=primary,
+        alpha=options.alpha,
+        margin=options.margin,
         test="participant-scene",
         correction="holm",
         planned_participants=None,
         planned_trials=None,
         protocol_sha256=None,
+        reaction=options.reaction,
     )
 
 
@@ -152,6 +193,18 @@ def _scenes(cells: Sequence[Cell], pair: set[str], size: str) -> tuple[str, ...]
         ):
             found.append(cell.scene)
     return tuple(dict.fromkeys(found))
+
+
+def _turned(
+    pairings: Iterable[tuple[str, str]], method: str, against: str, references: set[str]
+) -> tuple[tuple[str, str], ...]:
+    """Return the primary comparison, then the others of its method; else as they came."""
+    return tuple(
+        sorted(
+            (_turn(pairing, method, against, references) for pairing in pairings),
+            key=lambda pair: (pair != (method, against), method not in pair),
+        )
+    )
 
 
 def _turn(

@@ -132,7 +132,8 @@ def methods_paragraph(
     if settings.correction == "holm":
         text += f", Holm-adjusted over {len(settings.pairings) * len(settings.sizes)} comparisons"
     if settings.primary is not None:
-        text += ". The primary comparison was declared beforehand and is not adjusted"
+        declared = " was declared beforehand and" if settings.protocol_sha256 else ""
+        text += f". The primary comparison{declared} is not adjusted"
     text += (
         ". Intervals invert the test (Wilson score intervals). Participant-level sign-flip tests,"
         " pooled exact binomial tests, Bayes factors"

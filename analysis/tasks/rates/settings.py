@@ -8,7 +8,7 @@ import pandas as pd
 from pydantic import Field
 
 from analysis.ideal_observer import AbxRule
-from analysis.tasks.base import TableOptions
+from analysis.tasks.base import NamedOptions
 from protocols.adaptive.psychometric import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
@@ -23,7 +23,7 @@ EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
 
 
-class RatesOptions(TableOptions):
+class RatesOptions(NamedOptions):
     """What a table of right and wrong answers may be told."""
 
     by: str | None = None
@@ -196,6 +196,8 @@ def common_settings_of_table(
         columns = list(by_columns(by))
         found = decisions[columns].drop_duplicates().sort_values(columns, kind="stable")
         values = list(map(combined, found.itertuples(index=False)))
+    parts = {*(part for name in values for part in name.split(BETWEEN)), *answers}
+    values = options.sort(values, sorted(parts))
     if options.baseline is not None:
         first = name_of(options.baseline)
         if first not in values:
@@ -215,7 +217,7 @@ def common_settings_of_table(
         adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
         answers=answers,
         alternatives=len(answers),
-        labels={},
+        labels=options.label,
         test=options.test,
         correction=options.correction,
         alpha=options.alpha,
