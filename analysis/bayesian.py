@@ -119,6 +119,16 @@ class BayesianPreference:
     divergences: int
     warnings: tuple[str, ...]
 
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Fields that the sampler did not find: its chains disagree."""
+        return _SAMPLED if self.r_hat > WORST_R_HAT or self.effective_draws < LEAST_DRAWS else ()
+
+
+_SAMPLED = (
+    "share", "typical", "participant_sd", "scene_sd", "better", "in_rope", "verdict", "sensitivity"
+)  # fmt: skip
+
 
 def bayesian_preference(
     decisions: pd.DataFrame,
@@ -297,7 +307,7 @@ def _notes(first: _Draws, checks: Sequence[PriorCheck], people: int) -> list[str
     if first.r_hat > WORST_R_HAT or first.effective_draws < LEAST_DRAWS:
         notes.append(
             f"the chains do not agree well (r-hat {first.r_hat:.3f},"
-            f" {first.effective_draws:.0f} effective draws): do not report this"
+            f" {first.effective_draws:.0f} effective draws): nothing is reported"
         )
     if first.divergences:
         notes.append(f"{first.divergences} draws diverged: limits may be wrong")

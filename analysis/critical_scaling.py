@@ -102,6 +102,15 @@ class CriticalScaling:
         """Whether the answers bound the gain."""
         return HARDLY_SEEN_NOTE not in self.warnings and _bounded(self.gain_limits)
 
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Fields whose numbers mean nothing."""
+        critical = ("critical", "critical_limits", "critical_sd", "individual", "alone")
+        gain = ("gain", "gain_limits", "gain_sd")
+        return (critical if not self.critical_identified else ()) + (
+            gain if not self.gain_identified else ()
+        )
+
     def d_prime(self, scaling: Floats) -> Floats:
         """Return d' at scalings, of the typical participant."""
         return scaling_d_prime(scaling, self.critical, self.gain, self.law)

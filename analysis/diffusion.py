@@ -207,7 +207,7 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
     for measure in MEASURES:
         values = np.array([getattr(fit, measure) for fit in own])
         centre = float(values.mean()) if values.size else math.nan
-        reach = math.inf
+        reach = math.nan
         if values.size > 1:
             error = float(values.std(ddof=1)) / math.sqrt(values.size)
             reach = float(stats.t.ppf(0.5 + 0.5 * level, values.size - 1)) * error

@@ -16,6 +16,9 @@ TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
 ILL_SCALED = 1e3
 """So many times larger or smaller than 1 a covariate is standardised before it is fitted."""
 
+ALIASED = 1e-6
+"""Part of a unit vector that leaves the design as it is: a term with less is not in it."""
+
 _SUM = re.compile(r"\s*1((?:\s*\+\s*[A-Za-z_]\w*)*)\s*")
 _LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
 
@@ -80,12 +83,15 @@ def _columns(right: str, trials: pd.DataFrame) -> list[str] | None:
     return names if plain else None
 
 
-def design_warnings(design: Floats, terms: Sequence[str]) -> tuple[str, ...]:
-    """Say if some terms cannot be told apart."""
-    rank = int(np.linalg.matrix_rank(design))
-    if rank < len(terms):
-        return (f"{len(terms) - rank} of {len(terms)} terms cannot be told apart",)
-    return ()
+def aliased(design: Floats, back: Floats, terms: Sequence[str]) -> tuple[str, ...]:
+    """Return the terms that cannot be told apart: the design holds some in two ways.
+
+    `back` as of `well_scaled`.
+    """
+    axes = np.linalg.eigh(design.T @ design)[1]
+    flat = axes[:, : len(terms) - int(np.linalg.matrix_rank(design))]  # eigh sorts from the least
+    involved = np.abs(back @ flat).max(axis=1, initial=0.0) > ALIASED
+    return tuple(term for term, some in zip(terms, involved, strict=True) if some)
 
 
 def well_scaled(design: Floats) -> tuple[Floats, Floats]:

@@ -28,6 +28,7 @@ class Trend:
         All trials pooled, as the papers; finds "learning" too often when trends vary.
     changes : ndarray (participants,)
     warnings : tuple of str
+        What they say cannot be had is NaN.
     """
 
     outcome: str
@@ -78,16 +79,14 @@ def trend(
     drift = np.array(changes)
     notes = []
     if len(value) < 3 or np.ptp(value) == 0 or np.ptp(order) == 0:
-        rho, rho_p = 0.0, 1.0
+        rho, rho_p = np.nan, np.nan
         notes.append("all values are equal, or too few: no rank correlation")
     else:
         rho, rho_p = map(float, stats.spearmanr(order, value))
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
-        mean = float(drift[0]) if drift.size else 0.0
-        return Trend(
-            outcome, mean, mean, mean, 0.0, 1.0, 1.0, rho, rho_p, drift.size, drift, tuple(notes)
-        )
+        mean = float(drift[0]) if drift.size else np.nan
+        return Trend(outcome, mean, *[np.nan] * 5, rho, rho_p, drift.size, drift, tuple(notes))
     mean, error, df, p = participant_t(drift)
     if not np.isfinite(p):
         p = sign_flip_p(drift)

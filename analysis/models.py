@@ -1,6 +1,6 @@
 """Models of trials by formula: logit GLM, robust and penalised, and the crossed GLMM."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.formula import design_warnings, group_codes, matrices, well_scaled
+from analysis.formula import aliased, group_codes, matrices, well_scaled
 from analysis.glmm import SINGULAR_SD, CrossedFit, fit_crossed, reduced_ratio
 from analysis.logit import (
     cluster_covariance,
@@ -29,10 +29,11 @@ class Coefficient:
 
     Attributes
     ----------
-    statistic : float
-        estimate / standard_error.
     df : float or None
         Of t; None where the statistic is z.
+    estimate, standard_error, statistic : float
+        The last is the first by the second. NaN, as all numbers of the row, where the trials do
+        not identify the term.
     p, lower, upper : float
         Of t or z; under Firth's penalty of its profile likelihood.
     ratio_p : float or None
@@ -127,12 +128,14 @@ def glm_logit(
     design, y, terms = matrices(formula, trials, reference)
     ones = np.ones_like(y)
     design, back = well_scaled(design)
-    found = list(design_warnings(design, terms))
+    hidden = aliased(design, back, terms)
+    found = list(_alike(hidden))
     if separated(design, y, ones):
-        return _firth(formula, design, y, terms, level, found, back)
+        return _without(_firth(formula, design, y, terms, level, found, back), hidden)
     solution = fit_logit(design, y, ones)
     if not solution.converged:
-        found.append("the fit did not converge; do not use it")
+        found.append("the fit did not converge: its numbers are left out")
+        hidden = tuple(terms)
     covariance, df, method = solution.covariance, None, "maximum likelihood, trials independent"
     if cluster:
         codes = tuple(group_codes(trials, column) for column in cluster)
@@ -146,7 +149,7 @@ def glm_logit(
             raise ValueError(f"cluster columns must have at least two groups (got {groups})")
     else:
         found.append("takes trials as independent; trials of one participant are not")
-    return ModelFit(
+    fit = ModelFit(
         formula=formula,
         method=method,
         coefficients=_table(
@@ -162,6 +165,7 @@ def glm_logit(
         level=level,
         warnings=tuple(found),
     )
+    return _without(fit, hidden)
 
 
 def glmm_logit(
@@ -190,22 +194,24 @@ def glmm_logit(
     """
     design, y, terms = matrices(formula, trials, reference)
     scaled, back = well_scaled(design)
-    found = list(design_warnings(scaled, terms))
+    hidden = aliased(scaled, back, terms)
+    found = list(_alike(hidden))
     if separated(scaled, y, np.ones_like(y)):
-        return _firth(formula, scaled, y, terms, level, found, back)
+        return _without(_firth(formula, scaled, y, terms, level, found, back), hidden)
     fit, converged = _mixed(
         formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
     )
     if not converged:
-        # Nearly everyone always answers alike: deviations run off to infinity.
+        # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
         several = [column for column in groups if trials[column].nunique() > 1][:2]
         robust = glm_logit(formula, trials, cluster=several, reference=reference, level=level)
+        why = "" if hidden else " (nearly everyone always answers alike)"
         note = (
-            "the mixed model has no finite maximum (nearly everyone always answers alike);"
+            f"the mixed model has no finite maximum{why};"
             " a model with clustered standard errors stands in its place"
         )
         return replace(robust, warnings=(note, *robust.warnings))
-    return fit
+    return _without(fit, hidden)
 
 
 def glmm_probit(
@@ -226,17 +232,18 @@ def glmm_probit(
 
     Notes
     -----
-    As `glmm_logit`; a model without finite maximum is flagged and must not be used.
+    As `glmm_logit`; a model without finite maximum is flagged and has no numbers.
     """
     design, y, terms = matrices(formula, trials, reference)
-    found = list(design_warnings(design, terms))
+    hidden = aliased(*well_scaled(design), terms)
+    found = list(_alike(hidden))
     fit, converged = _mixed(
         formula, trials, groups, slopes, PROBIT, "probit GLMM", (design, y, terms), level, found
     )
     if converged:
-        return fit
-    note = "the mixed model has no finite maximum; do not use it"
-    return replace(fit, warnings=(note, *fit.warnings))
+        return _without(fit, hidden)
+    note = "the mixed model has no finite maximum: its numbers are left out"
+    return replace(_without(fit, terms), random_sd={}, warnings=(note, *fit.warnings))
 
 
 @dataclass(frozen=True)
@@ -273,6 +280,25 @@ def models_beside(
         clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),
         mixed=glmm_logit(formula, trials, groups=several, reference=reference, level=level),
     )
+
+
+def _alike(hidden: Sequence[str]) -> tuple[str, ...]:
+    return (f"{', '.join(hidden)} cannot be told apart, and have no numbers",) if hidden else ()
+
+
+def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
+    """Return the model without the numbers of terms that the trials do not identify: NaN."""
+    unknown = dict.fromkeys(_NUMBERS, np.nan)
+    rows = fit.coefficients
+    return replace(
+        fit,
+        coefficients=tuple(
+            replace(row, **unknown, ratio_p=None) if row.term in hidden else row for row in rows
+        ),
+    )
+
+
+_NUMBERS = ("estimate", "standard_error", "statistic", "p", "lower", "upper")
 
 
 def _mixed(

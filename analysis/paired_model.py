@@ -130,9 +130,9 @@ def paired_model(decisions: pd.DataFrame, methods: Sequence[str]) -> PairedModel
         contrasts = _contrasts(fit, order, signs, y, groups, times, methods, compared, df)
     return PairedModel(
         contrasts=contrasts,
-        shown_first=float(fit.beta[0]),
-        shown_first_error=float(fit.beta_se[0]),
-        random_sd=dict(zip(names, map(float, fit.sd), strict=True)),
+        shown_first=float(fit.beta[0]) if proper else np.nan,
+        shown_first_error=float(fit.beta_se[0]) if proper else np.nan,
+        random_sd=dict(zip(names, map(float, fit.sd), strict=True)) if proper else {},
         df=df,
         trials=len(decisions),
         log_likelihood=fit.log_likelihood,

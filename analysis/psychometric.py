@@ -83,11 +83,19 @@ class Psychometric:
     p: float
     overdispersion: float
     warnings: tuple[str, ...]
+    levels: tuple[float, ...] = ()
+    """Where answers were given."""
 
     def __call__(self, x: Floats) -> Floats:
         """Return the probability of a correct answer at `x`."""
         rise = sigmoid(np.asarray(x, dtype=np.float64), self.threshold, self.width, self.shape)
         return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * rise)
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Fields whose numbers mean nothing."""
+        unknown = self.levels and not self.identified(self.levels)
+        return ("threshold", "threshold_limits", "width", "width_limits") if unknown else ()
 
     def identified(self, levels: Sequence[float]) -> bool:
         """Return whether answers at these levels, the ones shown, place the threshold.
@@ -203,6 +211,7 @@ def fit_psychometric(
         p=float(stats.chi2.sf(deviance, df)) if df > 0 else 1.0,
         overdispersion=spread,
         warnings=notes,
+        levels=tuple(map(float, np.unique(problem.x))),
     )
 
 

@@ -39,6 +39,14 @@ PARTS = 400
 """Each marginal stands for so many equally likely values where two are compared."""
 
 
+PLACED_BY_PRIOR = (
+    "the threshold lies outside the levels shown: its prior decides with it, and it has no number"
+)
+LIMITS_OF_PRIOR = (
+    "the answers hardly place the threshold: its limits are those of the prior, and left out"
+)
+
+
 @dataclass(frozen=True)
 class Marginal:
     """The posterior of one number: values and their density, which integrates to one."""
@@ -99,6 +107,12 @@ class PsychometricPosterior:
     level: float
     trials: int
     warnings: tuple[str, ...]
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Fields that hold the prior more than the answers."""
+        prior = {PLACED_BY_PRIOR, LIMITS_OF_PRIOR} & set(self.warnings)
+        return ("threshold", "width", "marginals") if prior else ()
 
     def __call__(self, x: Floats) -> Floats:
         """Return the curve of the median parameters at `x`."""
@@ -414,10 +428,10 @@ def _notes(
     notes = []
     placed = float(threshold.quantile(0.5))
     if not low <= placed <= high:
-        notes.append("the threshold lies outside the levels shown: its prior decides with it")
+        notes.append(PLACED_BY_PRIOR)
     ends = threshold.quantile(np.array([0.025, 0.975]))
     if float(ends[1] - ends[0]) > 0.9 * (high - low):
-        notes.append("the answers hardly place the threshold: its limits are those of the prior")
+        notes.append(LIMITS_OF_PRIOR)
     if lapse > 0.1:
         notes.append(f"about {100 * lapse:.0f} % lapses: was the task understood?")
     if spread > 0.4:

@@ -59,7 +59,7 @@ def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     times = rows["rt_s"].to_numpy(dtype=np.float64)
     medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))
     centre, notes = float(medians.mean()), []
-    reach = 0.0
+    reach = np.nan
     if medians.size > 1:
         error = float(medians.std(ddof=1) / np.sqrt(medians.size))
         reach = float(stats.t.ppf(0.5 + 0.5 * level, medians.size - 1)) * error

@@ -116,9 +116,10 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     first, second = pair_index(count)
     won, lost = votes[first, second], votes[second, first]
     solution = solve_pairs(difference_design(count), won, lost, model)
-    if not bool(solution.converged):
-        warnings = (*warnings, "the fit did not converge; do not use these scores")
     scores, covariance = _from_information(solution.parameters, solution.information)
+    if not bool(solution.converged):
+        warnings = (*warnings, "the fit did not converge: its scores are left out")
+        scores = np.full_like(scores, np.nan)
     total = won + lost
     share = won / np.maximum(total, 1e-300)
     saturated = float(np.sum(_xlogy(won, share) + _xlogy(lost, 1.0 - share)))

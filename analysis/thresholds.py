@@ -28,8 +28,9 @@ class Threshold:
 
     `value` is where the rise from guessing to lapsing is half done, in units of the level.
     `width` is the distance from 5 to 95 % of the rise (a ratio where levels are logarithmic);
-    negative where performance falls with the level. Limits are None where the model has no
-    proper maximum. `individual` holds each participant's own, drawn towards the mean.
+    negative where performance falls with the level. `individual` holds each participant's own,
+    drawn towards the mean. Where the answers do not place the threshold, value and width are NaN,
+    limits None, and `individual` is empty.
     """
 
     condition: str
@@ -208,7 +209,7 @@ def fit_thresholds(
     back = np.exp if logarithmic else np.asarray
     widths = _span(response) * spread / slopes
     own = _individual(fit, groups, kinds, condition, len(places.participants), len(names))
-    found = tuple(
+    fitted = tuple(
         Threshold(
             condition=name,
             value=float(back(place_of[k])),
@@ -230,6 +231,18 @@ def fit_thresholds(
     ]
     if outside:
         notes.append(f"the threshold of {', '.join(outside)} lies outside the levels shown")
+    shown = [float(value) for value in rows[level_column].unique()]
+    found = tuple(one if one.identified(shown) else _unplaced(one.condition) for one in fitted)
+    placed = {one.condition for one in found if not np.isnan(one.value)}
+    told, untold = [], []
+    for gap in wald(names, pairs, place_of, covariance, df=df, level=level):
+        (told if {gap.first, gap.second} <= placed else untold).append(gap)
+    notes += [
+        f"thresholds of {gap.first} and {gap.second} are not compared: not identified by these data"
+        for gap in untold
+    ]
+    if not fit.converged:
+        sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
         shape=shape,
         falling=falling,
@@ -242,8 +255,7 @@ def fit_thresholds(
                 df=float(df),
                 **vars(gap),
             )
-            for gap in wald(names, pairs, place_of, covariance, df=df, level=level)
-            if fit.converged
+            for gap in told
         ),
         guess=fit.guess,
         lapse=fit.lapse,
@@ -256,6 +268,10 @@ def fit_thresholds(
         participants=len(places.participants),
         warnings=tuple(notes),
     )
+
+
+def _unplaced(condition: str) -> Threshold:
+    return Threshold(condition, np.nan, None, None, np.nan, {})
 
 
 def _span(response: Response) -> float:

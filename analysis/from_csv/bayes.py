@@ -12,7 +12,7 @@ from analysis.from_csv.found import Found, Progress
 from analysis.pairings import found_pairings
 from analysis.plain_csv import read_decisions
 from analysis.plots.style import BLUE, GREY, LIGHT, new_figure, share_axis, style, wrapped
-from analysis.report.wording import leading, share, share_range
+from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.suggest import did_you_mean
@@ -91,6 +91,8 @@ def bayes_of_csv(
 
 def apa_bayes(one: BayesianPreference) -> str:
     """Return a posterior as a sentence."""
+    if one.unidentified:
+        return f"How often {one.method} is chosen over {one.against} is {NOT_IDENTIFIED}."
     others = "; ".join(
         f"{check.prior} prior {share(check.share.median)}"
         f" {share_range(check.share.lower, check.share.upper)}"
@@ -108,7 +110,10 @@ def apa_bayes(one: BayesianPreference) -> str:
 def _shown(found: list[BayesianPreference]) -> pd.DataFrame:
     return pd.DataFrame(
         [
-            {
+            dict.fromkeys(("share", "limits", "P(> .5)", "P(in ROPE)", "verdict"), NONE)
+            | {"comparison": f"{one.method} over {one.against}"}
+            if one.unidentified
+            else {
                 "comparison": f"{one.method} over {one.against}",
                 "share": share(one.share.median),
                 "limits": share_range(one.share.lower, one.share.upper),
@@ -136,6 +141,7 @@ def _table(found: list[BayesianPreference]) -> pd.DataFrame:
             }
             for one in found
             for check in one.sensitivity
+            if not one.unidentified
         ]
     )
 
@@ -147,7 +153,7 @@ def _figure(found: list[BayesianPreference], width_in: float) -> Figure:
         axes = figure.subplots()
         axes.axvspan(0.5 - found[0].margin, 0.5 + found[0].margin, color=LIGHT, lw=0)
         for y, one in enumerate(found):
-            for place, check in enumerate(one.sensitivity):
+            for place, check in enumerate(() if one.unidentified else one.sensitivity):
                 colour, wide = (BLUE, 1.6) if place == 0 else (GREY, 0.8)
                 at = y + 0.18 * place
                 axes.plot([check.share.lower, check.share.upper], [at, at], color=colour, lw=wide)

@@ -21,7 +21,7 @@ from analysis.psychometric_posterior import (
     psychometric_posterior,
 )
 from analysis.rates import Difference
-from analysis.report.wording import p_number
+from analysis.report.wording import NONE, p_number
 from analysis.tasks.rates.wording import apa_difference, apa_thresholds
 from analysis.thresholds import ThresholdModel, fit_thresholds
 from analysis.trials_csv import read_trials
@@ -200,7 +200,11 @@ def _population(
 def _within(people: tuple[PersonFit, ...]) -> dict[str, tuple[ThresholdDifference, ...]]:
     found = {}
     for who in dict.fromkeys(one.participant for one in people):
-        own = {one.condition: one.fit for one in people if one.participant == who}
+        own = {
+            one.condition: one.fit
+            for one in people
+            if one.participant == who and not one.fit.unidentified
+        }
         if len(own) > 1:
             found[who] = compare_thresholds(own)
     return found
@@ -211,7 +215,11 @@ def _between(
 ) -> dict[str, tuple[ThresholdDifference, ...]]:
     found = {}
     for name in dict.fromkeys(one.condition for one in people):
-        own = {one.participant: one.fit for one in people if one.condition == name}
+        own = {
+            one.participant: one.fit
+            for one in people
+            if one.condition == name and not one.fit.unidentified
+        }
         if len(own) > MOST_PEOPLE:
             notes.append(f"{len(own)} people: not compared with each other, one by one")
         elif len(own) > 1:
@@ -231,9 +239,7 @@ def _shown(result: PsychometricFound) -> pd.DataFrame:
         (
             one.participant,
             one.condition,
-            number(one.fit.threshold.value),
-            limits(one.fit.threshold.lower, one.fit.threshold.upper),
-            number(one.fit.width.value),
+            *_placed(one.fit),
             number(one.fit.lapse.value, 2),
             number(one.fit.spread.value, 2),
         )
@@ -241,6 +247,14 @@ def _shown(result: PsychometricFound) -> pd.DataFrame:
     ]
     heads = ["participant", "condition", "threshold", "limits", "width", "lapse", "spread"]
     return pd.DataFrame(lines, columns=heads)
+
+
+def _placed(fit: PsychometricPosterior) -> tuple[str, str, str]:
+    """Return threshold, limits and width as text; none where the prior decides them."""
+    if fit.unidentified:
+        return NONE, NONE, NONE
+    place = fit.threshold
+    return number(place.value), limits(place.lower, place.upper), number(fit.width.value)
 
 
 def _sentences(result: PsychometricFound, levels: pd.Series) -> tuple[str, ...]:
@@ -265,13 +279,11 @@ def _tables(result: PsychometricFound) -> dict[str, pd.DataFrame]:
             [
                 {"participant": one.participant, "condition": one.condition}
                 | {
-                    key: value
+                    name if part == "value" else f"{name}_{part}": None
+                    if name in one.fit.unidentified
+                    else getattr(getattr(one.fit, name), part)
                     for name in names
-                    for key, value in (
-                        (name, getattr(one.fit, name).value),
-                        (f"{name}_lower", getattr(one.fit, name).lower),
-                        (f"{name}_upper", getattr(one.fit, name).upper),
-                    )
+                    for part in ("value", "lower", "upper")
                 }
                 | {"trials": one.fit.trials, "warnings": "; ".join(one.fit.warnings)}
                 for one in result.people
@@ -331,6 +343,6 @@ def _figure(
 def _curve(result: PsychometricFound, condition: str) -> Curve | None:
     model = result.population
     if model is not None:
-        return lambda x: model.average(condition, x)
+        return (lambda x: model.average(condition, x)) if model[condition].individual else None
     own = [one.fit for one in result.people if one.condition == condition]
     return (lambda x: own[0](x)) if len(own) == 1 else None

@@ -116,7 +116,7 @@ def reaction_plot(
         axes.set_xscale("log")
         values = [value for own in medians.values() for value in own]
         values += [end for one in summaries for end in (one.lower, one.upper)]
-        low, high = min(values) / 1.15, max(values) * 1.15
+        low, high = float(np.nanmin(values)) / 1.15, float(np.nanmax(values)) * 1.15
         axes.set_xlim(low, high)
         ticks = [
             tick

@@ -23,7 +23,8 @@ def as_json(value: object) -> Json:
     """Return any result as JSON; numbers that are not finite become null.
 
     Mappings with tuple keys get ``a / b / c`` keys; dataclasses become objects by field name, or
-    by the names of their `row`, which stay when the classes change.
+    by the names of their `row`, which stay when the classes change. Fields that a result calls
+    `unidentified` become null.
     """
     if value is None or isinstance(value, bool | str):
         return value
@@ -36,7 +37,11 @@ def as_json(value: object) -> Json:
     if isinstance(value, Row):
         return as_json(value.row())
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
+        hidden = getattr(value, "unidentified", ())
+        return {
+            one.name: None if one.name in hidden else as_json(getattr(value, one.name))
+            for one in fields(value)
+        }
     if isinstance(value, Mapping):
         return {_key(key): as_json(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

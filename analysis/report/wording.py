@@ -16,7 +16,9 @@ NONE = "none"
 
 
 def p_text(p: float) -> str:
-    """Return ``p = .012`` or ``p < .001``; never ``p = .000`` or ``p = 1.000``."""
+    """Return ``p = .012``, ``p < .001``, ``no p`` for NaN; never ``p = .000`` or ``p = 1.000``."""
+    if math.isnan(p):
+        return "no p"
     if p < 0.001:
         return "p < .001"
     if p > 0.999:

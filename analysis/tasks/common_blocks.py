@@ -32,7 +32,7 @@ def learning_blocks(trends: Sequence[tuple[str, Trend]]) -> tuple[Block, ...]:
                     name,
                     number(t.change),
                     number_range(t.lower, t.upper),
-                    f"{t.df:g}",
+                    number(t.df, 0),
                     p_number(t.p),
                     p_number(t.sign_flip_p),
                     number(t.spearman_rho),

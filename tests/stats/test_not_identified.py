@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 
@@ -14,7 +15,19 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from analysis import scaling
+from analysis.bayesian import BayesianPreference, Posterior, PriorCheck
+from analysis.diffusion import diffusion_by_condition
+from analysis.from_csv.bayes import apa_bayes
+from analysis.learning import trend
+from analysis.models import glm_logit, models_beside
 from analysis.ordinal import paired_ratings, rating_model
+from analysis.plots import reaction_plot
+from analysis.psychometric import fit_psychometric
+from analysis.reaction import reaction_times
+from analysis.report.values import as_json
+from analysis.tasks.common_blocks import learning_blocks
+from analysis.tasks.rates.wording import apa_term, apa_trend
 from analysis.tasks.ratings.settings import RatingsOptions, settings_of
 from analysis.tasks.ratings.study import analyse
 from study_app.cli import app
@@ -151,3 +164,129 @@ def test_a_method_that_always_wins_is_not_placed():
     assert math.isfinite(found["a", "b"].p)
     assert math.isnan(found["a", "z"].difference)
     assert math.isnan(found["b", "z"].p)
+
+
+def levels_table(folder: Path, right) -> Path:
+    """Six people, five levels; `right` says whether trial t at level x is."""
+    rows = [(f"P{p}", 1 + t % 5, int(right(1 + t % 5, t + p))) for p in range(6) for t in range(60)]
+    table = pd.DataFrame(rows, columns=["participant", "level", "correct"])
+    table.to_csv(folder / "levels.csv", index=False)
+    return folder / "levels.csv"
+
+
+@pytest.mark.parametrize(
+    ("answers", "right"),
+    [
+        ("all right", lambda _x, _t: True),
+        ("at chance", lambda _x, t: (t // 5) % 2),
+        ("below chance", lambda _x, t: t % 7 == 0),
+    ],
+)
+def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answers, right):
+    del answers
+    file = levels_table(tmp_path, right)
+    result = run("psychometric", file, "--level", "level", "--out", tmp_path / "out")
+    out = tmp_path / "out"
+    population = pd.read_csv(out / "thresholds.csv").iloc[0]
+    person = pd.read_csv(out / "people.csv").iloc[0]
+    numbers = json.loads((out / "results.json").read_text())["result"]
+
+    assert result.exit_code == 0, result.output
+    assert re.search(r"all people +all +none +none +none", result.output)
+    assert re.search(r"P0 +all +none +none +none", result.output)
+    assert "not identified by these data" in result.output
+    assert population[["threshold", "lower", "upper", "width"]].isna().all()
+    assert person[["threshold", "threshold_lower", "threshold_upper", "width"]].isna().all()
+    assert numbers["population"]["thresholds"][0]["value"] is None
+    assert numbers["population"]["participant_sd"] is None
+    assert numbers["people"][0]["fit"]["threshold"] is None
+    assert not pd.read_csv(out / "comparisons_of_people.csv").size
+
+
+def test_a_pooled_curve_that_is_flat_has_no_threshold_in_json():
+    levels = np.array([1.0, 2.0, 3.0, 4.0])
+    flat = as_json(fit_psychometric(levels, np.full(4, 10.0), np.full(4, 20.0)))
+    placed = as_json(fit_psychometric(levels, np.array([10.0, 12, 17, 20]), np.full(4, 20.0)))
+
+    assert (flat["threshold"], flat["width"], flat["threshold_limits"]) == (None, None, None)
+    assert 1 < placed["threshold"] < 4
+
+
+def coin(rng: np.random.Generator, **columns: object) -> pd.DataFrame:
+    count = 200
+    people = {"participant": [f"p{k % 8}" for k in range(count)], "scene": ["s", "t"] * 100}
+    return pd.DataFrame(people | {"correct": (rng.random(count) < 0.7).astype(int)} | columns)
+
+
+def test_terms_that_cannot_be_told_apart_have_no_numbers():
+    """Each method was shown at a level of its own; what is beside them is told."""
+    rng = np.random.default_rng(0)
+    method = np.array(["a", "b"] * 100)
+    rows = coin(rng, method=method, level=np.where(method == "a", 1.0, 2.0), z=rng.random(200))
+    beside = models_beside("logit(correct) ~ 1 + level + method + z", rows)
+    alone = glm_logit("logit(correct) ~ 1 + method + z", rows)
+
+    for fit in (beside.independent, beside.clustered, beside.mixed):
+        for term in ("Intercept", "level", "method[T.b]"):
+            assert np.isnan([fit[term].estimate, fit[term].standard_error, fit[term].p]).all()
+        assert fit["z"].estimate == pytest.approx(alone["z"].estimate, rel=1e-3)
+        assert any("cannot be told apart" in note for note in fit.warnings)
+    assert apa_term(beside.mixed, "level").startswith("level: not identified by these data")
+
+
+def test_a_trend_without_a_test_has_no_p():
+    one = pd.DataFrame({"participant": "p", "order": range(6), "right": [0, 1, 0, 1, 1, 1]})
+    same = pd.DataFrame({"participant": ["p", "q"], "order": [1, 1], "right": [1, 1]})
+    lone, flat = trend(one, "right"), trend(same, "right")
+
+    assert lone.change > 0  # of the one person
+    assert np.isnan([lone.lower, lone.upper, lone.p, lone.sign_flip_p]).all()
+    assert np.isnan([flat.change, flat.p, flat.spearman_rho, flat.spearman_p]).all()
+    for found in (lone, flat):
+        assert apa_trend(found) == (
+            "Whether right changed over the session is not identified by these data."
+        )
+    (table,) = [part for part in learning_blocks([("right", flat)]) if hasattr(part, "rows")]
+    assert {cell for row in table.rows for cell in row[1:]} == {"none"}
+
+
+def test_times_and_diffusion_of_one_person_have_no_limits():
+    rng = np.random.default_rng(2)
+    rows = pd.DataFrame(
+        {"participant": "p", "rt_s": rng.gamma(4, 0.1, 80) + 0.3, "correct": [1, 1, 1, 0] * 20}
+    )
+    (times,) = reaction_times(rows, ())
+    (means,) = diffusion_by_condition(rows).conditions
+
+    assert times.mean_of_medians > 0
+    assert np.isnan([times.lower, times.upper]).all()
+    assert math.isfinite(means.means["drift"])
+    assert np.isnan([means.lower["drift"], means.upper["boundary"]]).all()
+    reaction_plot([times], {"all trials": [0.6]})
+
+
+def test_chains_that_disagree_give_no_posterior():
+    share = Posterior(0.7, 0.7, 0.1, 0.5, 0.8)
+    found = BayesianPreference(
+        "ours", "none", 0.1, 0.95, share, share, share, share, 0.97, 0.1, "preferred",
+        (PriorCheck("default", share, 0.1, "preferred"),), 40, 5, 4, 1.2, 30.0, 0, (),
+    )  # fmt: skip
+    written = as_json(found)
+
+    assert apa_bayes(found) == (
+        "How often ours is chosen over none is not identified by these data."
+    )
+    assert (written["share"], written["verdict"], written["sensitivity"]) == (None, None, None)
+    assert as_json(replace(found, r_hat=1.0, effective_draws=4000.0))["share"]["median"] == 0.7
+
+
+def test_a_scale_whose_fit_does_not_converge_has_no_scores(monkeypatch):
+    votes = np.array([[0, 6.0, 8], [4, 0, 7], [2, 3, 0]])
+    right = scaling.solve_pairs
+    monkeypatch.setattr(
+        scaling, "solve_pairs", lambda *given: replace(right(*given), converged=np.bool_(False))
+    )
+    found = scaling.scale(votes, ["a", "b", "c"])
+
+    assert np.isnan(found.scores).all()
+    assert any("left out" in note for note in found.warnings)

@@ -6,7 +6,6 @@ import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -23,7 +22,6 @@ from analysis.psychometric import _Problem, fit_psychometric
 from analysis.tasks import analysis_of
 from analysis.tasks.rates import wording as say
 from analysis.tasks.rates.sections import sections
-from analysis.tasks.rates.study import Counts, _placed
 from analysis.thresholds import Threshold, fit_thresholds
 
 UNKNOWN = "not identified by these data"
@@ -185,16 +183,15 @@ def test_thresholds_that_are_not_identified_are_not_compared():
         width=-12.0,
     )
     model = fit_thresholds(rows, "level", ("method",))
-    counts = {"a": Counts((5.0, 25.0), (1, 1), (2, 2))}
-    settings = SimpleNamespace(label=str.upper)
-    notes: list[str] = []
-    assert _placed(model, counts, settings, notes) == model.contrasts != ()
-    assert notes == []
+    assert len(model.contrasts) == 1
+    assert not any("not compared" in note for note in model.warnings)
 
-    far = replace(model.thresholds[1], value=-1.25e5)
-    moved = replace(model, thresholds=(model.thresholds[0], far))
-    assert _placed(moved, counts, settings, notes) == ()
-    assert notes == [f"thresholds of A and B are not compared: {UNKNOWN}"]
+    lucky = rows["correct"].where(rows["method"] == "a", rows.index % 2)  # b is guessed
+    far = fit_thresholds(rows.assign(correct=lucky), "level", ("method",))
+    assert np.isnan([far["b"].value, far["b"].width]).all()
+    assert (far["b"].lower, far["b"].upper, far["b"].individual) == (None, None, {})
+    assert far.contrasts == ()
+    assert f"thresholds of a and b are not compared: {UNKNOWN}" in far.warnings
 
 
 @pytest.mark.parametrize("shape", ["gauss", "weibull"])

@@ -1,11 +1,13 @@
 """Preferences in words: APA style, ready to paste."""
 
+import math
 from collections.abc import Sequence
 
 from analysis.exclusions import FlowStep
 from analysis.models import ModelFit
 from analysis.preference import Preference
 from analysis.report.wording import (
+    NOT_IDENTIFIED,
     big,
     leading,
     left_out_sentence,
@@ -99,6 +101,11 @@ def apa_model(method: str, against: str, fit: ModelFit, settings: Settings, size
     row = fit["Intercept"]
     spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
     where = size_text(size, settings, "all sizes")
+    if math.isnan(row.estimate):
+        return (
+            f"{settings.label(method)} over {settings.label(against)}{where}: {NOT_IDENTIFIED}"
+            f" ({fit.method})."
+        )
     return (
         f"{settings.label(method)} over {settings.label(against)}{where}: b ="
         f" {row.estimate:.2f}, SE = {row.standard_error:.2f},"

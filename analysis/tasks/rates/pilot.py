@@ -141,6 +141,8 @@ def threshold_deviations(
         values["width"] = float(np.mean([abs(one.width) for one in model.thresholds])) / span
     if len(model.thresholds) == 1:
         del values["interaction_sd"]
+    if not np.isfinite(list(values.values())).all():
+        raise StudyError(_NO_SPREAD)
     return values, _notes(model.participants, 1)
 
 

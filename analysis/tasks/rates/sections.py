@@ -421,6 +421,8 @@ def _thresholds(
     ]
     differing = "natural logarithms of thresholds" if model.logarithmic else "thresholds"
     blocks += _differences(f"Differences of {differing}", model.contrasts, settings)
+    if not own:
+        return blocks
     blocks.append(
         Table.of(
             "Participants' thresholds",

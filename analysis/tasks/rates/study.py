@@ -175,9 +175,7 @@ def analyse_rates(
             thresholds = replace(
                 thresholds,
                 thresholds=_in_order(thresholds.thresholds, shown, lambda one: one.condition),
-                contrasts=_in_order(
-                    _placed(thresholds, counts, settings, notes), shown, lambda one: one.first
-                ),
+                contrasts=_in_order(thresholds.contrasts, shown, lambda one: one.first),
             )
     critical: tuple[CriticalScaling, ...] = ()
     critical_contrasts: tuple[Difference, ...] = ()
@@ -322,23 +320,6 @@ def _counts(rows: pd.DataFrame, level: str) -> Counts:
         tuple(map(int, table["sum"])),
         tuple(map(int, table["size"])),
     )
-
-
-def _placed(
-    model: ThresholdModel, counts: Mapping[str, Counts], settings: RateSettings, notes: list[str]
-) -> tuple[Difference, ...]:
-    """Return the differences of thresholds that the answers place, and note the others."""
-    levels = [level for one in counts.values() for level in one.levels]
-    found = []
-    for one in model.contrasts:
-        if model[one.first].identified(levels) and model[one.second].identified(levels):
-            found.append(one)
-        else:
-            notes.append(
-                f"thresholds of {settings.label(one.first)} and {settings.label(one.second)} are"
-                " not compared: not identified by these data"
-            )
-    return tuple(found)
 
 
 def _curves(

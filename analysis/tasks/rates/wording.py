@@ -78,7 +78,7 @@ def apa_difference(one: Difference) -> str:
 
 def sd_digits(value: float) -> str:
     """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
-    return f"{value:.3g}" if value > 1e-6 else "0"
+    return number(value) if math.isnan(value) else f"{value:.3g}" if value > 1e-6 else "0"
 
 
 def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[float] = ()) -> str:
@@ -139,6 +139,8 @@ def apa_critical(fit: CriticalScaling) -> str:
 def apa_term(fit: ModelFit, term: str) -> str:
     """Return one coefficient of a model of right answers as a sentence."""
     row = fit[term]
+    if math.isnan(row.estimate):
+        return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
     law = "z" if row.df is None else f"t({row.df:.0f})"
     return (
         f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
@@ -148,6 +150,8 @@ def apa_term(fit: ModelFit, term: str) -> str:
 
 def apa_trend(found: Trend) -> str:
     """Return whether an outcome changed over the session as a sentence."""
+    if math.isnan(found.p):
+        return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
     return (
         f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
         f" [{number(found.lower)}, {number(found.upper)}], over {found.participants} participants,"
