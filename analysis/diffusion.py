@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -33,7 +33,7 @@ class Diffusion:
     boundary : float
         How much evidence is asked for.
     nondecision_s : float
-        Time for seeing and pressing, s.
+        Time for seeing and pressing, s; in results by condition NaN where it would be below 0.
     share, mean_s, variance_s2 : float
         What these follow from: share of right answers (an edge moved by half a trial), mean and
         variance of the times of right answers.
@@ -172,8 +172,10 @@ def diffusion_by_condition(
                 float(times.mean()),
                 trials=len(own),
             )
-            people.append(PersonDiffusion(str(who), name, len(own), fit))
             notes += _odd(f"{who}, {name}", own, times, fit)
+            if fit.nondecision_s <= 0.0:
+                fit = replace(fit, nondecision_s=math.nan)
+            people.append(PersonDiffusion(str(who), name, len(own), fit))
     if not people:
         raise ValueError("trials must hold times of two right answers of one person at least")
     return DiffusionResults(
@@ -190,7 +192,10 @@ def _odd(who: str, own: pd.DataFrame, right: np.ndarray, fit: Diffusion) -> list
     if right.size < FEWEST_RIGHT:
         notes.append(f"{who}: {right.size} right answers tell little of how times vary")
     if fit.nondecision_s <= 0.0:
-        notes.append(f"{who}: non-decision time below 0: slow guesses or outliers among the times")
+        notes.append(
+            f"{who}: no non-decision time (it would lie below 0): slow guesses or outliers among"
+            " the times"
+        )
     if float(stats.skew(right)) <= 0.0 and right.size >= FEWEST_RIGHT:
         notes.append(f"{who}: times are not skewed to the right, as a diffusion's are")
     wrong = own.loc[own["correct"] == 0, "rt_s"].to_numpy(dtype=np.float64)
@@ -206,6 +211,7 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
     means, lower, upper = {}, {}, {}
     for measure in MEASURES:
         values = np.array([getattr(fit, measure) for fit in own])
+        values = values[np.isfinite(values)]
         centre = float(values.mean()) if values.size else math.nan
         reach = math.nan
         if values.size > 1:
@@ -226,6 +232,7 @@ def _contrasts(
         for first, second in pairs:
             both = [who for who, name in value if name == first and (who, second) in value]
             own = np.array([value[who, first] - value[who, second] for who in both])
+            own = own[np.isfinite(own)]
             if own.size > 1 and own.std(ddof=1) > 0.0:
                 gaps.append(((first, second), own))
         found += [

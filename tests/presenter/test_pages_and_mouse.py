@@ -7,7 +7,7 @@ import csv
 import pytest
 from PIL import Image
 
-from protocols.journal import Answer, Break, Calibration, Pause, SessionEnd
+from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
 from study_app.pages import Pages
 from study_app.stage import Page
 from study_app.wording import fill
@@ -219,6 +219,29 @@ def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
             t_s, x_px, y_px = map(float, stored[number])
             assert float(row["raw_t"]) == pytest.approx(t_s, abs=1e-9)
             assert (float(row["x_px"]), float(row["y_px"])) == (x_px, y_px)
+
+
+@pytest.mark.slow
+def test_what_was_assumed_of_a_recording_is_said_and_kept(screen, make_study, tmp_path):
+    """As PyGaze writes it: the size of the screen in place of its last pixel; the left eye lost."""
+    study = make_study(
+        {"pairings": '[["metameric", "push-pull"]]', "repeats": "1", "mode": '"monitor"'}
+    )
+    tape = tmp_path / "eye.asc"
+    both = "\tGAZE\tLEFT\tRIGHT\tRATE\t250.00"
+    rows = [f"{4 * at}\t.\t.\t0.0\t{320 + at % 3}.0\t240.0\t800.0\t....." for at in range(15_000)]
+    head = ["MSG\t0 GAZE_COORDS 0.00 0.00 640.00 480.00", "START\t0\tLEFT\tRIGHT\tSAMPLES"]
+    tape.write_text("\n".join([*head, f"SAMPLES{both}", *rows, "END\t60000"]), encoding="ascii")
+    done = screen.run(
+        *screen.session("run", study, "--simulate", "--gaze", f"replay:{tape}", "--skip-validation")
+    )
+    notes = [event.text for event in events(study, Note)]
+
+    assert done.returncode == 0, done.stderr
+    for said in ("one more than the last pixel", "the right one is replayed"):
+        assert said in " ".join(done.stdout.split() + done.stderr.split())
+        assert any(said in note for note in notes)
+    assert all(attempt.gaze.lost_share == 0 for attempt in study.journal().attempts)
 
 
 def test_a_recording_of_another_screen_is_refused(screen, make_study, tmp_path):

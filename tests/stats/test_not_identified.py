@@ -290,3 +290,18 @@ def test_a_scale_whose_fit_does_not_converge_has_no_scores(monkeypatch):
 
     assert np.isnan(found.scores).all()
     assert any("left out" in note for note in found.warnings)
+
+
+def test_a_time_below_0_is_not_printed_and_not_averaged():
+    rng = np.random.default_rng(4)
+    rows = pd.DataFrame({"participant": ["p", "q", "r"] * 60, "correct": [1] * 120 + [0] * 60})
+    rows["rt_s"] = rng.gamma(4, 0.05, 180) + 0.4
+    rows.loc[(rows["participant"] == "p") & (rows.index % 12 == 0), "rt_s"] = 6.0  # outliers
+    found = diffusion_by_condition(rows)
+    times = {one.participant: one.fit.nondecision_s for one in found.people}
+
+    assert math.isnan(times["p"])
+    assert any("p, all: no non-decision time" in note for note in found.warnings)
+    (mean,) = found.conditions
+    assert mean.means["nondecision_s"] == pytest.approx((times["q"] + times["r"]) / 2)
+    assert all(math.isfinite(one.fit.drift) for one in found.people)

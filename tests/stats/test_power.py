@@ -184,7 +184,9 @@ def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rn
             participants=[8, 30],
             studies=400,
         )
-        return [note for note in curve.warnings if "errs too often" in note]
+        found = [note for note in curve.warnings if "errs too often" in note]
+        assert (curve.needed == ()) == bool(found)  # no number of participants beside the note
+        return found
 
     (note,) = notes(1)
     assert "of studies of 30 participants are significant all the same, at alpha 0.05" in note

@@ -74,6 +74,7 @@ class PowerCurve:
     false_positives : ndarray
         Chance of a significant primary comparison where the true rate is one half.
     needed : tuple of (which power, goal, participants or None)
+        Empty where the test errs too often to plan by it.
     studies : int
     designs : tuple of DesignPower
         With the planned participants (else the most simulated), scenes and repeats changed.
@@ -166,7 +167,8 @@ def power_curve(
             f"{count_of(scenes, 'scene')} only:"
             " more participants cannot make up for scenes that differ"
         )
-    notes += errs_too_often(sizes, power[4], settings.alpha, studies)
+    errs = errs_too_often(sizes, power[4], settings.alpha, studies)
+    notes += errs
     if settings.test == "pooled":
         notes.append("simulated with the participant-scene test, not the protocol's pooled one")
     planned = settings.planned_participants
@@ -183,7 +185,7 @@ def power_curve(
         every=power[2],
         equivalence=power[3],
         false_positives=power[4],
-        needed=needed,
+        needed=() if errs else needed,
         studies=studies,
         assumptions=assumptions,
         alpha=settings.alpha,

@@ -118,6 +118,7 @@ class RatePower:
     comparisons : int
         0: a single condition is tested against chance.
     needed : tuple of (which power, goal, participants or None)
+        Empty where the test errs too often to plan by it.
     also : mapping
         Power of a further measure, and its false positives, by what they are called.
     """
@@ -291,7 +292,8 @@ def rate_power(
         if progress:
             progress(number + 1, count)
     each, every, wrong = sums / count
-    notes += errs_too_often(sizes, wrong, settings.alpha, count)
+    errs = errs_too_often(sizes, wrong, settings.alpha, count)
+    notes += errs
     curves = (
         {"a comparison": each, "every comparison": every}
         if comparisons > 1
@@ -317,7 +319,7 @@ def rate_power(
         needed=tuple(
             (name, goal, first_reaching(sizes, curve, goal))
             for name, curve in {**curves, **extra}.items()
-            for goal in (0.8, 0.9)
+            for goal in (() if errs else (0.8, 0.9))
         ),
         studies=count,
         assumptions=dict(assumed),
