@@ -31,7 +31,8 @@ class Gap:
 
 def unidentified(gap: Gap) -> Gap:
     """Return a comparison that the data do not identify: without numbers."""
-    return Gap(gap.first, gap.second, *[math.nan] * 6)
+    nan = math.nan
+    return Gap(gap.first, gap.second, nan, nan, nan, nan, nan, nan)
 
 
 def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:

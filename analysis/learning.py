@@ -86,7 +86,10 @@ def trend(
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
         mean = float(drift[0]) if drift.size else np.nan
-        return Trend(outcome, mean, *[np.nan] * 5, rho, rho_p, drift.size, drift, tuple(notes))
+        nan = np.nan
+        return Trend(
+            outcome, mean, nan, nan, nan, nan, nan, rho, rho_p, drift.size, drift, tuple(notes)
+        )
     mean, error, df, p = participant_t(drift)
     if not np.isfinite(p):
         p = sign_flip_p(drift)

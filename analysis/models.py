@@ -1,5 +1,6 @@
 """Models of trials by formula: logit GLM, robust and penalised, and the crossed GLMM."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -288,17 +289,16 @@ def _alike(hidden: Sequence[str]) -> tuple[str, ...]:
 
 def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
     """Return the model without the numbers of terms that the trials do not identify: NaN."""
-    unknown = dict.fromkeys(_NUMBERS, np.nan)
-    rows = fit.coefficients
+    nan = math.nan
     return replace(
         fit,
         coefficients=tuple(
-            replace(row, **unknown, ratio_p=None) if row.term in hidden else row for row in rows
+            Coefficient(row.term, nan, nan, nan, row.df, nan, nan, nan)
+            if row.term in hidden
+            else row
+            for row in fit.coefficients
         ),
     )
-
-
-_NUMBERS = ("estimate", "standard_error", "statistic", "p", "lower", "upper")
 
 
 def _mixed(

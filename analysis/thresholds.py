@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import pairs_of, wald
+from analysis.contrasts import Gap, pairs_of, wald
 from analysis.glmm import CrossedFit, fit_crossed
 from analysis.psychometric import LINKS, SKEWED
 from analysis.rates import Difference
@@ -234,7 +234,8 @@ def fit_thresholds(
     shown = [float(value) for value in rows[level_column].unique()]
     found = tuple(one if one.identified(shown) else _unplaced(one.condition) for one in fitted)
     placed = {one.condition for one in found if not np.isnan(one.value)}
-    told, untold = [], []
+    told: list[Gap] = []
+    untold: list[Gap] = []
     for gap in wald(names, pairs, place_of, covariance, df=df, level=level):
         (told if {gap.first, gap.second} <= placed else untold).append(gap)
     notes += [

@@ -77,7 +77,7 @@ class Display(Model):
         """Return the durations of whole frames just below and above, in seconds, as texts."""
         low = math.floor(duration_s * self.refresh_hz)
         return tuple(
-            shortest(frames / self.refresh_hz, lambda s, frames=frames: self.frames(s) == frames)
+            shortest(frames / self.refresh_hz, lambda s: self.frames(s) is not None)
             for frames in (low, low + 1)
             if frames > 0
         )

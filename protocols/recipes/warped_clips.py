@@ -455,7 +455,7 @@ class Clips(Grown):
         exact = self.duration_s * self.fps
         if self.frames < 1 or abs(exact - self.frames) > 1e-6:
             nearest = [
-                shortest(n / self.fps, lambda s, n=n: abs(s * self.fps - n) <= 1e-6)
+                shortest(n / self.fps, lambda s: abs(s * self.fps - round(s * self.fps)) <= 1e-6)
                 for n in (max(1, int(exact)), int(exact) + 1)
             ]
             raise ValueError(

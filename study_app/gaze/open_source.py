@@ -15,7 +15,7 @@ from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
-from study_app.gaze.recording import load_recording
+from study_app.gaze.recording import Eye, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
 from study_app.gaze.trusted import TrustedGaze
@@ -46,9 +46,10 @@ def _replay(rest: str, desk: Desk) -> GazeSource:
     if not rest:
         raise StudyError("--gaze: replay needs a file: replay:FILE (.asc or .csv)")
     file, _, eye = rest.partition(",eye=")
-    if eye not in ("", "left", "right"):
+    eyes: dict[str, Eye | None] = {"": None, "left": "left", "right": "right"}
+    if eye not in eyes:
         raise StudyError(f"--gaze: must read replay:FILE,eye=left|right (got {rest!r})")
-    recording = load_recording(Path(file), eye or None)
+    recording = load_recording(Path(file), eyes[eye])
     here = recording.on_screen(desk.display.width_px, desk.display.height_px)
     return ReplaySource(here, desk.clock)
 

@@ -160,11 +160,11 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
         raise StudyError(f"{path}: must hold samples between START and END (found none)")
     stamps, *places = np.array(samples).reshape(-1, 5).T
     t_s = (stamps - stamps[0]) / 1e3
-    box = boxes.get("GAZE_COORDS", boxes.get("DISPLAY_COORDS"))
-    screen = None if box is None else (_size(box[0], box[2]), _size(box[1], box[3]))
+    said = boxes.get("GAZE_COORDS", boxes.get("DISPLAY_COORDS"))
+    screen = None if said is None else (_size(said[0], said[2]), _size(said[1], said[3]))
     x, y, notes = _one_eye(path, places, every, eye)
-    if box is not None:
-        x, y = (x - box[0]) * _sense(box[0], box[2]), (y - box[1]) * _sense(box[1], box[3])
+    if said is not None:
+        x, y = (x - said[0]) * _sense(said[0], said[2]), (y - said[1]) * _sense(said[1], said[3])
     _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
@@ -172,7 +172,7 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
         raise StudyError(f"{path}: a blink (EBLINK) must not end before it begins")
     blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
     rate_hz = rate_hz or _median_rate(path, t_s)
-    from_zero = box is not None and box[:2] == (0.0, 0.0)
+    from_zero = said is not None and said[:2] == (0.0, 0.0)
     return Recording(path, stamps, t_s, x, y, rate_hz, screen, from_zero, blinks_s, notes)
 
 

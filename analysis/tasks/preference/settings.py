@@ -149,10 +149,10 @@ def from_decisions(
     primary = None
     if options.primary is not None:
         known = {
-            "/".join((*sides, *size)): (*sides, *(size or ("all",)))
+            f"{one}/{other}" + (f"/{size}" if size else ""): (one, other, size or "all")
             for pair in pairings
-            for sides in (pair, pair[::-1])
-            for size in ((), *((size,) for size in sizes))
+            for one, other in (pair, (pair[1], pair[0]))
+            for size in ("", *sizes)
         }
         text = "/".join(part.strip() for part in options.primary.split("/"))
         if text not in known:
@@ -162,7 +162,7 @@ def from_decisions(
                 f"{did_you_mean(text, known)}"
             )
         primary = known[text]
-        pairings = _turned(pairings, *primary[:2], set())
+        pairings = _turned(pairings, primary[0], primary[1], set())
     return Settings(
         study=name,
         title=name,

@@ -8,6 +8,7 @@ from analysis.models import ModelFit
 from analysis.psychometric import Psychometric
 from analysis.rates import Difference, Rate
 from analysis.report.wording import (
+    NOT_IDENTIFIED,
     big,
     grouped,
     number,
@@ -35,7 +36,7 @@ from analysis.tasks.common_blocks import (
 )
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
-from analysis.tasks.rates.wording import NOT_IDENTIFIED, column_in_words, sd_digits
+from analysis.tasks.rates.wording import column_in_words, sd_digits
 from analysis.thresholds import ThresholdModel
 from protocols.adaptive.psychometric import Shape
 
