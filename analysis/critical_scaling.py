@@ -327,7 +327,8 @@ def critical_scalings(
     Notes
     -----
     The comparison is a paired t over participants of their own ln s_c (`fit_person`), which
-    takes nothing for granted about how they vary.
+    takes nothing for granted about how they vary. Conditions whose critical scaling the answers
+    do not bound are not compared.
     """
     rows = checked(trials, (column, "correct"), by)
     fits, own = [], {}
@@ -339,7 +340,8 @@ def critical_scalings(
         }
         alone = {who: float(np.exp(value)) for who, value in own[name].items()}
         fits.append(replace(fit, condition=name, alone=alone))
-    return tuple(fits), _paired(own, level)
+    placed = {fit.condition: own[fit.condition] for fit in fits if fit.critical_identified}
+    return tuple(fits), _paired(placed, level)
 
 
 def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:

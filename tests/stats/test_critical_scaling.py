@@ -12,6 +12,7 @@ from analysis.critical_scaling import (
     fit_person,
     scaling_d_prime,
 )
+from analysis.report.values import as_json
 
 SCALINGS = list(np.geomspace(0.06, 0.6, 8))
 
@@ -102,6 +103,20 @@ def test_two_models_with_different_critical_scalings_are_told_apart(rng):
     assert gap.p < 0.01
     for fit in fits:
         assert fit.critical_limits[0] < fit.critical_limits[1]
+
+
+def test_a_condition_in_which_nothing_was_seen_is_not_compared(rng):
+    rows = simulate_abx(
+        TaskDesign(6, 1, 12), {"luminance": 0.1, "v1": 0.25}, rng, scalings=SCALINGS
+    )
+    guessed = rows["correct"].where(rows["method"] == "luminance", rows.index % 2)
+    fits, gaps = critical_scalings(rows.assign(correct=guessed), ("method",))
+
+    assert [fit.critical_identified for fit in fits] == [True, False]
+    assert gaps == ()
+    written = as_json(fits[1])
+    assert (written["critical"], written["individual"], written["alone"]) == (None, None, None)
+    assert as_json(fits[0])["critical"] == pytest.approx(fits[0].critical)
 
 
 def test_people_who_never_see_a_difference_are_said_to(rng):

@@ -80,7 +80,7 @@ def mistakes(tmp_path):
          " 'garden'; OpenEXR sequences with their own motion alone need none"),
         ("duration_s = 1.0", "duration_s = 0.35",
          "stimuli.clips: duration_s x fps must be whole frames (got 0.35 s x 30 fps = 10.5);"
-         " the nearest durations are 0.333333 s and 0.366667 s"),
+         " the nearest durations are 0.3333333 s and 0.36666667 s"),
         ("seed = 7", "seed = 7\nrender_width_px = 2048",
          "stimuli.clips: render_width_px = 2048 needs a declared filter; set rescale to 'box' or"
          " 'lanczos3', or leave render_width_px out"),
