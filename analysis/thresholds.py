@@ -327,13 +327,13 @@ def _individual(
 def _notes(fit: CrossedFit, slopes: Floats, people: int) -> list[str]:
     notes = []
     if not fit.converged:
-        notes.append("the model has no proper maximum: thresholds have no limits")
+        notes.append("the model has no proper maximum: thresholds have no numbers")
     if people < FEW_PARTICIPANTS:
         notes.append(
             f"only {count_of(people, 'participant')}: limits of thresholds are a rough guide"
         )
     if np.unique(np.sign(slopes)).size > 1:
         notes.append("performance rises with the level in some conditions and falls in others")
-    if fit.sd[0] < 1e-3:
+    if fit.converged and fit.sd[0] < 1e-3:
         notes.append("no variance of thresholds between participants was found (sd 0)")
     return notes

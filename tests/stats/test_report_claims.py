@@ -94,7 +94,8 @@ def test_scenes_are_spoken_of_only_where_errors_respect_them(
 
 def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(matched, tmp_path):
     note = "Differences are means of each participant's own fit"
-    other = matched.assign(method="v2", correct=np.roll(matched["correct"], 1))
+    design = TaskDesign(6, 3, 3)  # what people guess is not compared: another that they see
+    other = simulate_abx(design, {"v2": 0.25}, np.random.default_rng(4), scalings=[0.1, 0.3, 0.8])
     both = pd.concat([matched, other]).drop(columns=["expected", "answer", "order"])
     results, page, _ = told("abx", both, tmp_path, level="scaling")
     assert results.critical_contrasts
