@@ -131,7 +131,9 @@ def test_every_flip_that_the_log_marks_is_counted_where_the_operator_looks(tmp_p
     assert lines["gaze lost"].startswith("0.0 %")
     assert lines["state"] == "stopped"
     assert f"void: {LATE_MOST} dropped-frames" in lines["attempts"]
-    assert message.split(";")[0].split(": ", 1)[1][:40] in " ".join(re.sub("[│|]", " ", told.output).split())
+    assert message.split(";")[0].split(": ", 1)[1][:40] in " ".join(
+        re.sub("[│|]", " ", told.output).split()
+    )
 
 
 def cells(line: str) -> list[str]:
