@@ -17,9 +17,9 @@ from analysis.columns import (
     frame,
     tables_of,
 )
-from analysis.csv_table import write_table
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
+from analysis.tables.write import write_table
 from protocols.hashing import sha256_file
 from protocols.journal import (
     Answer,

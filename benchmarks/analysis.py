@@ -532,7 +532,7 @@ def analysis_costs(_scale_down: int) -> list[AnalysisCost]:
 _COST = """
 import resource, sys, time
 from pathlib import Path
-from analysis.plain_csv import read_decisions
+from analysis.tables.decisions import read_decisions
 from analysis.tasks.preference.settings import from_decisions
 from analysis.tasks.preference.study import analyse
 began = time.process_time()

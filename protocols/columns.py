@@ -21,11 +21,22 @@ class Column:
     """`value`: a number where all are numbers, else text."""
     unit: str
     meaning: str
+    aliases: tuple[str, ...] = ()
+    """What other programs call it, small and with ``_`` between words."""
+    required: bool = False
+    """A table of another program must have it."""
 
 
 SITTING_COLUMNS = (
     Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
-    Column("participant", "text", "", "Pseudonymous code"),
+    Column(
+        "participant",
+        "text",
+        "",
+        "Pseudonymous code",
+        ("subject", "subj", "observer", "person", "sub", "vpn", "subject_id", "participant_id"),
+        required=True,
+    ),
 )
 _TRIAL = (
     *SITTING_COLUMNS,
@@ -39,7 +50,22 @@ _REPEAT = (
 )
 _ANSWERED = (
     Column("key_place", "integer", "", "Answer key pressed, counted from the left, from 0"),
-    Column("rt_s", "number", "s", "From the onset of the answer phase to the key press"),
+    Column(
+        "rt_s",
+        "number",
+        "s",
+        "From the onset of the answer phase to the key press",
+        (
+            "rt",
+            "rt_ms",
+            "rt_sec",
+            "response_time",
+            "reaction_time",
+            "latency",
+            "responsetime",
+            "reactiontime",
+        ),
+    ),
     Column("dropped", "integer", "refreshes", "Missed refreshes from the first stimulus to answer"),
     Column("gaze_lost_share", "share", "", "Share of watched time without gaze data"),
 )

@@ -13,9 +13,9 @@ from analysis.columns import (
     attempt_columns,
     decision_columns,
 )
-from analysis.csv_table import write_table
 from analysis.export.content import Content, label, write_json
 from analysis.export.psychds_rules import broken_rules
+from analysis.tables.write import write_table
 from protocols.columns import SITTING_COLUMNS, Column
 from protocols.hashing import Json
 from protocols.outside import page_bytes

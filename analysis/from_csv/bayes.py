@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -10,9 +9,10 @@ from matplotlib.figure import Figure
 from analysis.bayesian import BayesianPreference, bayesian_preference
 from analysis.from_csv.found import Found, Progress
 from analysis.pairings import found_pairings
-from analysis.plain_csv import read_decisions
 from analysis.plots.style import BLUE, GREY, LIGHT, new_figure, share_axis, style, wrapped
 from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
+from analysis.tables.decisions import read_decisions
+from analysis.tables.table import Source, opened
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.suggest import did_you_mean
@@ -26,7 +26,7 @@ class BayesFound:
 
 
 def bayes_of_csv(
-    path: Path,
+    source: Source,
     mapping: Mapping[str, str] | None = None,
     *,
     method: str | None = None,
@@ -35,12 +35,12 @@ def bayes_of_csv(
     level: float = 0.95,
     progress: Progress | None = None,
 ) -> Found:
-    """Return posteriors of the preferences in a CSV file.
+    """Return posteriors of the preferences in a table.
 
     Parameters
     ----------
-    path : Path
-        As `plain_csv.read_decisions` reads it.
+    source : Table or Path
+        As `analysis.tables.decisions.read_decisions` reads it.
     method, against : str, optional
         Left out: every pair, or every pair with the one that is named.
 
@@ -49,7 +49,8 @@ def bayes_of_csv(
     StudyError
         If the table lacks a column, holds what cannot be, or NumPyro is missing.
     """
-    rows = read_decisions(path, mapping)
+    table = opened(source, mapping)
+    rows = read_decisions(table)
     names = sorted({*rows["first"], *rows["second"]})
     for option, name in (("--method", method), ("--against", against)):
         if name is not None and name not in names:
@@ -66,7 +67,7 @@ def bayes_of_csv(
         ]
         chosen += ways[:1]
     if not chosen:
-        raise StudyError(f"{path}: must compare {method} with {against} (no decision does)")
+        raise StudyError(f"{table.path}: must compare {method} with {against} (no decision does)")
     found = []
     for place, (one, other) in enumerate(chosen):
         if progress is not None:
@@ -74,14 +75,15 @@ def bayes_of_csv(
         try:
             found.append(bayesian_preference(rows, one, other, margin=margin, level=level))
         except ValueError as problem:
-            raise StudyError(f"{path}: {problem}") from None
+            raise StudyError(f"{table.path}: {problem}") from None
     people = rows["participant"].nunique()
     return Found(
         title=f"{count_of(len(rows), 'decision')} of {count_of(people, 'participant')}",
         shown=_shown(found),
         sentences=tuple(apa_bayes(one) for one in found),
-        notes=tuple(
-            f"{one.method} over {one.against}: {note}" for one in found for note in one.warnings
+        notes=(
+            *table.notes,
+            *(f"{one.method} over {one.against}: {note}" for one in found for note in one.warnings),
         ),
         tables={"posteriors.csv": _table(found)},
         figures={"posteriors": lambda width: _figure(found, width)},

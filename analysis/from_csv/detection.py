@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import pandas as pd
 
@@ -12,6 +11,7 @@ from analysis.from_csv.found import Found, limits, number, unique
 from analysis.plots import d_prime_plot, detection_plot, sized
 from analysis.rates import Difference
 from analysis.report.wording import p_number
+from analysis.tables.table import Source, opened
 from analysis.tasks.detection import Detection, DetectionOptions, sensitivity
 from analysis.tasks.rates.settings import prepared
 from analysis.tasks.rates.study import with_shared_noise
@@ -26,7 +26,7 @@ class DetectionFound:
 
 
 def detection_of_csv(
-    path: Path,
+    source: Source,
     mapping: Mapping[str, str] | None = None,
     *,
     signal: str = "yes",
@@ -38,8 +38,8 @@ def detection_of_csv(
 
     Parameters
     ----------
-    path : Path
-        CSV with ``participant``, ``expected`` and ``answer``; ``scene`` if scenes are several.
+    source : Table or Path
+        With ``participant``, ``expected`` and ``answer``; ``scene`` if scenes are several.
     signal : str
         The answer that is right where the signal is, as the table writes it.
     by, baseline : str, optional
@@ -55,11 +55,12 @@ def detection_of_csv(
     options = DetectionOptions(
         signal=signal, by=by, baseline=baseline, alpha=round(1.0 - level, 12)
     )
-    decisions = analysis.read(path, mapping or {}, options)
-    settings = analysis.settings_of_table(decisions, path.stem, options)
+    table = opened(source, mapping)
+    decisions = analysis.read(table, {}, options, own=False)
+    settings = analysis.settings_of_table(decisions, table.path.stem, options)
     rows = prepared(decisions, settings)
+    notes = [*table.notes, *analysis.table_notes(decisions, settings)]
     tabled = with_shared_noise(rows, settings.answers[0])
-    notes = []
     if tabled is not rows:
         notes.append("conditions without noise trials of their own share those of the others")
     found = sensitivity(tabled, settings)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.values import as_json
 from analysis.report.wording import NONE
+from analysis.tables.write import write_table
 from protocols.outside import json_bytes
 
 Progress = Callable[[str, int, int], object]

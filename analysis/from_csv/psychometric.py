@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from analysis.cells import conditions
 from analysis.columns import frame_of
 from analysis.from_csv.found import Found, Progress, limits, number, unique
+from analysis.guessing import curve_mistake
 from analysis.plots import psychometric_plot
 from analysis.plots.curves import Curve
 from analysis.psychometric_posterior import (
@@ -22,9 +22,10 @@ from analysis.psychometric_posterior import (
 )
 from analysis.rates import Difference
 from analysis.report.wording import NONE, p_number
+from analysis.tables.table import Source, opened
+from analysis.tables.trials import read_trials
 from analysis.tasks.rates.wording import apa_difference, apa_thresholds
 from analysis.thresholds import ThresholdModel, fit_thresholds
-from analysis.trials_csv import read_trials
 from protocols.adaptive.psychometric import Shape
 from protocols.errors import StudyError
 from protocols.prose import count_of
@@ -90,13 +91,13 @@ class PsychometricFound:
 
 
 def psychometric_of_csv(
-    path: Path,
+    source: Source,
     options: PsychometricOptions,
     mapping: Mapping[str, str] | None = None,
     *,
     progress: Progress | None = None,
 ) -> Found:
-    """Fit psychometric functions to the trials of a CSV file.
+    """Fit psychometric functions to the trials of a table.
 
     Raises
     ------
@@ -104,15 +105,19 @@ def psychometric_of_csv(
         If the table lacks a column, or holds what cannot be.
     """
     by = () if options.by is None else (options.by,)
-    rows = read_trials(path, mapping, conditions=by, levels=(options.x,))
+    table = opened(source, mapping)
+    rows = read_trials(table, conditions=by, levels=(options.x,), own=False)
     if options.logarithmic and bool((rows[options.x] <= 0).any()):
         raise StudyError(
-            f"{path}: {options.x} must be above 0 in every row to have a logarithm"
-            f" (least: {rows[options.x].min():g}); leave --log away"
+            f"{table.path}: {options.x} must be above 0 in every row to have a logarithm"
+            f" (least: {rows[options.x].min():g}); leave the others out with --where"
+            f" '{options.x}>0', or leave --log away"
         )
     if rows[options.x].nunique() < 2:
-        raise StudyError(f"{path}: {options.x} must hold two levels or more (found 1)")
-    notes: list[str] = []
+        raise StudyError(f"{table.path}: {options.x} must hold two levels or more (found 1)")
+    if mistake := curve_mistake(rows, options.x, options.guess, falling=options.falling):
+        raise StudyError(f"{table.path}: {mistake}")
+    notes = list(table.notes)
     people = _people(rows, by, options, notes, progress)
     population = _population(rows, by, options, notes)
     result = PsychometricFound(

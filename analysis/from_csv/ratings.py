@@ -1,7 +1,6 @@
 """Ordered ratings of a CSV file: a cumulative-link mixed model, ties and all."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import pandas as pd
 
@@ -9,13 +8,14 @@ from analysis.from_csv.found import Found, limits, number
 from analysis.ordinal import OrdinalLink, RatingModel, paired_ratings, rating_model
 from analysis.plots import sized
 from analysis.plots.ratings import ratings_plot
-from analysis.ratings_csv import read_ratings
+from analysis.tables.ratings import read_ratings
+from analysis.tables.table import Source, opened
 from analysis.tasks.ratings.wording import apa_rating, rating_tables
 from protocols.errors import StudyError
 
 
 def ratings_of_csv(
-    path: Path,
+    source: Source,
     mapping: Mapping[str, str] | None = None,
     *,
     by: str | None = None,
@@ -24,12 +24,12 @@ def ratings_of_csv(
     link: OrdinalLink = "probit",
     level: float = 0.95,
 ) -> Found:
-    """Compare the ratings of a CSV file.
+    """Compare the ratings of a table.
 
     Parameters
     ----------
-    path : Path
-        CSV with ``participant`` and ``rating``; ``scene`` if scenes are several. Graded
+    source : Table or Path
+        With ``participant`` and ``rating``; ``scene`` if scenes are several. Graded
         comparisons of pairs have ``first`` and ``second`` in place of `by`; their rating is the
         larger the more the first is better, 0 for a tie.
     scale : sequence of str
@@ -41,7 +41,8 @@ def ratings_of_csv(
         If the table lacks a column, or holds what cannot be.
     """
     pairs = by is None
-    rows = read_ratings(path, mapping, by=by, scale=scale)
+    table = opened(source, mapping)
+    rows = read_ratings(table, by=by, scale=scale)
     people = rows["participant"].nunique()
     try:
         model = (
@@ -52,14 +53,14 @@ def ratings_of_csv(
             )
         )
     except ValueError as problem:
-        raise StudyError(f"{path}: {problem}") from None
+        raise StudyError(f"{table.path}: {problem}") from None
     simulated = bool(rows["simulated"].any())
     return Found(
         title=f"{len(rows)} {'graded comparisons' if pairs else 'ratings'} of {people}"
         f" participant{'s' * (people != 1)}" + (" (SIMULATED)" if simulated else ""),
         shown=_shown(model, pairs=pairs),
         sentences=tuple(apa_rating(one, model) for one in model.contrasts),
-        notes=model.warnings,
+        notes=(*table.notes, *model.warnings),
         tables=rating_tables(model, pairs=pairs),
         figures={
             "ratings": sized(ratings_plot, model, shares=not pairs, simulated=simulated),

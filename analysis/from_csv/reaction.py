@@ -2,29 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from analysis.cells import conditions
 from analysis.columns import frame_of
-from analysis.csv_table import (
-    flag_column,
-    need_columns,
-    read_table,
-    renamed,
-    seconds_column,
-    text_column,
-)
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.from_csv.found import Found, limits, number, unique
+from analysis.guessing import below_guessing
 from analysis.plots import reaction_plot, sized
 from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.wording import p_number, p_text
-from analysis.trials_csv import analysed_rows
+from analysis.tables.table import Source, Table, opened
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 
@@ -47,19 +39,19 @@ class ReactionFound:
 
 
 def reaction_of_csv(
-    path: Path,
+    source: Source,
     mapping: Mapping[str, str] | None = None,
     *,
     by: str | None = None,
     baseline: str | None = None,
     level: float = 0.95,
 ) -> Found:
-    """Model the reaction times of a CSV file.
+    """Model the reaction times of a table.
 
     Parameters
     ----------
-    path : Path
-        CSV with ``participant`` and ``rt_s`` (seconds; empty: none); ``scene`` if scenes are
+    source : Table or Path
+        With ``participant`` and ``rt_s`` (seconds; empty: none); ``scene`` if scenes are
         several, ``correct`` (1/0) of a task with two answers for EZ diffusion.
 
     Raises
@@ -67,7 +59,8 @@ def reaction_of_csv(
     StudyError
         If the table lacks a column, or holds what cannot be.
     """
-    rows = _read(path, mapping or {}, by)
+    table = opened(source, mapping)
+    rows = _read(table, by)
     columns = () if by is None else (by,)
     names = [name for name, _ in conditions(rows, columns)]
     if baseline is not None and baseline not in names:
@@ -75,7 +68,7 @@ def reaction_of_csv(
             f"--baseline {baseline}: must be a value of {by!r} ({', '.join(names)})"
             f"{did_you_mean(baseline, names)}"
         )
-    notes: list[str] = []
+    notes = list(table.notes)
     model, diffusion = None, None
     try:
         model = time_model(rows, columns, reference=baseline, level=level)
@@ -83,6 +76,7 @@ def reaction_of_csv(
     except ValueError as problem:
         notes.append(f"no mixed model: {problem}")
     if "correct" in rows:
+        notes += below_guessing(rows, 0.5)
         try:
             diffusion = diffusion_by_condition(rows, columns, reference=baseline, level=level)
             notes += diffusion.warnings
@@ -109,25 +103,23 @@ def reaction_of_csv(
     )
 
 
-def _read(path: Path, mapping: Mapping[str, str], by: str | None) -> pd.DataFrame:
-    table = analysed_rows(path, renamed(path, read_table(path), mapping, None))
-    wanted = ["participant", "rt_s", *([by] if by is not None else [])]
-    missing = [name for name in wanted if name not in table]
-    need_columns(path, table, missing)
-    rows = pd.DataFrame(index=table.index)
-    rows["participant"] = text_column(path, table, "participant")
-    rows["rt_s"] = seconds_column(path, table, "rt_s")
+def _read(table: Table, by: str | None) -> pd.DataFrame:
+    table.known(("participant", "scene", "rt_s", "correct", "order", by))
+    wanted = ["rt_s", *([by] if by is not None else [])]
+    table.need([name for name in wanted if name not in table.rows])
+    table.only_main()
+    judged = ("correct",) if "correct" in table.rows else ()
+    table.answered(("rt_s", *judged), each=True)
+    rows = pd.DataFrame({name: table.take(name) for name in ("participant", "rt_s")})
+    table.order(rows["participant"])
     for column in ("scene", by):
-        if column is not None and column in table:
-            rows[column] = text_column(path, table, column)
-    if "correct" in table:
-        rows["correct"] = flag_column(path, table, "correct")
-    if "simulated" in table:
-        rows["simulated"] = table["simulated"]
-    rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
-    if rows.empty:
-        raise StudyError(f"{path}: rt_s must hold a time in at least one row")
-    return rows
+        if column is not None and column in table.rows:
+            rows[column] = table.text(column)
+    if judged:
+        rows["correct"] = table.take("correct")
+    if "simulated" in table.rows:
+        rows["simulated"] = table.rows["simulated"]
+    return rows.reset_index(drop=True)
 
 
 def _shown(result: ReactionFound, names: list[str]) -> pd.DataFrame:

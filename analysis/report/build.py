@@ -11,13 +11,13 @@ import pandas as pd
 from markupsafe import Markup
 
 from analysis.columns import dictionary
-from analysis.csv_table import write_table
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
+from analysis.tables.write import write_table
 from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
@@ -69,6 +69,7 @@ def report_decisions(
     *,
     protocol: StudyProtocol | None = None,
     title: str | None = None,
+    where: Sequence[str] = (),
     replace: bool = False,
     figure_files: bool = True,
     progress: Progress | None = None,
@@ -78,9 +79,10 @@ def report_decisions(
     A protocol, where given, says task, conditions and rules; its exclusions are not applied,
     because a plain table does not hold what they need. Without one, the task is the one that
     `analysis import` noted beside the table; a table without that note must hold preferences.
-    `title` stands at the top of the page; left out: the protocol's, or the table's name.
+    `title` stands at the top of the page; left out: the protocol's, or the table's name. `where`
+    are conditions that rows must fulfil.
     """
-    source = from_table(path, protocol, title)
+    source = from_table(path, protocol, title, where)
     return _write(source, path, out, replace, figure_files, progress)
 
 

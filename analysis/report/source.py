@@ -1,13 +1,13 @@
 """What a report is made from: sessions, or a table of decisions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
-from analysis.csv_table import read_table
 from analysis.recording import recording_notes
+from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis, CommonSettings, TableOptions
 from analysis.tasks.note import note_path, read_note
@@ -80,8 +80,15 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     )
 
 
-def from_table(path: Path, protocol: StudyProtocol | None, title: str | None = None) -> Source:
+def from_table(
+    path: Path,
+    protocol: StudyProtocol | None,
+    title: str | None = None,
+    where: Sequence[str] = (),
+) -> Source:
     """Read a table of decisions; a protocol, where given, says task, conditions and rules.
+
+    `where` as `analysis.tables.table.Table` takes it.
 
     Raises
     ------
@@ -91,16 +98,17 @@ def from_table(path: Path, protocol: StudyProtocol | None, title: str | None = N
     """
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
     noted = read_note(path)
+    table = Table(path, where=where, command=BY_IMPORT)
     if protocol is not None:
         analysis = analysis_of(protocol.analysis.kind)
         settings = analysis.settings(protocol)
-        decisions = _main(path, analysis.read(path, {}, analysis.options_of(settings)))
+        decisions = _main(path, analysis.read(table, {}, analysis.options_of(settings)))
         analysis.check_table(path, decisions, settings)
         notes.append("the protocol's exclusion rules were not applied to this table")
     else:
-        kind, options = noted or _guessed(path)
+        kind, options = noted or _guessed(table)
         analysis = analysis_of(kind)
-        decisions = _main(path, analysis.read(path, {}, options))
+        decisions = _main(path, analysis.read(table, {}, options))
         settings = analysis.settings_of_table(decisions, path.stem, options)
     if title is not None:
         settings = replace(settings, title=title)
@@ -112,7 +120,7 @@ def from_table(path: Path, protocol: StudyProtocol | None, title: str | None = N
         settings,
         "simulated" in decisions and bool(decisions["simulated"].fillna(0).max()),
         {"table_sha256": sha256_file(path), "protocol_sha256": settings.protocol_sha256},
-        tuple(notes),
+        (*table.notes, *notes),
     )
 
 
@@ -124,9 +132,9 @@ def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:
     return kept.reset_index(drop=True)
 
 
-def _guessed(path: Path) -> tuple[str, TableOptions]:
+def _guessed(table: Table) -> tuple[str, TableOptions]:
     """Take a table for one of preferences unless its columns speak of right answers."""
-    columns = set(read_table(path).columns)
+    path, columns = table.path, set(table.rows.columns)
     if not {"first", "second"} & columns and {"correct", "answer"} & columns:
         raise StudyError(
             f"{path}: must come with a protocol (--protocol), or from 'metamerlab analysis import"

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from analysis.exclusions import FlowStep
 from analysis.seed import SEED
+from analysis.tables.table import Source
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
 from protocols.errors import StudyError
@@ -182,12 +183,14 @@ class TaskAnalysis(ABC, Generic[S, R]):
         """Return what a table must be told to be read as these settings say."""
 
     @abstractmethod
-    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
-        """Read decisions from a CSV file of any tool.
+    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+        """Read decisions from a table of any tool; what was left out is added to its notes.
 
         Parameters
         ----------
+        table : Table or Path
         mapping : mapping of our name to the file's column
+            Of a path.
 
         Raises
         ------
@@ -198,6 +201,10 @@ class TaskAnalysis(ABC, Generic[S, R]):
     @abstractmethod
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of a table that was read, for its data dictionary."""
+
+    def table_notes(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[str]:
+        """Return what is odd about the answers of a table that was read."""
+        return ()
 
     def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
         """Refuse a table that does not fit the protocol given with it (StudyError)."""

@@ -40,7 +40,7 @@ PAIR_COLUMNS = (
 )
 CHOICE_COLUMNS = (
     Column("choice", "text", "", "Which was picked: first or second"),
-    Column("chosen", "text", "", "Method picked"),
+    Column("chosen", "text", "", "Method picked", ("winner", "preferred", "choice")),
     Column("rejected", "text", "", "Method not picked"),
     Column("chose_first", "0/1", "", "1: the first was picked"),
     Column("chosen_side", "text", "", "Side whose key was pressed"),

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 BETWEEN = ", "
 """Between the values of several columns that are compared together."""
+TAKEN = "condition"
+"""Name of the compared values in results: no column of levels may have it."""
 
 
 def name_of(value: object) -> str:
@@ -73,6 +75,9 @@ class RatesAnalysis(Analysis):
         if self.level is None:
             return
         yield from task.check_columns(study, "analysis.level", (self.level,))
+        if self.level == TAKEN:
+            must = f"must not be {TAKEN!r}, as reports call what `by` compares; rename the column"
+            yield Problem("analysis.level", must)
         texts = [v for v in study.stimuli.values(self.level) if isinstance(v, bool | str)]
         if texts:  # one text makes a column of a table a column of texts
             found = next((text for text in texts if not _reads_as_number(text)), texts[0])

@@ -23,9 +23,9 @@ Levels = Annotated[QuestPlusLevels | UpDownLevels, Field(discriminator="rule")]
 
 
 ANSWER_COLUMNS = (
-    Column("expected", "text", "", "The right answer"),
-    Column("answer", "text", "", "The answer given"),
-    Column("correct", "0/1", "", "1: the answer was right"),
+    Column("expected", "text", "", "The right answer", ("target", "truth", "correct_response")),
+    Column("answer", "text", "", "The answer given", ("response", "resp", "key", "keys", "said")),
+    Column("correct", "0/1", "", "1: the answer was right", ("corr", "acc", "accuracy", "hit")),
     Column("track", "text", "", "Adaptive track; empty: levels were constant"),
 )
 

@@ -28,6 +28,7 @@ from study_app.cli.options import (
 )
 from study_app.cli.progress import one_line
 from study_app.cli.sequential_command import register as register_sequential
+from study_app.cli.table_commands import AnswerOption, WhereOption, table_told
 from study_app.cli.table_commands import register as register_tables
 from study_app.cli.terminal import PlainConsole, say
 
@@ -82,6 +83,7 @@ def report(
         str | None,
         typer.Option(help="Top of the page, for a table only; left out: its file's name."),
     ] = None,
+    where: WhereOption = None,
     figures: Annotated[
         bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
     ] = True,
@@ -107,6 +109,7 @@ def report(
                     out,
                     protocol=study,
                     title=title,
+                    where=where or (),
                     replace=replace,
                     figure_files=figures,
                     progress=progress,
@@ -120,6 +123,11 @@ def report(
                 raise StudyError(
                     "--title must be left out for sessions: the protocol has it as study.title"
                     f" ({study.study.title!r})"
+                )
+            elif where is not None:
+                raise StudyError(
+                    "--where must be left out for sessions: analysis.exclusions of the protocol"
+                    " leaves data out"
                 )
             else:
                 made = report_sessions(
@@ -147,7 +155,7 @@ def tidy(
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
-    from analysis.csv_table import write_table
+    from analysis.tables.write import write_table
     from analysis.tasks import analysis_of
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
@@ -318,7 +326,7 @@ def import_(
             " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
             " any columns of your own. Ratings need participant, rating, and the column that --set"
             " by=COLUMN names, or first and second; also scene. All: order, rt_s. Columns that"
-            " already have our names need no --map.",
+            " already have our names need no --map. A unit may follow: rt_s=rt:ms.",
         ),
     ] = None,
     options: Annotated[
@@ -333,6 +341,8 @@ def import_(
             " All but ratings: order=ours,blur,none and label.ours='Our method'.",
         ),
     ] = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     replace: ReplaceOption = False,
 ) -> None:
     """Convert a table of another program into tidy form, by naming its columns.
@@ -356,8 +366,8 @@ def import_(
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
     from analysis.columns import dictionary
-    from analysis.csv_table import write_table
-    from analysis.foreign_table import in_plain_form
+    from analysis.tables.table import BY_IMPORT
+    from analysis.tables.write import write_table
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
     from protocols.result_folder import whole_folder
@@ -365,10 +375,10 @@ def import_(
     with user_errors():
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        mapping = pairs("--map", columns or ())
-        with in_plain_form(table, mapping) as plain:
-            decisions = analysis.read(plain.path, mapping, chosen)
-        analysis.settings_of_table(decisions, table.stem, chosen)  # refuses what does not fit
+        plain = table_told(table, (columns, where, answer), BY_IMPORT)
+        decisions = analysis.read(plain, {}, chosen)
+        settings = analysis.settings_of_table(decisions, table.stem, chosen)
+        plain.notes += analysis.table_notes(decisions, settings)
         with whole_folder(out, replace=replace, reads=[table]) as work:
             tables = {
                 "decisions.csv": decisions,
@@ -417,6 +427,8 @@ def _pilot(
             f"{path}: must hold decisions of the study's kind of task ({study.analysis.kind})"
             f" (found {found.analysis.kind})"
         )
+    for note in found.warnings if table else ():
+        say(f"note: {note}")
     return found.decisions, found.settings
 
 

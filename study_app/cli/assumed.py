@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:
     """Return entries of the form NAME=VALUE as a dictionary."""
-    sides = "OURS=THEIRS" if option == "--map" else "NAME=VALUE"
+    sides = {"--map": "OURS=THEIRS", "--answer": "THEIRS=OURS,..."}.get(option, "NAME=VALUE")
     found = {}
     for entry in entries:
         name, sign, value = (part.strip() for part in entry.partition("="))

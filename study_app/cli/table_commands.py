@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace as changed
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +20,7 @@ from study_app.cli.terminal import PlainConsole, say
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.from_csv.found import Found
     from analysis.ordinal import OrdinalLink
+    from analysis.tables.table import Table as AnyTable
 
 TrialsArgument = Annotated[
     Path,
@@ -35,7 +35,22 @@ MapOption = Annotated[
         "--map",
         metavar="OURS=THEIRS",
         help="Which column holds what; may be given more than once. Columns that already have our"
-        " names need no --map.",
+        " names need no --map. A unit may follow: rt_s=rt:ms, correct=miss:errors.",
+    ),
+]
+WhereOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CONDITION",
+        help="Rows to keep, such as 'contrast>0' or 'block!=practice' (=, !=, <, <=, >, >=); may be"
+        " given more than once.",
+    ),
+]
+AnswerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="THEIRS=OURS,...",
+        help="What answers are called otherwise, such as y=present,n=absent.",
     ),
 ]
 OutOption = Annotated[
@@ -69,6 +84,8 @@ def psychometric(
         bool, typer.Option("--log", help="Fit on the logarithm of the level; weibull always does.")
     ] = False,
     columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
     replace: ReplaceOption = False,
@@ -103,10 +120,8 @@ def psychometric(
         with one_line() as progress:
             found = found_in(
                 table,
-                columns,
-                lambda path, mapping: psychometric_of_csv(
-                    path, options, mapping, progress=progress
-                ),
+                (columns, where, answer),
+                lambda rows: psychometric_of_csv(rows, options, progress=progress),
             )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -119,6 +134,8 @@ def detection(
     by: ByOption = None,
     baseline: BaselineOption = None,
     columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
     replace: ReplaceOption = False,
@@ -136,9 +153,9 @@ def detection(
     with user_errors():
         found = found_in(
             table,
-            columns,
-            lambda path, mapping: detection_of_csv(
-                path, mapping, signal=signal, by=by, baseline=baseline, level=confidence
+            (columns, where, answer),
+            lambda rows: detection_of_csv(
+                rows, signal=signal, by=by, baseline=baseline, level=confidence
             ),
         )
         hand_over(found, out, replace=replace, reads=[table])
@@ -149,6 +166,8 @@ def reaction(
     by: ByOption = None,
     baseline: BaselineOption = None,
     columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
     replace: ReplaceOption = False,
@@ -166,10 +185,8 @@ def reaction(
     with user_errors():
         found = found_in(
             table,
-            columns,
-            lambda path, mapping: reaction_of_csv(
-                path, mapping, by=by, baseline=baseline, level=confidence
-            ),
+            (columns, where, answer),
+            lambda rows: reaction_of_csv(rows, by=by, baseline=baseline, level=confidence),
         )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -186,6 +203,8 @@ def ratings(
         str, typer.Option(metavar="|".join(LINKS), help="Of the cumulative-link model.")
     ] = "probit",
     columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
     replace: ReplaceOption = False,
@@ -204,15 +223,15 @@ def ratings(
         metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
     """
     from analysis.from_csv.ratings import ratings_of_csv
-    from analysis.ratings_csv import scale_of
+    from analysis.tables.ratings import scale_of
 
     with user_errors():
         levels, model = scale_of(scale), one_of("--link", link, LINKS)
         found = found_in(
             table,
-            columns,
-            lambda path, mapping: ratings_of_csv(
-                path, mapping, by=by, scale=levels, baseline=baseline, link=model, level=confidence
+            (columns, where, answer),
+            lambda rows: ratings_of_csv(
+                rows, by=by, scale=levels, baseline=baseline, link=model, level=confidence
             ),
         )
         hand_over(found, out, replace=replace, reads=[table])
@@ -231,6 +250,8 @@ def bayes(
         ),
     ] = 0.1,
     columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
     confidence: LevelOption = 0.95,
     out: OutOption = None,
     replace: ReplaceOption = False,
@@ -248,10 +269,10 @@ def bayes(
         with one_line() as progress:
             found = found_in(
                 table,
-                columns,
-                lambda path, mapping: bayes_of_csv(
-                    path, mapping, method=method, against=against, margin=margin,
-                    level=confidence, progress=progress,
+                (columns, where, answer),
+                lambda rows: bayes_of_csv(
+                    rows, method=method, against=against, margin=margin, level=confidence,
+                    progress=progress,
                 ),
             )  # fmt: skip
         hand_over(found, out, replace=replace, reads=[table])
@@ -278,16 +299,30 @@ def _guess(text: str) -> float | None:
     return value
 
 
-def found_in(
-    table: Path, columns: list[str] | None, question: Callable[[Path, Mapping[str, str]], Found]
-) -> Found:
-    """Ask a question of a table in plain form; what was changed to get there is noted."""
-    from analysis.foreign_table import in_plain_form
+Told = tuple[list[str] | None, list[str] | None, str | None]
+"""What the options --map, --where and --answer say."""
 
-    mapping = pairs("--map", columns or ())
-    with in_plain_form(table, mapping) as plain:
-        found = question(plain.path, mapping)
-    return changed(found, notes=(*plain.notes, *found.notes))
+
+def table_told(path: Path, told: Told, command: str = "") -> AnyTable:
+    """Read a table with the columns, rows and answers that options name.
+
+    `command` stands before the options in messages.
+    """
+    from analysis.tables.table import Table as Rows
+
+    columns, where, answer = told
+    return Rows(
+        path,
+        pairs("--map", columns or ()),
+        where or (),
+        pairs("--answer", [] if answer is None else answer.split(",")),
+        command=command,
+    )
+
+
+def found_in(path: Path, told: Told, question: Callable[[AnyTable], Found]) -> Found:
+    """Ask a question of a table."""
+    return question(table_told(path, told))
 
 
 def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[Path] = ()) -> None:

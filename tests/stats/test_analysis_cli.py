@@ -118,7 +118,7 @@ def test_a_report_of_a_table_without_our_columns_names_the_command_that_maps_the
     assert result.exit_code == 2
     said = re.sub(r"\s+", " ", result.output)
     assert "metamerlab analysis import TABLE --map participant=COLUMN" in said
-    (tmp_path / "old.csv").write_text("participant;first;second;chosen;rt_s\nA;a;b;a;0,5\n")
+    (tmp_path / "old.csv").write_text('participant,first,second,chosen,rt_s\nA,a,b,a,"0,5"\n')
     said = re.sub(r"\s+", " ", run("report", tmp_path / "old.csv", "--out", tmp_path / "r").output)
     assert "rt_s must be a number (got '0,5'); write decimals with a point" in said
 

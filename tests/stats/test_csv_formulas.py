@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.csv_table import original_cell, read_table, safe_cell, write_table
-from analysis.plain_csv import read_decisions
+from analysis.tables.decisions import read_decisions
+from analysis.tables.table import Table
+from analysis.tables.write import write_table
 from analysis.tidy import read_sessions, write_tables
+from protocols.outside import original_cell, safe_cell
 
 BEGINNINGS = ("=", "+", "-", "@", "\t", "\r", "\x00", "\x1b", "\x7f")
 
@@ -47,7 +49,7 @@ def test_numbers_and_plain_texts_stay_as_they_are(tmp_path):
         ["-1.5", "-2", "it's", "a=b"],
         ["", "3", "'quoted'", "'-c"],
     ]
-    read = read_table(tmp_path / "t.csv")
+    read = Table(tmp_path / "t.csv").rows
     assert list(read.columns) == ["d", "n", "who", "=x"]
     assert list(read["=x"]) == ["a=b", "-c"]
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from analysis.foreign_table import in_plain_form
-from analysis.xlsx import read_xlsx
+from analysis.tables.table import Table
+from analysis.tables.xlsx import read_xlsx
 from protocols.errors import StudyError
 from study_app.cli import app
 
@@ -213,13 +213,17 @@ def test_a_workbook_that_unpacks_to_too_much_is_refused_before(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("name", "data"), [("old.csv", "Jörg;1\n".encode("cp1252")), ("old.xlsx", b"PK")]
+    ("name", "data", "said"),
+    [
+        ("old.csv", "Jörg;1\n".encode("cp1252"), "metamerlab analysis import"),
+        ("old.xlsx", b"PK", "must be an .xlsx file"),
+    ],
 )
-def test_the_report_of_such_a_file_names_the_command_that_helps(tmp_path, name, data):
+def test_the_report_of_such_a_file_says_what_helps(tmp_path, name, data, said):
     (tmp_path / name).write_bytes(data)
     done = run("analysis", "report", tmp_path / name, "--out", tmp_path / "r")
     assert done.exit_code == 2
-    assert "metamerlab analysis import" in " ".join(done.stderr.split())
+    assert said in " ".join(done.stderr.split())
 
 
 @pytest.fixture
@@ -243,7 +247,7 @@ def test_a_folder_with_a_file_for_each_participant_is_read_as_one_table(folder, 
 
     pd.testing.assert_frame_equal(found.drop(columns="trial"), expected.drop(columns="trial"))
     assert f"3 tables of {folder} read as one" in said
-    assert "P1.csv: left out without an answer: 1 row (line 2)" in said
+    assert "left out without an answer: 1 row (line 2 of P1.csv)" in said
     assert "P3.csv: left out: it is empty" in said
 
 
@@ -273,15 +277,10 @@ def test_a_folder_without_tables_is_refused(tmp_path):
 
 def test_another_spreadsheet_says_how_to_save_it(tmp_path):
     (tmp_path / "old.ods").write_bytes(b"PK")
-    with (
-        pytest.raises(StudyError, match="save it as one of them"),
-        in_plain_form(tmp_path / "old.ods", {}),
-    ):
-        pass
+    with pytest.raises(StudyError, match="save it as one of them"):
+        Table(tmp_path / "old.ods")
 
 
-def test_a_plain_table_is_read_in_place(tmp_path):
+def test_of_a_plain_table_nothing_is_noted(tmp_path):
     (tmp_path / "old.csv").write_text(text_of(PLAIN), encoding="utf-8")
-    with in_plain_form(tmp_path / "old.csv", {"chosen": "Wahl"}) as plain:
-        assert plain.path == tmp_path / "old.csv"
-        assert plain.notes == ()
+    assert Table(tmp_path / "old.csv", {"chosen": "Wahl"}).notes == []

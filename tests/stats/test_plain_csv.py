@@ -5,8 +5,9 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from analysis.plain_csv import read_decisions
 from analysis.preference import preferences
+from analysis.tables.decisions import read_decisions
+from analysis.tables.table import Table
 from protocols.errors import StudyError
 
 PWCMP = {
@@ -83,9 +84,10 @@ def test_what_is_wrong_is_said_with_its_line_and_cure(table, text, mapping, mess
         read_decisions(table(text), mapping)
 
 
-def test_text_that_is_not_utf8_is_refused_with_its_line(table):
-    with pytest.raises(StudyError, match="line 2: must be UTF-8"):
-        read_decisions(table(HEADER.encode() + b"\xe4,s,a,b,1\n"), PWCMP)
+def test_text_that_is_not_utf8_is_read_and_it_is_noted(table):
+    rows = Table(table(HEADER.encode() + b"\xe4,s,a,b,1\n"), PWCMP)
+    assert list(read_decisions(rows)["participant"]) == ["ä"]
+    assert "read as Windows' Latin-1" in rows.notes[0]
 
 
 GOOD = [

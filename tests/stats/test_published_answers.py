@@ -25,11 +25,11 @@ from analysis.logit import fit_logit, information
 from analysis.models import glm_logit, glmm_logit
 from analysis.observers import check_observers
 from analysis.pairs import JOD_SIGMA, difference_design, pair_index
-from analysis.plain_csv import read_decisions
 from analysis.plots.style import share_text
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.scaling import scale
+from analysis.tables.decisions import read_decisions
 
 Reader = Callable[..., pd.DataFrame]
 Answers = dict[str, Any]

@@ -7,7 +7,7 @@ import pytest
 from made_up_trials import TaskDesign, simulate_abx, simulate_yes_no
 
 from analysis.detection import yes_no
-from analysis.trials_csv import read_trials
+from analysis.tables.trials import read_trials
 from protocols.errors import StudyError
 
 HEADER = "participant,scene,method,level,expected,answer\n"

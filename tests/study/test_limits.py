@@ -21,8 +21,8 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
-from analysis.csv_table import read_table
 from analysis.export.bids_gaze import read_samples
+from analysis.tables.table import Table
 from analysis.tasks.note import read_note
 from pipeline.errors import InputError
 from pipeline.image_file import check_fits, read_pixels, write_pixels
@@ -412,8 +412,8 @@ def test_a_link_that_leads_to_itself_is_one_message(tmp_path):
 def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
     path = tmp_path / "t.csv"
     path.write_text("t_s,x_px,y_px\n" + "".join(f"{n},1,1\n" for n in range(5)))
-    readers = (read_table, load_recording, lambda p: read_gaze(str(p)), read_stimuli)
-    assert len(read_table(path)) == 5
+    readers = (Table, load_recording, lambda p: read_gaze(str(p)), read_stimuli)
+    assert len(Table(path).rows) == 5
     monkeypatch.setenv(LIMITS_VARIABLE, "rows=5")
     for read in readers:
         with pytest.raises(StudyError, match=r"at most 5 lines.*METAMERLAB_LIMITS=rows=6"):

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from analysis.csv_table import read_table, write_table
+from analysis.tables.table import Table as AnyTable
+from analysis.tables.write import write_table
 from protocols.outside import json_bytes, markdown, page_bytes, visible
 from protocols.preregister import Section, Table, to_markdown
 from protocols.session_schema import Privacy
@@ -49,7 +50,7 @@ def test_markdown_shows_a_text_as_it_is(text, there):
 def test_a_table_with_control_characters_reads_back(tmp_path):
     table = pd.DataFrame({"text": ["a\x1b[2Jb", "\x07", "\udcff", "=1"]})
     write_table(table, tmp_path / "t.csv")
-    read = read_table(tmp_path / "t.csv")["text"].tolist()
+    read = AnyTable(tmp_path / "t.csv").rows["text"].tolist()
     assert read == [r"a\x1b[2Jb", r"\x07", r"\udcff", "=1"]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.csv_table import read_table
+from analysis.tables.table import Table
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
@@ -77,7 +77,7 @@ def test_a_table_holds_no_control_characters(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("a,b\n1,2\n3,x\x1by\n")
     with pytest.raises(StudyError, match=r"line 3: must hold no control characters"):
-        read_table(path)
+        Table(path)
 
 
 def test_only_what_can_be_simulated_anew_does_not_wait_for_the_disk(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """The analysis of yes-no tasks, kind `detection`: d', criterion and bias."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.special import ndtr
 
 from analysis.detection import YesNoResults, d_prime_influence, yes_no
 from analysis.rates import Influence, share_influence
+from analysis.tables.table import Source, opened
 from analysis.tasks.base import Estimate, Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
@@ -40,14 +40,18 @@ class Detection(RatesTask):
         """Return the options that say the same."""
         return DetectionOptions(signal=settings.answers[0], **self._shared_options(settings))
 
-    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], options: Any, *, own: bool = True
+    ) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
-        rows = read_answers(path, mapping, options, ())
+        table = opened(table, mapping)
+        rows = read_answers(table, options, own=own, two=True)
         if "answer" not in rows or (rows["answer"] == "").any():
             raise StudyError(
-                f"{path}: must have the columns expected and answer: whether answers were right"
-                " does not tell hits from correct rejections; say which columns hold them:"
-                " metamerlab analysis import TABLE --map expected=COLUMN --map answer=COLUMN"
+                f"{table.path}: must have the columns expected and answer: whether answers were"
+                " right does not tell hits from correct rejections; say which columns hold them:"
+                f" {table.cure('--map expected=COLUMN')} --map answer=COLUMN (one of both is enough"
+                " beside correct)"
             )
         return rows
 

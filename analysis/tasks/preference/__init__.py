@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from analysis.exclusions import FlowStep
 from analysis.pairings import Comparisons, pairing_rows
-from analysis.plain_csv import PREFERENCE_COLUMNS, read_decisions
 from analysis.plots import power_plot, sized
 from analysis.preference import Preference, preferences
 from analysis.seed import SEED
+from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
+from analysis.tables.table import Source
 from analysis.tasks.base import (
     Assumption,
     Counted,
@@ -73,9 +74,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             alpha=settings.alpha, margin=settings.margin, reaction=settings.reaction
         )
 
-    def read(self, path: Path, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""
-        return read_decisions(path, mapping)
+        return read_decisions(table, mapping)
 
     def columns_of(self, _decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of preferences."""

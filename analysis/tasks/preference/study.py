@@ -78,7 +78,7 @@ def analyse(
     Parameters
     ----------
     decisions : DataFrame
-        As `analysis.tidy` or `analysis.plain_csv` return them.
+        As `analysis.tidy` or `analysis.tables.decisions` return them.
     step : callable, optional
         Told the name of each part before it runs.
     """

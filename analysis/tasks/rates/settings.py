@@ -1,6 +1,6 @@
 """What the analyses of tasks with right answers need to know of a study."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -14,7 +14,7 @@ from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
-from protocols.tasks.rates import BETWEEN, RatesAnalysis, name_of
+from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Scalar
 
@@ -191,6 +191,11 @@ def common_settings_of_table(
                 f" ({', '.join(map(str, decisions.columns))})"
                 f"{did_you_mean(column, list(map(str, decisions.columns)))}"
             )
+    if options.level == TAKEN:
+        raise StudyError(
+            f"--set level={TAKEN}: must not be {TAKEN!r}, as reports call what is compared; give it"
+            f" another name: --map level={TAKEN} --set level=level"
+        )
     values = [EVERYTHING]
     if by is not None:
         columns = list(by_columns(by))
@@ -241,9 +246,10 @@ def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
     rows = decisions.copy()
     rows["correct"] = pd.to_numeric(rows["correct"]).astype(int)
     columns = list(by_columns(settings.by))
-    rows["condition"] = EVERYTHING
+    names: Sequence[str] | str = EVERYTHING
     if columns:
-        rows["condition"] = list(map(combined, rows[columns].itertuples(index=False)))
+        names = list(map(combined, rows[columns].itertuples(index=False)))
+    rows["condition"] = names  # last: the table may have a column of this name
     if "scene" in rows and (settings.test == "participant" or (rows["scene"] == "").all()):
         rows = rows.drop(columns="scene")
     return rows.reset_index(drop=True)

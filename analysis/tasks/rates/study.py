@@ -14,6 +14,7 @@ from analysis.cells import grid
 from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.detection import DiscriminationResults, YesNoResults
 from analysis.diffusion import DiffusionResults, diffusion_by_condition
+from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.ideal_observer import AbxRule
 from analysis.learning import Trend, trend
 from analysis.models import ModelFit, ModelsBeside, glmm_probit, models_beside
@@ -129,7 +130,7 @@ def analyse_rates(
     Parameters
     ----------
     decisions : DataFrame
-        As `analysis.tidy` or `analysis.trials_csv` return them.
+        As `analysis.tidy` or `analysis.tables.trials` return them.
     sense : callable
         From prepared rows to d' by ``condition``.
     signal : str, optional
@@ -143,6 +144,7 @@ def analyse_rates(
     step("right answers")
     shown = shown_in(rows, settings)
     rates = correct_rates(rows, BY, chance=settings.chance, level=level)
+    notes += odd_answers(rows, settings)
     step("sensitivity")
     tabled = rows if signal is None else with_shared_noise(rows, signal)
     if tabled is not rows:
@@ -231,6 +233,22 @@ def analyse_rates(
         times=times,
         diffusion=diffusion,
     )
+
+
+def odd_answers(rows: pd.DataFrame, settings: RateSettings) -> list[str]:
+    """Return notes on answers that are below guessing, or get worse where they should not."""
+    notes = [] if settings.adaptive else list(below_guessing(rows, settings.chance))
+    if settings.level is not None and wrong_way(rows, settings.level, falling=settings.falling):
+        change = ("better", "false") if settings.falling else ("worse", "true")
+        notes.append(
+            f"answers get {change[0]} as {settings.level} rises: curves and thresholds mean"
+            f" nothing; say falling = {change[1]} (--set falling={change[1]})"
+        )
+    elif settings.level is not None and not notes:
+        low = below_at(rows, settings.level, settings.chance)
+        if low and not settings.adaptive:
+            notes.append(f"{low}: were there more than {settings.alternatives} answers?")
+    return notes
 
 
 def _time_models(

@@ -1,15 +1,15 @@
 """Tables of right and wrong answers: read from CSV, and written beside a report."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.rates import Difference
+from analysis.tables.table import Table
+from analysis.tables.trials import read_trials
 from analysis.tasks.rates.settings import RatesOptions, by_columns
 from analysis.tasks.rates.study import RateResults
-from analysis.trials_csv import read_trials
 from protocols.columns import Column, decided
 from protocols.tasks.single import ANSWER_COLUMNS
 
@@ -17,14 +17,14 @@ _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "inc
 
 
 def read_answers(
-    path: Path, mapping: Mapping[str, str], options: RatesOptions, answers: Sequence[str]
+    table: Table, options: RatesOptions, *, own: bool = True, two: bool = False
 ) -> pd.DataFrame:
-    """Read trials of any tool as decisions.
+    """Read trials of any tool as decisions; `own` and `two` as `read_trials` takes them.
 
     Returns
     -------
     DataFrame
-        As `analysis.trials_csv.read_trials`, and what tidy decisions have beside.
+        As `analysis.tables.trials.read_trials`, and what tidy decisions have beside.
 
     Raises
     ------
@@ -33,12 +33,9 @@ def read_answers(
     """
     wanted = list(by_columns(options.by))
     levels = [name for name in (options.level,) if name is not None]
-    rows = read_trials(path, mapping, conditions=wanted, levels=levels, answers=answers)
+    rows = read_trials(table, conditions=wanted, levels=levels, own=own, two=two)
     # What was mapped is there under our name; it need not be there twice.
-    used = {*wanted, options.level, *mapping}
-    rows = rows.drop(
-        columns=[name for name in mapping.values() if name in rows and name not in used]
-    )
+    rows = rows.drop(columns=table.renamed - {*wanted, options.level}, errors="ignore")
     count = len(rows)
     defaults = pd.DataFrame(
         {

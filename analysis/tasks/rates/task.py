@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.detection import YesNoResults
 from analysis.exclusions import FlowStep
 from analysis.report.wording import leading, left_out_sentence
+from analysis.tables.table import Source, opened
 from analysis.tasks.base import (
     Assumption,
     Counted,
@@ -42,7 +43,7 @@ from analysis.tasks.rates.settings import (
     common_settings_of_table,
     prepared,
 )
-from analysis.tasks.rates.study import RateResults
+from analysis.tasks.rates.study import RateResults, odd_answers
 from analysis.tasks.rates.tables import answer_columns, read_answers, result_tables
 from analysis.tasks.rates.wording import (
     apa_critical,
@@ -156,13 +157,19 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             "reaction": settings.reaction,
         }
 
-    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], options: Any, *, own: bool = True
+    ) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
-        return read_answers(path, mapping, options, ())
+        return read_answers(opened(table, mapping), options, own=own)
 
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of the table: ours, and those of its conditions."""
         return answer_columns(decisions)
+
+    def table_notes(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[str]:
+        """Return whether answers are below guessing, or get worse where they should not."""
+        return odd_answers(prepared(decisions, settings), settings)
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: RateSettings) -> None:
         """Refuse conditions and answers that the protocol does not have."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -11,8 +10,9 @@ import pandas as pd
 from analysis.exclusions import FlowStep
 from analysis.plots import learning_plot, sized
 from analysis.plots.ratings import ratings_plot
-from analysis.ratings_csv import read_ratings, scale_of
 from analysis.report.wording import leading
+from analysis.tables.ratings import read_ratings, scale_of
+from analysis.tables.table import RATING_COLUMNS, Source
 from analysis.tasks.base import (
     Counted,
     Estimate,
@@ -30,7 +30,6 @@ from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 
-_RATING = (Column("rating", "value", "", "The rating given"),)
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
 
@@ -59,10 +58,10 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
             alpha=settings.alpha,
         )
 
-    def read(self, path: Path, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read ratings: who gave which to what."""
         scale = scale_of(options.scale, "--set scale")
-        rows = read_ratings(path, mapping, by=options.by, scale=scale, option="--set {}=")
+        rows = read_ratings(table, mapping, by=options.by, scale=scale, option="--set {}=")
         return rows.assign(
             session=rows["participant"],
             trial=[f"row-{number}" for number in range(1, len(rows) + 1)],
@@ -234,4 +233,4 @@ def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
         ),
     ]
     there = {*_ALWAYS, *decisions.columns}
-    return tuple(column for column in decided(condition, _RATING) if column.name in there)
+    return tuple(column for column in decided(condition, RATING_COLUMNS) if column.name in there)

@@ -8,7 +8,7 @@ import pandas as pd
 from pydantic import Field
 
 from analysis.ordinal import OrdinalLink
-from analysis.ratings_csv import scale_of
+from analysis.tables.ratings import scale_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean

@@ -26,10 +26,10 @@ from PIL import Image
 from pydantic import BaseModel
 
 from analysis.export.bids_gaze import read_samples
-from analysis.plain_csv import read_decisions
+from analysis.tables.decisions import read_decisions
+from analysis.tables.trials import read_trials
+from analysis.tables.xlsx import read_xlsx
 from analysis.tidy import read_sessions
-from analysis.trials_csv import read_trials
-from analysis.xlsx import read_xlsx
 from pipeline.compression.codec import Settings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.file_format import read_compressed, to_bytes

@@ -1,43 +1,36 @@
-"""Ordered ratings from other tools: a plain CSV, one rating of a condition or of a pair per row."""
+"""Ordered ratings of any program: one rating of a condition or of a pair per row."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from analysis.csv_table import (
-    need_columns,
-    read_table,
-    refuse_equals,
-    refuse_rows,
-    renamed,
-    seconds_column,
-    shortened,
-    text_column,
-)
-from analysis.trials_csv import analysed_rows
+from analysis.tables.decisions import by_place, refuse_equals
+from analysis.tables.files import shortened
+from analysis.tables.table import Source, Table, opened
+from analysis.tables.words import TIES, among
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 
 
 def read_ratings(
-    path: Path,
+    source: Source,
     mapping: Mapping[str, str] | None = None,
     *,
     by: str | None = None,
     scale: Sequence[str] = (),
     option: str = "--{} ",
 ) -> pd.DataFrame:
-    """Read ratings from a CSV file of any tool.
+    """Read ratings from a table of any tool.
 
     Parameters
     ----------
-    path : Path
-        CSV with ``participant`` and ``rating``; ``scene`` and ``rt_s`` (seconds) if there are.
+    source : Table or Path
+        With ``participant`` and ``rating``; ``scene`` and ``rt_s`` (seconds) if there are.
         Graded comparisons of pairs have ``first`` and ``second`` in place of `by`; their rating
-        is the larger the more the first is better, 0 for a tie. Of a table with ``kind`` or
-        ``included`` only main trials that are included are read.
+        is the larger the more the first is better, 0 for a tie; or ``chosen`` says which is, or
+        that it is a tie. Of a table with ``kind`` or ``included`` only main trials that are
+        included are read.
     by : str, optional
         The column of conditions; left out: the ratings are of pairs.
     scale : sequence of str
@@ -57,37 +50,48 @@ def read_ratings(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = analysed_rows(path, renamed(path, read_table(path), mapping or {}, None))
+    table = opened(source, mapping)
     named = ("first", "second") if by is None else (by,)
-    wanted = ("participant", "rating", *named)
-    missing = [name for name in wanted if name not in table]
+    chosen = by is None and "rating" not in table.rows and "chosen" in table.rows
+    rated = "chosen" if chosen else "rating"
+    wanted = ("participant", rated, *named)
+    table.known((*wanted, "scene", "rt_s", "order"))
     cure = f" (or name the column of conditions with {option.format('by')}COLUMN)"
-    need_columns(path, table, missing, cure if by is None else "")
+    table.need([name for name in wanted if name not in table.rows], cure if by is None else "")
     if by is None and scale:
         raise StudyError(
             f"{option.format('scale').strip()} must be left out for pairs: their ratings are"
             " numbers around 0"
         )
-    if table.empty:
-        raise StudyError(f"{path}: must hold at least one rating (the table has no rows)")
-    scene = ("scene",) if "scene" in table else ()
+    table.only_main()
+    words = {*table.rows["first"], *table.rows["second"]} if chosen else set(scale)
+    table.answered([rated], words, "rating")
+    given = table.rows
+    scene = ("scene",) if "scene" in given else ()
     rows = pd.DataFrame(
-        {name: text_column(path, table, name) for name in ("participant", *scene, *named)},
-        index=table.index,
+        {name: table.text(name) for name in ("participant", *scene, *named)}, index=given.index
     )
-    rows["rating"] = text_column(path, table, "rating")
-    _check_ratings(path, rows["rating"], scale, option)
     if by is None:
-        refuse_equals(path, rows)
-    if not scale:
-        rows["rating"] = pd.to_numeric(rows["rating"])
+        refuse_equals(table, rows)
+    rows["rating"] = _of_choices(table, rows) if chosen else _ratings(table, by, scale, option)
+    table.order(rows["participant"])
     rows["order"] = rows.groupby("participant").cumcount() + 1
-    rows["rt_s"] = seconds_column(path, table, "rt_s") if "rt_s" in table else np.nan
-    rows["simulated"] = (table["simulated"] == "1").astype(int) if "simulated" in table else 0
+    rows["rt_s"] = table.take("rt_s", np.nan)
+    rows["simulated"] = (given["simulated"] == "1").astype(int) if "simulated" in given else 0
     return rows.reset_index(drop=True)
 
 
-def _check_ratings(path: Path, ratings: pd.Series, scale: Sequence[str], option: str) -> None:
+def _of_choices(table: Table, rows: pd.DataFrame) -> pd.Series:
+    """Return 1 where the first was chosen, -1 where the second was, 0 for a tie."""
+    chosen = by_place(table, rows)
+    first, second, tie = chosen == rows["first"], chosen == rows["second"], among(chosen, TIES)
+    table.refuse(~first & ~second & ~tie, "chosen must be one of the pair, or 'tie'", chosen)
+    table.notes.append("no column rating: the chosen one counts as 1 better, a tie as 0")
+    return first.astype(float) - second.astype(float)
+
+
+def _ratings(table: Table, by: str | None, scale: Sequence[str], option: str) -> pd.Series:
+    ratings = table.text("rating")
     numbers = pd.to_numeric(ratings, errors="coerce").astype(float)
     known = ratings.isin(list(scale)) if scale else pd.Series(np.isfinite(numbers), ratings.index)
     must = (
@@ -102,7 +106,11 @@ def _check_ratings(path: Path, ratings: pd.Series, scale: Sequence[str], option:
         hint = did_you_mean(got, list(scale)) if scale else ""
         return f"rating must be {must} (got {got!r}){hint}"
 
-    refuse_rows(path, ~known, said)
+    table.refuse(~known, said)
+    if scale:
+        return ratings
+    table.number("rating", rare=by is not None)
+    return pd.to_numeric(ratings)
 
 
 def scale_of(text: str | None, option: str = "--scale") -> tuple[str, ...]:

@@ -1,0 +1,220 @@
+"""Files of tables as rows of text: CSV however it is encoded, spreadsheets, folders of both.
+
+What is changed is said, a note for each kind of change; what is plain already is left as it is.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from analysis.tables.xlsx import ENDING, read_xlsx
+from protocols.errors import StudyError
+from protocols.limits import check_cells
+from protocols.load import read_bytes
+from protocols.outside import CONTROL, check_within, lines_of, original_cell
+
+TABLES = (".csv", ".tsv", ENDING)
+"""Tables that a folder may hold."""
+SPREADSHEETS = (".xls", ".ods", ".numbers")
+"""Spreadsheets that are not read."""
+FIRST_LINE = 2
+SHOWN_LETTERS = 60
+_ZIPPED = b"PK\x03\x04"
+_DECIMAL = re.compile(r"[+-]?\d+,\d+")
+_NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
+_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_SAME_ROWS = 4
+"""Files with so many rows or more are not the same by chance."""
+
+Rows = list[list[str]]
+
+
+@dataclass
+class FileRows:
+    """Header and rows of text of a file or a folder, where each row stands, and what was changed.
+
+    `lines` holds the file and the line of every row; there are no blank ones.
+    """
+
+    header: list[str] = field(default_factory=list)
+    rows: Rows = field(default_factory=list)
+    lines: list[tuple[Path, int]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def rows_of(path: Path) -> FileRows:
+    """Return the rows of a table, or of all tables in a folder with the columns of all.
+
+    Read are UTF-8, UTF-16 and Windows' Latin-1; comma, semicolon or tab; and the first sheet of
+    ``.xlsx``, however it is named. Columns of numbers with decimal commas get points where the
+    file is separated otherwise.
+
+    Raises
+    ------
+    StudyError
+        If it is a spreadsheet of another kind, cannot be read, has no header, a name twice, or a
+        row that is longer or shorter than the header; of a folder, if it holds no table, or one
+        twice.
+    """
+    if not path.is_dir():
+        return _of_file(path)
+    files = sorted(
+        one
+        for one in path.iterdir()
+        if one.suffix.lower() in (*TABLES, *SPREADSHEETS)
+        and not one.name.startswith((".", "~$"))  # of macOS, and of Excel while it runs
+    )
+    if not files:
+        raise StudyError(f"{path}: must hold tables ({', '.join(TABLES)}) (it holds none)")
+    cells: list[dict[str, str]] = []
+    header: dict[str, None] = {}
+    told: dict[str, list[str]] = {}
+    seen: dict[tuple[tuple[str, ...], ...], Path] = {}
+    found = FileRows(notes=[f"{len(files)} tables of {path} read as one"])
+    for file in files:
+        one = FileRows(notes=["left out: it is empty"])
+        if file.stat().st_size:
+            one = _of_file(file)
+        same = tuple(map(tuple, one.rows))
+        if len(same) >= _SAME_ROWS and seen.setdefault(same, file) != file:
+            raise StudyError(
+                f"{file}: must hold rows of its own (they are those of {seen[same].name}); move one"
+                " of both out of the folder"
+            )
+        header |= dict.fromkeys(one.header)
+        # Each row gets the columns of all tables.
+        count = (len(cells) + len(one.rows)) * len(header)
+        check_within("cells", count, StudyError, path, "cells")
+        cells += (dict(zip(one.header, row, strict=True)) for row in one.rows)
+        found.lines += one.lines
+        for note in one.notes:
+            told.setdefault(note.partition(":")[0], []).append(f"{file.name}: {note}")
+    found.header = list(header)
+    found.rows = [[row.get(name, "") for name in header] for row in cells]
+    for first, *others in told.values():
+        found.notes.append(first + (f"; likewise in {len(others)} more" if others else ""))
+    return found
+
+
+def _of_file(path: Path) -> FileRows:
+    """Return the rows of one file."""
+    if path.suffix.lower() in SPREADSHEETS:
+        raise StudyError(
+            f"{path}: must be a CSV table or {ENDING}; save it as one of them in the spreadsheet's"
+            " own program"
+        )
+    found = FileRows()
+    if _is_spreadsheet(path):
+        numbered, separator = list(enumerate(read_xlsx(path, found.notes), 1)), ";"
+    else:
+        numbered, separator = _read_text(path, found.notes)
+    (_, head), *body = numbered or [(1, [])]
+    found.header = [original_cell(name).strip("\ufeff \t") for name in head]
+    if not any(found.header):
+        raise StudyError(f"{path}: must be a CSV table with a header (found none)")
+    twice = sorted({name for name in found.header if found.header.count(name) > 1})
+    if twice:
+        raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
+    again = []
+    for line, row in body:
+        if not any(map(str.strip, row)):
+            continue
+        if len(row) != len(found.header):
+            raise StudyError(
+                f"{path}: line {line}: must have {len(found.header)} cells like the header (found"
+                f" {len(row)}); a separator at its end counts as a cell"
+            )
+        if [cell.strip("\ufeff \t") for cell in row] == found.header:
+            again.append(line)
+            continue
+        found.rows.append([original_cell(" ".join(cell.splitlines())) for cell in row])
+        found.lines.append((path, line))
+    if again:
+        found.notes.append(f"left out, the header again: {counted_lines(again)}")
+    if separator != ",":
+        found.notes += _decimal_points(found)
+    return found
+
+
+def counted_lines(lines: Sequence[int | str]) -> str:
+    """Return how many rows, and where the first are: ``2 rows (line 3, 5)``."""
+    shown = ", ".join(map(str, lines[:5])) + " ..." * (len(lines) > 5)
+    return f"{len(lines)} row{'s' * (len(lines) != 1)} (line {shown})"
+
+
+def _is_spreadsheet(path: Path) -> bool:
+    if path.suffix.lower() == ENDING or not path.is_file():
+        return path.suffix.lower() == ENDING
+    with path.open("rb") as file:
+        return file.read(len(_ZIPPED)) == _ZIPPED
+
+
+def _read_text(path: Path, notes: list[str]) -> tuple[list[tuple[int, list[str]]], str]:
+    """Return the rows of a text file with their lines, and what separates their cells."""
+    text = _decoded(read_bytes(path, "the table", "table"), notes)
+    text = text if "\n" in text else text.replace("\r", "\n")  # as old Macs ended lines
+    header = text.split("\n", maxsplit=1)[0]
+    if header.lower().startswith("sep="):
+        raise StudyError(
+            f"{path}: line 1: must be the header (got {shortened(header.strip())!r}, which only"
+            " spreadsheets read); delete this line"
+        )
+    separator = max(",;\t", key=header.count)
+    check_cells(path, text, separator)
+    if control := CONTROL.search(text):
+        line = text.count("\n", 0, control.start()) + 1
+        raise StudyError(
+            f"{path}: line {line}: must hold no control characters (got {control.group()!a})"
+        )
+    reader = csv.reader(lines_of(text), delimiter=separator)
+    try:
+        return [(reader.line_num, row) for row in reader], separator
+    except csv.Error as error:
+        raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
+
+
+def _decoded(data: bytes, notes: list[str]) -> str:
+    """Return the text of a file, by its mark, else by whether it can be UTF-8."""
+    head, unmarked = data[:200], ""
+    if head[:2] not in _MARKS and len(head) > 3 and 0 in head:
+        half = len(head) // 2
+        unmarked = next(
+            (
+                code
+                for code, place in (("utf-16-le", 1), ("utf-16-be", 0))
+                if head[place::2].count(0) > 0.8 * half
+            ),
+            "",
+        )
+    if code := _MARKS.get(head[:2], unmarked):
+        notes.append("read as UTF-16")
+        return data.decode(code, "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
+        return data.decode("cp1252", "replace")
+
+
+def _decimal_points(found: FileRows) -> list[str]:
+    """Write points in columns whose values are all numbers, some with a decimal comma."""
+    turned = []
+    for place, name in enumerate(found.header):
+        filled = [cell for row in found.rows if (cell := row[place].strip())]
+        if not any(map(_DECIMAL.fullmatch, filled)) or not all(map(_NUMBER.fullmatch, filled)):
+            continue
+        for row in found.rows:
+            row[place] = row[place].strip().replace(",", ".")
+        turned.append(name)
+    return [f"decimal commas read as points: {', '.join(turned)}"] if turned else []
+
+
+def shortened(text: object) -> str:
+    """Return a value as a message shows it: its beginning, where it is very long."""
+    shown = str(text)
+    return shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."

@@ -1,0 +1,541 @@
+"""A table of any program under our names, and its columns as checked values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.tables import rows as row_checks
+from analysis.tables import units
+from analysis.tables.files import FIRST_LINE, counted_lines, rows_of, shortened
+from analysis.tables.words import (
+    ANSWERED,
+    NO,
+    SUMMARY,
+    UNANSWERED,
+    YES,
+    among,
+    means,
+    missing,
+    plain,
+)
+from protocols.columns import COMMON_COLUMNS, Column, attempted, decided
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
+from protocols.tasks.single import ANSWER_COLUMNS
+
+LARGEST_WHOLE = 2**53
+"""Beyond, tables of numbers do not tell neighbours apart."""
+DAY_S = 86_400.0
+_MANY = 5
+"""Where so many answers are wrong, a person gave some of them."""
+BY_IMPORT = "metamerlab analysis import TABLE "
+"""How a command without --map and --where is told columns and rows."""
+RATING_COLUMNS = (Column("rating", "value", "", "The rating given", ("score", "response")),)
+OURS = {
+    column.name: column
+    for column in (
+        *attempted((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS),
+        *decided((), (*ANSWER_COLUMNS, *RATING_COLUMNS)),
+    )
+}
+"""All columns that analyses know, by name."""
+_CODES = {99.0, 999.0, 9999.0, 99999.0, -9.0, -99.0, -999.0, -9999.0}
+"""What stands for a missing number, where it lies far from all others."""
+_RATING_CODES = {9.0, 77.0, 88.0, -1.0, *_CODES}
+
+
+class Table:
+    """A table as texts under our names, with what was left out or changed.
+
+    Attributes
+    ----------
+    path : Path
+        The user's file or folder.
+    rows : DataFrame
+        Texts. Of a file the index is the line minus 2.
+    notes : list of str
+        What was left out or changed; readers add to it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        mapping: Mapping[str, str] | None = None,
+        where: Sequence[str] = (),
+        answers: Mapping[str, str] | None = None,
+        *,
+        command: str = "",
+    ) -> None:
+        """Read a table.
+
+        Parameters
+        ----------
+        path : Path
+            As `analysis.tables.files.rows_of` takes it.
+        mapping : mapping of our name to the file's column
+            ``COLUMN``, or ``COLUMN:UNIT`` where its unit is another. Columns that already have our
+            names need no entry.
+        where : sequence of str
+            Conditions such as ``contrast>0`` that every row must fulfil.
+        answers : mapping
+            What answers of the table are called in `expected`, or are to be called.
+        command : str
+            What stands before ``--map`` in cures, if it is no option of the command at hand.
+
+        Raises
+        ------
+        StudyError
+            As `rows_of`; also for a column, unit, condition or answer that the table has not.
+        """
+        found = rows_of(path)
+        self.path, self.notes, self._command = path, found.notes, command
+        self._places = found.lines if path.is_dir() else None
+        lines = [line - FIRST_LINE for _, line in found.lines]
+        index = list(range(len(lines))) if path.is_dir() else lines
+        self.rows = pd.DataFrame(found.rows, columns=found.header, index=index, dtype=str)
+        self._header = list(found.header)
+        self._mapping: dict[str, str] = {}
+        self._filtered: set[str] = set()
+        self._refuse_doubled(mapping or {})
+        original = self.rows
+        for ours, theirs in (mapping or {}).items():
+            self._rename(ours, theirs, original)
+        # What was mapped is no other of our columns.
+        self.rows = self.rows.drop(columns=list(self.renamed & OURS.keys()))
+        for condition in where:
+            self._filter(condition)
+        if answers:
+            self._call_answers(answers)
+        self._without_summaries()
+
+    # Messages.
+
+    def place(self, at: int) -> str:
+        """Return file and line of a row."""
+        file, line = self._places[at] if self._places else (self.path, at + FIRST_LINE)
+        return f"{file}: line {line}"
+
+    def refuse(
+        self, wrong: pd.Series, must: str | Callable[[Any], str], got: pd.Series | None = None
+    ) -> None:
+        """Refuse the first row that is wrong: what must hold, or what its index says, and value."""
+        if wrong.any():
+            at = wrong.index[wrong][0]
+            said = must if isinstance(must, str) else must(at)
+            found = "" if got is None else f" (got {shortened(got[at])!r})"
+            raise StudyError(f"{self.place(at)}: {said}{found}")
+
+    def cure(self, words: str) -> str:
+        """Return an option as the command at hand, or `analysis import`, takes it."""
+        return f"{self._command}{words}"
+
+    def need(self, missed: Sequence[str], cure: str = "") -> None:
+        """Refuse a table without required columns, or those; the first word of each is its name."""
+        every = [one.name for one in OURS.values() if one.required and one.name not in self.rows]
+        if missed := list(dict.fromkeys([*every, *missed])):
+            first, found = missed[0].split()[0], list(map(str, self.rows.columns))
+            known = OURS.get(first)
+            alike = [name for name in found if known is not None and means(name, known)]
+            hint = f"; perhaps {alike[0]!r}?" if alike else did_you_mean(first, found)
+            raise StudyError(
+                f"{self.path}: must have the columns {', '.join(missed)}{cure}"
+                f" (found: {', '.join(found)}); say which column holds it:"
+                f" {self.cure('--map')} {first}=COLUMN{hint}"
+            )
+
+    @property
+    def renamed(self) -> set[str]:
+        """Columns of the user's table that are there under other names, too."""
+        return set(self._mapping.values()) - self._mapping.keys()
+
+    def theirs(self, ours: str) -> str:
+        """Return what the user's table calls a column of ours."""
+        return self._mapping.get(ours, ours)
+
+    # Rows.
+
+    def leave_out(self, out: pd.Series, why: str) -> None:
+        """Leave rows out, and note how many and where."""
+        lines = [
+            f"{self._places[at][1]} of {self._places[at][0].name}" if self._places else at + 2
+            for at in out.index[out]
+        ]
+        if lines:
+            self.notes.append(f"left out{why}: {counted_lines(lines)}")
+            self.rows = self.rows[~out]
+
+    def only_main(self) -> None:
+        """Leave out practice, catch trials and what exclusion rules left out."""
+        for column, wanted, others in (
+            ("kind", ("main",), ("practice", "catch")),
+            ("included", ("1", "1.0"), ("0", "0.0")),
+        ):
+            if column not in self.rows:
+                continue
+            values = self.rows[column].str.strip()
+            known = ", ".join(name for name in (*wanted, *others) if not name.endswith(".0"))
+            must = f"{column} must be one of {known} (or the column have another name)"
+            self.refuse(~values.isin((*wanted, *others)), must, values)
+            for other in others:
+                why = f", {other}" if column == "kind" else ", not included"
+                self.leave_out(self.rows[column].str.strip() == other, why)
+
+    def answered(
+        self,
+        columns: Sequence[str],
+        answers: Collection[str] = (),
+        noun: str = "answer",
+        *,
+        each: bool = False,
+    ) -> None:
+        """Leave out rows that nobody answered; no answer is never a wrong one.
+
+        Parameters
+        ----------
+        columns : sequence of str
+            Those that hold the answer; one of them is enough, with `each` none may be missing.
+        answers : collection of str
+            Words that are answers, though they may mean missing elsewhere.
+        noun : str
+            What a row is.
+        """
+        words = {one.strip().casefold() for one in answers}
+        rows = self.rows
+        blank = [missing(rows[name], words) for name in columns]
+        none = pd.Series(False, rows.index)
+        if blank:
+            together = pd.concat(blank, axis=1)
+            none = together.any(axis=1) if each else together.all(axis=1)
+        late = pd.Series(False, rows.index)
+        right = among(rows["correct"], YES) if "correct" in rows else late
+        wrong = among(rows["correct"], NO) if "correct" in rows else late
+        for name in map(str, rows.columns):
+            timed = means(name, OURS["rt_s"])
+            if plain(name) in UNANSWERED | ANSWERED:
+                says = YES if plain(name) in UNANSWERED else NO
+                empty, judged = among(rows[name], says), ~right
+            elif timed or means(name, OURS["answer"]):
+                empty, judged = missing(rows[name], words), wrong
+                if timed:
+                    empty |= pd.to_numeric(rows[name], errors="coerce") <= 0
+            else:
+                continue
+            # A column that is empty where answers were right does not tell.
+            if "correct" in self._filtered:
+                continue
+            if not (empty & right).any():
+                if name not in columns and wrong.sum() >= _MANY and not (wrong & ~empty).any():
+                    raise StudyError(
+                        f"{self.path}: {name} must say of wrong answers, too, when they came (it is"
+                        f" empty in all {int(wrong.sum())} rows that count as wrong); if nobody"
+                        f" answered these, leave them out with {self.cure('--where')}"
+                        f" '{name}!=none', else keep them with --where 'correct!=none'"
+                    )
+                late |= empty & judged
+            elif (empty & wrong).any() and 2 * (empty & right).sum() < right.sum():
+                self.notes.append(
+                    f"{name} is empty in {int((empty & right).sum())} rows that count as right:"
+                    f" the {int((empty & wrong).sum())} that count as wrong were kept"
+                )
+        self.leave_out(none | late, " without an answer")
+        if self.rows.empty:
+            why = "the table has no rows" if rows.empty else self.notes[-1]
+            raise StudyError(f"{self.path}: must hold at least one {noun} ({why})")
+
+    def known(self, names: Collection[str | None], *, own: bool = False) -> None:
+        """Refuse mapped names that the reader has no use for, and note columns that it has not.
+
+        With `own` columns of the user's own are of use.
+        """
+        if own:
+            return
+        useful = {*filter(None, names), *self._filtered}
+        for ours, theirs in self._mapping.items():
+            if ours not in useful:
+                listed = sorted(useful)
+                raise StudyError(
+                    f"--map {ours}={theirs}: must name one of {', '.join(listed)}"
+                    f"{did_you_mean(ours, listed)}"
+                )
+        used = {*useful, *self._mapping.values(), *OURS, *COMMON_COLUMNS}
+        spare = [name for name in self._header if name not in used and name]
+        if spare:
+            more = " ..." * (len(spare) > 5)
+            self.notes.append(f"columns that were not used: {', '.join(spare[:5])}{more}")
+
+    # Columns.
+
+    def take(self, name: str, otherwise: object = None) -> Any:
+        """Return a column of ours, checked as what it is declared; `otherwise` if there is none."""
+        column = OURS[name]
+        if name not in self.rows:
+            return otherwise
+        if column.kind == "text":
+            return self.text(name)
+        if column.kind == "0/1":
+            return self.right() if name == "correct" else self.flag(name)
+        if column.kind == "integer":
+            return self.whole(name)
+        return self.seconds(name) if column.unit == "s" else self.number(name)
+
+    def text(self, column: str) -> pd.Series:
+        """Return a column of names, none of them empty or spoilt by a spreadsheet."""
+        values = self.rows[column].str.strip()
+        self.refuse(values == "", f"{column} must not be empty")
+        dates, all_of_them = row_checks.spoilt(values)
+        if dates.any() and not all_of_them and column not in self._filtered:
+            at = dates.index[dates][0]
+            self.refuse(
+                dates,
+                f"{column} must be a name, not the date that a spreadsheet made of one"
+                f" (got {shortened(values[at])!r} in {int(dates.sum())} rows); write the name again"
+                f" in a column of text, or {self.cure('--where')} '{column}!={values[at]}'",
+            )
+        if dates.any():
+            self.notes.append(f"{column} holds dates, such as {values[dates].iloc[0]}: as names")
+        for group in row_checks.look_alike(values.unique(), codes=column == "participant"):
+            named = ", ".join(map(repr, group))
+            self.notes.append(f"{column} {named} look alike: they count as {len(group)}")
+        return values
+
+    def number(self, column: str, *, rare: bool = False) -> pd.Series:
+        """Return a column of finite numbers; what says missing is NaN.
+
+        Codes such as 999 are refused, with `rare` (ratings) all rare values far from the others.
+        """
+        values = self._numbers(column)
+        if column not in self._filtered:
+            self._refuse_codes(column, values, rare=rare)
+        self._refuse_unit(column, values)
+        return values
+
+    def _numbers(self, column: str) -> pd.Series:
+        raw = self.rows[column].str.strip()
+        values = pd.to_numeric(raw, errors="coerce").astype(float)
+        self.refuse(
+            ~missing(raw) & ~np.isfinite(values),
+            lambda at: (
+                f"{column} must be a number (got {shortened(raw[at])!r})"
+                + ("; write decimals with a point" if "," in raw[at] else "")
+                + units.cure(raw[at], self.cure(f"--map {column}={self.theirs(column)}"))
+            ),
+        )
+        return values
+
+    def whole(self, column: str) -> pd.Series:
+        """Return a column of whole numbers from 0 on; what says missing is NaN."""
+        values = self._numbers(column)
+        wrong = (values != values.round()) & values.notna()
+        wrong |= (values < 0) | (values > LARGEST_WHOLE)
+        self.refuse(wrong, f"{column} must be a whole number from 0 on", self.rows[column])
+        return values
+
+    def order(self, people: pd.Series) -> pd.Series:
+        """Return the column `order`, which no participant has twice in a session; else count."""
+        if "order" not in self.rows:
+            return people.groupby(people).cumcount() + 1
+        order = self.whole("order")
+        session = self.rows.get("session", people)
+        twice = pd.DataFrame({"who": people, "session": session, "order": order}).duplicated()
+        self.refuse(
+            twice & order.notna(),
+            lambda at: (
+                "order must not come twice for a participant"
+                f" (got {order[at]:g} again for {people[at]!r}); were rows pasted twice? Leave"
+                " order out if rows are in order"
+            ),
+        )
+        return order
+
+    def flag(self, column: str) -> pd.Series:
+        """Return a column of 1 and 0, or yes and no in words."""
+        raw = self.rows[column]
+        good, bad = among(raw, YES), among(raw, NO)
+        cure = f"; leave such rows out with {self.cure('--where')} '{column}!={{}}'"
+        if column == "correct":
+            cure += f", or, if it holds the right answer, {self.cure('--map expected=COLUMN')}"
+            cure += " --map answer=COLUMN"
+        must = f"{column} must be 1 or 0 (got {{!r}}){cure}"
+        self.refuse(~good & ~bad, lambda at: must.format(shortened(raw[at]), shortened(raw[at])))
+        return good.astype("int64")
+
+    def right(self) -> pd.Series:
+        """Return the column `correct`; words that are the question's answers too are refused."""
+        values = self.flag("correct")
+        said = set(self.rows["correct"].str.strip().str.casefold()) - {"1", "0", "1.0", "0.0"}
+        if said <= {"true", "false", "t", "f", "correct", "incorrect", "wrong", "right"}:
+            return values
+        theirs = self.theirs("correct")
+        for name in self._header:
+            if name not in self.rows or not means(name, OURS["answer"]):
+                continue
+            if set(self.rows[name].str.strip().str.casefold()) & said:
+                raise StudyError(
+                    f"{self.path}: correct must say whether answers were right ({theirs} holds"
+                    f" {', '.join(sorted(said))}, as {name} does); if it is the right answer,"
+                    f" {self.cure(f'--map expected={theirs}')} --map answer={name}"
+                )
+        self.notes.append(f"{theirs} says {' and '.join(sorted(said))}: read as right and wrong")
+        return values
+
+    def seconds(self, column: str = "rt_s") -> pd.Series:
+        """Return a column of durations above 0 and below a day; what says missing is NaN."""
+        values = self._numbers(column)
+        if units.likely("s", values):
+            self._refuse_unit(column, values)
+        must = (
+            f"{column} must be above 0 seconds and below a day (got {{}}); leave such rows out with"
+        )
+        must = f"{must} {self.cure('--where')} '{column}>0'"
+        raw = self.rows[column].map(lambda one: repr(shortened(one)))
+        wrong = (values <= 0) | (values >= DAY_S)
+        self.refuse(wrong, lambda at: must.format(raw[at]))
+        if "participant" in self.rows:
+            self._refuse_unit(column, values, self.rows["participant"].str.strip())
+        return self.number(column)
+
+    # How the table is made.
+
+    def _rename(self, ours: str, text: str, original: pd.DataFrame) -> None:
+        header = list(map(str, original.columns))
+        base = units.unit_of(OURS.get(ours), ours)
+        theirs, unit = units.split_unit(text, header, base, f"--map {ours}={text}")
+        if theirs not in header:
+            raise StudyError(
+                f"{self.path}: must have the column {theirs!r} mapped to {ours}"
+                f" (found: {', '.join(header)}){did_you_mean(theirs, header)}"
+            )
+        values = original[theirs]
+        if unit is None and ours != theirs:
+            unit = units.said_by(theirs, base)
+            if unit not in (None, base, "right"):
+                self.notes.append(f"{theirs} read in {unit}, as its name says")
+        self.rows = self.rows.assign(
+            **{ours: values if unit is None else units.converted(values, unit)}
+        )
+        self._mapping[ours] = theirs
+
+    def _filter(self, condition: str) -> None:
+        """Keep the rows of which a condition is true."""
+        option = f"--where {condition}"
+        found = row_checks.CONDITION.fullmatch(condition)
+        if found is None:
+            raise StudyError(f"{option}: must read COLUMN>0, or with =, !=, <, <=, >=")
+        name, sign, wanted = found.groups()
+        if name not in self.rows:
+            listed = list(map(str, self.rows.columns))
+            raise StudyError(
+                f"{option}: must name a column of the table ({', '.join(listed)})"
+                f"{did_you_mean(name, listed)}"
+            )
+        kept = row_checks.kept(self.rows[name], sign, wanted)
+        if isinstance(kept, str):
+            raise StudyError(f"{option}: must compare numbers (got {shortened(kept)!r})")
+        if not kept.any():
+            some = sorted(set(self.rows[name].str.strip()))
+            raise StudyError(
+                f"{option}: must leave a row ({name} holds {', '.join(some[:8])}"
+                f"{' ...' * (len(some) > 8)}){did_you_mean(wanted, some)}"
+            )
+        self._filtered.add(name)
+        if kept.all():
+            self.notes.append(f"{option} leaves no row out")
+        self.leave_out(~kept, f" by {option}")
+
+    def _call_answers(self, answers: Mapping[str, str]) -> None:
+        """Give answers other names."""
+        name = next((one for one in ("answer", "chosen", "rating") if one in self.rows), None)
+        if name is None:
+            self.need(["answer"])
+        values = self.rows[str(name)].str.strip()
+        for theirs in answers:
+            if not (values == theirs).any():
+                held = sorted(set(values[~missing(values)]))
+                raise StudyError(
+                    f"--answer {theirs}={answers[theirs]}: must be an answer that the column"
+                    f" {name} holds ({', '.join(held[:8])}){did_you_mean(theirs, held)}"
+                )
+        self.rows = self.rows.assign(**{str(name): values.replace(dict(answers))})
+
+    def _without_summaries(self) -> None:
+        """Leave out rows with a mean or a sum in the place of a participant."""
+        rows = self.rows
+        if "participant" not in rows:
+            return
+        who = rows["participant"].str.strip()
+        out = who.map(lambda one: SUMMARY.fullmatch(one) is not None).astype(bool)
+        for name in rows.columns if (who == "").any() else ():
+            said = rows[name][who == ""].str.strip()
+            out[said.index] |= said.map(lambda one: SUMMARY.fullmatch(one) is not None)
+        if not out.all():
+            self.leave_out(out, ", summary of others")
+
+    def _refuse_doubled(self, mapping: Mapping[str, str]) -> None:
+        rows = self.rows
+        if (who := mapping.get("participant", "")) in rows and "participant" not in rows:
+            rows = rows.assign(participant=rows[who])
+        places = row_checks.doubled(rows, OURS["rt_s"])
+        if places is not None:
+            first, second = map(self.place, places)
+            raise StudyError(
+                f"{second}: must not repeat other rows (from here on they are those from"
+                f" {first.rpartition('line ')[2]} on); delete what was pasted twice"
+            )
+
+    def _refuse_codes(self, column: str, values: pd.Series, *, rare: bool) -> None:
+        known = values.dropna()
+        codes = _RATING_CODES if rare else _CODES
+        suspects = known.isin(codes)
+        if rare:
+            suspects |= known.map(known.value_counts()) <= 0.1 * len(known)
+        rest = known[~suspects]
+        if rest.nunique() < 2:
+            return
+        least, most = float(rest.min()), float(rest.max())
+        reach = (0.75 if rare else 3.0) * (most - least)
+        far = suspects & ((known > most + reach) | (known < least - reach))
+        if rare:
+            far |= suspects & (known < 0) & (least >= 0)
+            far &= known.isin(codes) | (known > most + 3 * (most - least))
+        if far.any():
+            code = float(known[far].iloc[0])
+            raise StudyError(
+                f"{self.place(far.index[far][0])}: {column} must be a value like the others, from"
+                f" {least:g} to {most:g} (got {code:g} in {int((known == code).sum())} rows); leave"
+                f" it out with {self.cure('--where')} '{column}!={code:g}', or, if it is meant, say"
+                f" --where '{column}{'<=' if code > most else '>='}{code:g}'"
+            )
+
+    def _refuse_unit(self, column: str, values: pd.Series, people: pd.Series | None = None) -> None:
+        base = units.unit_of(OURS.get(column), column)
+        wrong = units.impossible(column, base, values, people)
+        if not wrong:
+            return
+        theirs, others = self.theirs(column), units.likely(base, values)
+        if people is not None:
+            cure = "bring all people's to one unit, or leave these out with"
+            cure = f"{cure} {self.cure('--where')} 'participant!=CODE'"
+        elif others:
+            cure = f"say its unit: {self.cure('--map')} {column}={theirs}:{others[0]}"
+        else:
+            named = f"{column.rpartition('_')[0] or column}_px={theirs}"
+            cure = (
+                f"say its unit, {self.cure('--map')} {column}={theirs}:UNIT, or call it by another"
+            )
+            cure = f"{cure}, such as --map {named}"
+        raise StudyError(f"{self.path}: {wrong}; {cure}")
+
+
+Source = Path | Table
+"""A table, or where it lies."""
+
+
+def opened(source: Source, mapping: Mapping[str, str] | None = None) -> Table:
+    """Return the table; one that lies in a file is read, with columns of these names."""
+    return source if isinstance(source, Table) else Table(source, mapping)

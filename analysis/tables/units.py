@@ -1,0 +1,125 @@
+"""Units of columns: what `--map OURS=THEIRS:UNIT` says, what names say, and what cannot be."""
+
+import re
+from collections.abc import Sequence
+
+import pandas as pd
+
+from analysis.tables.words import NO, YES, among
+from protocols.columns import Column
+from protocols.errors import StudyError
+
+UNITS: dict[str, dict[str, float]] = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "deg": {"deg": 1.0, "arcmin": 1 / 60, "arcsec": 1 / 3600, "rad": 57.29577951308232},
+    "share": {"share": 1.0, "percent": 1e-2},
+    "0/1": {"right": 1.0, "errors": -1.0},
+}
+"""By the unit of our column: units of others, and what one of them is."""
+_SAME = {
+    **dict.fromkeys(("msec", "msecs", "millis", "milliseconds", "millisecond"), "ms"),
+    **dict.fromkeys(("sec", "secs", "seconds", "second"), "s"),
+    **dict.fromkeys(("µs", "μs", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("minutes", "minute", "mins"), "min"),
+    **dict.fromkeys(("%", "pct", "perc", "percentage"), "percent"),
+    **dict.fromkeys(("error", "errors", "err", "wrong", "incorrect"), "errors"),
+    **dict.fromkeys(("degrees", "degree", "dva"), "deg"),
+}
+_WITH_UNIT = re.compile(r"([-+]?[\d.]+)\s*([a-zµμ]+|%)", re.IGNORECASE)
+LONGEST_S, SHORTEST_S = 60.0, 0.05
+"""Between them lies the median time of any answer that a person gives to what they see."""
+
+
+def unit_of(column: Column | None, name: str) -> str:
+    """Return the unit of our column: declared, or the end of its name."""
+    if column is not None:
+        return "0/1" if column.kind == "0/1" else column.unit
+    tail = name.rpartition("_")[2]
+    return tail if tail in UNITS else ""
+
+
+def known_unit(word: str, base: str) -> str | None:
+    """Return a unit's one name, if it is a unit of a column of unit `base` (empty: of any)."""
+    name = _SAME.get(word.casefold(), word.casefold())
+    return name if any(name in UNITS[one] for one in ([base] if base in UNITS else UNITS)) else None
+
+
+def said_by(name: str, base: str) -> str | None:
+    """Return the unit that a column's name ends in, such as ``RT (ms)``; of shares and times."""
+    words = re.findall(r"%|[^\W_]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
+    if base not in UNITS or not words or (len(words) == 1 and base != "0/1"):
+        return None
+    return known_unit(words[-1], base)
+
+
+def converted(values: pd.Series, unit: str) -> pd.Series:
+    """Return texts of numbers in our unit; what is no number stays."""
+    if unit == "errors":
+        turned = values.mask(among(values, YES), "0")
+        return turned.mask(among(values, NO), "1")
+    factor = next(table[unit] for table in UNITS.values() if unit in table)
+    bare = values.str.strip().str.replace(_WITH_UNIT, r"\1", regex=True)
+    numbers = pd.to_numeric(bare, errors="coerce").astype(float)
+    return values.where(numbers.isna(), (numbers * factor).map(lambda one: f"{one:.12g}"))
+
+
+def cure(text: str, option: str) -> str:
+    """Return how a number with its unit behind is read, such as ``534 ms``; empty: it is none."""
+    found = _WITH_UNIT.fullmatch(text)
+    unit = found and known_unit(found[2], "")
+    return f"; say its unit: {option}:{unit}" if unit else ""
+
+
+def impossible(name: str, base: str, values: pd.Series, people: pd.Series | None) -> str:
+    """Return what is wrong with a column, with `people` of one of them; empty: nothing.
+
+    Of times the median, of shares and angles the largest must be possible.
+    """
+    known = values.dropna()
+    if known.empty:
+        return ""
+    if base == "s":
+        parts = [("", known)]
+        if people is not None:
+            parts += [(f" of {who}", part) for who, part in known.groupby(people[known.index])]
+        for whose, part in parts:
+            median = float(part.median())
+            least = SHORTEST_S if name == "rt_s" else 0.0
+            if median > LONGEST_S or 0.0 < median < least:
+                return f"{name} must be in seconds (the median{whose} is {median:g} s)"
+    most = float(known.abs().max())
+    if base == "deg" and most > 360:
+        return f"{name} must be in degrees of visual angle (the largest is {most:g})"
+    if base == "share" and most > 1:
+        return f"{name} must be shares from 0 to 1 (the largest is {most:g})"
+    return ""
+
+
+def likely(base: str, values: pd.Series) -> Sequence[str]:
+    """Return units in which a column that cannot be in ours would be possible."""
+    if base == "s":
+        median = float(values.dropna().median())
+        return [
+            unit for unit, one in UNITS["s"].items() if 0.1 <= median * one <= 30.0 and one != 1.0
+        ][:1]
+    return ["percent"] if base == "share" and float(values.abs().max()) <= 100.0 else []
+
+
+def split_unit(text: str, columns: Sequence[str], base: str, option: str) -> tuple[str, str | None]:
+    """Return the column and the unit of ``COLUMN`` or ``COLUMN:UNIT``.
+
+    Raises
+    ------
+    StudyError
+        If what follows the colon is no unit of such a column.
+    """
+    name, colon, word = text.rpartition(":")
+    if text in columns or not colon or name not in columns:
+        return text, None
+    unit = known_unit(word, base)
+    if unit is None:
+        known = UNITS.get(base) or [each for one in UNITS.values() for each in one]
+        raise StudyError(
+            f"{option}: must end in one of {', '.join(known)} after the colon (got {word!r})"
+        )
+    return name, unit

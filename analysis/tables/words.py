@@ -1,0 +1,61 @@
+"""Words that tables use for missing, yes, no, first, second and ties: one list for all readers."""
+
+import re
+
+import pandas as pd
+
+from protocols.columns import Column
+
+MISSING = {
+    *("", "none", "null", "nil", "na", "n/a", "nan", "undefined", "missing", "blank", "empty"),
+    *("timeout", "timedout", "toolate", "tooslow", "noresponse", "noresp", "noanswer", "nokey"),
+    *("nokeypress", "nopress", "nobutton", "noinput", "didnotrespond", "didnotanswer"),
+    *("norating", "nochoice", "unanswered", "notanswered", "omitted", "omission", "skipped"),
+    *("nr", "k.a", "keineantwort"),
+}
+"""No answer; written without blanks, hyphens and brackets."""
+YES = {"1", "1.0", "true", "t", "yes", "y", "correct", "right", "ja", "richtig"}
+NO = {"0", "0.0", "false", "f", "no", "n", "incorrect", "wrong", "nein", "falsch"}
+FIRST = {"first", "left", "1", "a"}
+SECOND = {"second", "right", "2", "b"}
+CHOSE_FIRST = {"1.0", "true", "yes", *FIRST}
+CHOSE_SECOND = {"0", "0.0", "-1", "-1.0", "false", "no", *SECOND}
+TIES = {"tie", "tied", "equal", "same", "both", "draw", "neither", "nopreference", "=", "0", "0.5"}
+UNANSWERED = {"timeout", "timedout", "noresponse", "skipped", "unanswered"}
+"""Columns whose yes says that there was no answer."""
+ANSWERED = {"answered", "responded", "hasresponse", "hasanswer", "responsegiven"}
+"""Columns whose no says so."""
+SUMMARY = re.compile(
+    r"(grand )?(mean|average|avg|median|(sub)?total|sum|(over)?all|std|sd|sem|mittelwert|summe)s?"
+    r"([\s:(].*)?",
+    re.IGNORECASE,
+)
+"""What stands in the place of a name in a row that sums up others."""
+_EDGES = " \t-\u2013\u2014_.?()[]<>{}\"'#!*"
+_BETWEEN = re.compile(r"[\s_-]+")
+
+
+def plain(text: str) -> str:
+    """Return a word without what programs put around and into it."""
+    return _BETWEEN.sub("", text.casefold().strip(_EDGES))
+
+
+def among(values: pd.Series, words: set[str]) -> pd.Series:
+    """Return where a value is one of the words, however it is written."""
+    known = {one: one.strip().casefold() in words for one in values.unique()}
+    return values.map(known).astype(bool)
+
+
+def missing(values: pd.Series, answers: set[str] | None = None) -> pd.Series:
+    """Return where a value says that there is none; `answers` (casefolded) are answers anyway."""
+    kept = {one for one in answers or () if one}
+    known = {
+        one: plain(one) in MISSING and one.strip().casefold() not in kept for one in values.unique()
+    }
+    return values.map(known).astype(bool)
+
+
+def means(name: str, column: Column) -> bool:
+    """Return whether other programs call a column so: ``key_resp.rt`` is ``rt_s``."""
+    own = re.sub(r"[\W_]+", "_", name.rpartition(".")[2]).strip("_").casefold()
+    return own in (column.name, *column.aliases)
