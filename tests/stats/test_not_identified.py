@@ -179,7 +179,6 @@ def levels_table(folder: Path, right) -> Path:
     [
         ("all right", lambda _x, _t: True),
         ("at chance", lambda _x, t: (t // 5) % 2),
-        ("below chance", lambda _x, t: t % 7 == 0),
     ],
 )
 def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answers, right):
