@@ -53,7 +53,7 @@ def odd_study(seed: int) -> pd.DataFrame:
     return table
 
 
-WITHHELD = (".learning", ".paired")
+WITHHELD = (".learning", ".paired", ".reaction")
 """Models that say which of their terms the data do not identify; these have no number."""
 
 
