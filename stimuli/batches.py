@@ -136,6 +136,8 @@ def _texture(
     texture = ctx.texture((width, height), 4, data, internal_format=_SRGB8_ALPHA8)
     texture.repeat_x, texture.repeat_y = (not clamp for clamp in material.clamp)
     texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    texture.anisotropy = min(ANISOTROPY, float(ctx.max_anisotropy))
+    enlarged = moderngl.NEAREST if material.nearest else moderngl.LINEAR
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, enlarged)
+    if not material.nearest:  # some drivers filter linearly where it is set
+        texture.anisotropy = min(ANISOTROPY, float(ctx.max_anisotropy))
     return texture

@@ -35,6 +35,8 @@ class Material:
         Share of light that falls through, in [0, 1]: leaves are bright on both sides.
     clamp : (bool, bool)
         Whether the texture's edge goes on beyond it, along u and v.
+    nearest : bool
+        Whether a texel that is drawn larger than a pixel keeps its edges.
     double_sided : bool
         Whether triangles are seen from behind, where their corners turn clockwise.
     emission : (r, g, b)
@@ -48,6 +50,7 @@ class Material:
     lit: bool = True
     translucency: float = 0.0
     clamp: tuple[bool, bool] = (False, False)
+    nearest: bool = False
     double_sided: bool = True
     emission: Vector = (0.0, 0.0, 0.0)
     glow: NDArray[np.uint8] | None = None

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from stimuli.scenes.mesh_features import COMPONENTS, GLTF_EXTENSIONS, Notes
-from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, place_of
-from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded
+from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, is_data, place_of
+from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded, shares
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ class _Placed:
     turn: float = 0.0
     scale: tuple[float, ...] = (1.0, 1.0)
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    nearest: bool = False
 
     def moved(self, uv: Array) -> Array:
         """Return coordinates as KHR_texture_transform moves them, with v upwards."""
@@ -244,6 +245,8 @@ class Document:
         for semantic, name in wanted.items():
             if semantic in attributes:
                 given[name] = self._accessor(attributes[semantic], semantic)
+                if name == "colour":
+                    given[name] = shares(self.path, semantic, given[name])
                 for weight, target in zip(weights, part.get("targets", []), strict=False):
                     if weight and semantic in target:
                         change = self._accessor(target[semantic], semantic)
@@ -426,7 +429,9 @@ class Document:
         mode = entry.get("alphaMode", "OPAQUE")
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             raise self._wrong(f"an alphaMode is {str(mode)[:40]}")
-        red, green, blue, alpha = map(float, self._numbers(colour, 4, "a colour"))
+        colour = self._numbers(colour, 4, "a colour")
+        colour = shares(self.path, f"the colour of material {name!r}", colour)
+        red, green, blue, alpha = map(float, colour)
         strength = extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1)
         emission = tuple(
             self._numbers([strength], 1, "a strength")
@@ -453,6 +458,7 @@ class Document:
             mode=mode,
             cutoff=float(self._numbers([entry.get("alphaCutoff", 0.5)], 1, "alphaCutoff")[0]),
             wrap=where.wrap,
+            nearest=where.nearest,
             double_sided=bool(entry.get("doubleSided", False)),
             unlit=unlit,
         )
@@ -474,26 +480,31 @@ class Document:
             uri = image.get("uri")
             if uri is not None and "bufferView" in image:
                 raise self._wrong(f"picture {source} has a uri and a bufferView", "leave one out")
-            if isinstance(uri, str) and not uri.startswith("data:"):
-                place = place_of(self.path.parent, uri)
+            if isinstance(uri, str) and not is_data(uri):
+                place = place_of(self.path, uri)
                 data: bytes | memoryview = place.read_bytes()
                 name = str(place)
             else:
                 name = f"{self.path}: picture {image.get('name', source)!r}"
-                data = data_of_uri(uri) if uri is not None else self._view(image["bufferView"])
+                data = (
+                    data_of_uri(self.path, uri)
+                    if uri is not None
+                    else self._view(image["bufferView"])
+                )
             self._pictures[source] = decoded(data, name, what)
         moved = info.get("extensions") or {}
         moved = moved.get("KHR_texture_transform", {}) if isinstance(moved, dict) else {}
+        sampler = self._entry("samplers", texture["sampler"]) if "sampler" in texture else {}
         return self._pictures[source], _Placed(
             texcoord=moved.get("texCoord", info.get("texCoord", 0)),
             offset=tuple(self._numbers(moved.get("offset", (0, 0)), 2, "an offset")),
             turn=float(self._numbers([moved.get("rotation", 0)], 1, "a rotation")[0]),
             scale=tuple(self._numbers(moved.get("scale", (1, 1)), 2, "a scale")),
-            wrap=self._wraps(texture),
+            wrap=self._wraps(sampler),
+            nearest=sampler.get("magFilter") == 9728,
         )
 
-    def _wraps(self, texture: dict[str, Any]) -> tuple[Wrap, Wrap]:
-        sampler = self._entry("samplers", texture["sampler"]) if "sampler" in texture else {}
+    def _wraps(self, sampler: dict[str, Any]) -> tuple[Wrap, Wrap]:
         found = [sampler.get(key, 10497) for key in ("wrapS", "wrapT")]
         if not set(found) <= set(_WRAPS):
             raise self._wrong(f"wrap modes must be among {[*_WRAPS]}, not {str(found)[:40]}")

@@ -127,7 +127,7 @@ GLTF: Final[dict[str, dict[str, Feature]]] = {
     "image": {**_all("uri mimeType bufferView", _DRAWN), **_KEPT},
     "sampler": {
         **_all("wrapS wrapT", Feature("honoured", "10497, 33071, 33648; others: refused")),
-        "magFilter": Feature("noted", "pictures are filtered linearly", (None, 9729)),
+        "magFilter": _DRAWN,
         "minFilter": Feature(
             "noted", "pictures are filtered linearly", (None, 9729, 9985, 9986, 9987)
         ),

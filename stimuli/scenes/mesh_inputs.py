@@ -7,6 +7,8 @@ others.
 from __future__ import annotations
 
 import base64
+import codecs
+import filecmp
 import io
 import json
 import math
@@ -15,9 +17,10 @@ import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 from PIL import Image
 
@@ -70,13 +73,14 @@ def files_of(path: Path) -> list[Path]:
     if path.suffix.lower() == ".obj":
         for library in libraries_of(path):
             found.append(_named(path, path, library, "material library"))
-            found += [_named(path, found[-1], image, "texture") for image in _images_of(found[-1])]
+            place = found[-1]
+            found += [_named(path, place, image, "texture") for image in _images_of(path, place)]
     else:
         read = document(path)
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
             for entry in read.get(kind, []):
                 uri = entry.get("uri")
-                if isinstance(uri, str) and not uri.startswith("data:"):
+                if isinstance(uri, str) and not is_data(uri):
                     found.append(_named(path, path, uri, what))
     return list(dict.fromkeys(found))
 
@@ -85,21 +89,43 @@ def libraries_of(path: Path) -> list[str]:
     """Return the material libraries that an .obj file names; a line may name several."""
     found: list[str] = []
     for text in words_after(path, "mtllib"):
-        whole = _is_file(place_of(path.parent, text))
+        whole = _is_file(place_of(path, text))
         found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
     return found
 
 
-def place_of(folder: Path, name: str) -> Path:
-    """Return the file that a mesh means by a name, which may be written with %20 or backslashes."""
+def place_of(mesh: Path, name: str, named_in: Path | None = None) -> Path:
+    """Return the file that a mesh, or a library of its, means by a name.
+
+    Names may be written with %20, backslashes or quotation marks. A library's are looked for
+    beside the mesh, and beside the library.
+
+    Raises
+    ------
+    InputError
+        If two files can be meant that differ.
+    """
     plain = name.strip()
-    for text in (plain, unquote(plain), plain.replace("\\", "/")):
-        if text and _is_file(folder / text):
-            return folder / text
-    return folder / unquote(plain)
+    bare = plain.strip('"')
+    texts = [plain, bare, unquote(bare), bare.replace("\\", "/")]
+    if mesh.suffix.lower() != ".obj":  # a uri is always encoded
+        texts.insert(0, unquote(plain))
+    found = [
+        next(filter(_is_file, (folder / text for text in texts if text)), None)
+        for folder in dict.fromkeys((mesh.parent, (named_in or mesh).parent))
+    ]
+    there = [place for place in found if place is not None]
+    if len(there) > 1 and not filecmp.cmp(there[0], there[1], shallow=False):
+        raise InputError(
+            f"{named_in}: must name one file ({name[:80]!r} may be {there[0]} or {there[1]}, which"
+            " differ); delete or rename one of them"
+        )
+    return there[0] if there else mesh.parent / unquote(bare)
 
 
-def name_and_options(library: Path, text: str) -> tuple[str, list[tuple[str, list[str]]]]:
+def name_and_options(
+    mesh: Path, library: Path, text: str
+) -> tuple[str, list[tuple[str, list[str]]]]:
     """Return the file that a ``map_`` statement of an .mtl file names, and its options.
 
     Raises
@@ -108,7 +134,7 @@ def name_and_options(library: Path, text: str) -> tuple[str, list[tuple[str, lis
         If an option is not known, or lacks its values.
     """
     words, options = text.split(), []
-    while words and words[0].startswith("-") and not _is_file(place_of(library.parent, text)):
+    while words and words[0].startswith("-") and not _is_file(place_of(mesh, text, library)):
         option = words.pop(0).lower()
         if option not in MTL_OPTIONS:
             raise InputError(
@@ -146,9 +172,9 @@ def check_lists(path: Path) -> None:
     packed = sum(file.stat().st_size for file in files)
     if path.suffix.lower() == ".obj":
         _check_obj(path)
-        libraries = [place_of(path.parent, name) for name in libraries_of(path)]
-        images = (name for library in libraries for name in _images_of(library))
-        _check_pictures(path, [(name, place_of(path.parent, name)) for name in images], packed)
+        libraries = [place_of(path, name) for name in libraries_of(path)]
+        images = (place_of(path, n, place) for place in libraries for n in _images_of(path, place))
+        _check_pictures(path, [(str(image), image) for image in images], packed)
         return
     read = document(path)
     try:
@@ -163,16 +189,16 @@ def check_lists(path: Path) -> None:
 
 
 def _check_obj(path: Path) -> None:
-    found: Counter[bytes] = Counter({b"v": 0})
+    found: Counter[str] = Counter({"v": 0})
     corners = longest = 0
-    with path.open("rb") as file:
+    with path.open(encoding="latin-1") as file:
         for line in file:
             word = line[:2].strip()
             found[word] += 1
             # A line that ends in a backslash goes on: with its next ones it is one.
-            corners = line.count(b" ") + line.count(b"\t") + (corners if corners else 0)
+            corners = line.count(" ") + line.count("\t") + (corners if corners else 0)
             longest = max(longest, corners)
-            if not line.rstrip(b"\r\n").endswith(b"\\"):
+            if not line.rstrip("\n").endswith("\\"):
                 corners = 0
     if longest > _MOST_CORNERS:
         raise InputError(
@@ -196,14 +222,6 @@ def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
     longest = max(len(primitives), *(len(read.get(kind, [])) for kind in kinds))
     check_within("nodes", longest, InputError, path, "meshes, nodes, materials, ... each")
     numbers = [n * _PARTS.get(entry["type"], 1) for entry, n in zip(accessors, counts, strict=True)]
-    without = sum(
-        n for entry, n in zip(accessors, numbers, strict=True) if "bufferView" not in entry
-    )
-    if without > packed:
-        raise InputError(
-            f"{path}: lists of a mesh must lie in its buffers (lists of {without:,} numbers have no"
-            f" bufferView, in files of {packed:,} bytes); export it again"
-        )
     taken = sum(int(view["byteLength"]) for view in views) + _NUMBER_BYTES * sum(numbers)
     each = [_bytes_of(mesh, counts) for mesh in read.get("meshes", [])]
     taken += sum(each)
@@ -270,8 +288,7 @@ def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | by
         uri, name = image.get("uri"), f"picture {number}"
         source: Path | bytes = b""
         if isinstance(uri, str):
-            data = uri.startswith("data:")
-            source = data_of_uri(uri) if data else place_of(path.parent, uri)
+            source = data_of_uri(path, uri) if is_data(uri) else place_of(path, uri)
         elif "bufferView" in image:
             source = _of_view(path, read, image)
         yield from [(name, source)] * (1 + used[number])
@@ -292,10 +309,29 @@ def _check_pictures(path: Path, found: Iterable[tuple[str, Path | bytes]], packe
     check_memory(path, need, "its pictures, each as often as it is used,", packed)
 
 
-def data_of_uri(uri: str) -> bytes:
-    """Return what a data URI holds."""
-    head, _, data = uri.partition(",")
-    return base64.b64decode(data) if head.endswith(";base64") else unquote(data).encode("latin-1")
+def is_data(uri: str) -> bool:
+    """Whether a uri holds its data itself."""
+    return uri[:5].lower() == "data:"
+
+
+def data_of_uri(path: Path, uri: str) -> bytes:
+    """Return what a data URI of a glTF file holds.
+
+    Raises
+    ------
+    InputError
+        If it is not whole.
+    """
+    head, comma, data = uri.partition(",")
+    if comma and not head.lower().endswith(";base64"):
+        return unquote_to_bytes(data)
+    try:
+        return base64.b64decode("".join(unquote(data if comma else "-").split()), validate=True)
+    except ValueError as error:
+        raise InputError(
+            f"{path}: a data URI must hold whole base64 ({visible_line(str(error))}); export it"
+            " again"
+        ) from None
 
 
 def other_chunks(path: Path) -> list[str]:
@@ -318,7 +354,7 @@ def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
         (length,) = struct.unpack_from("<I", data, 20 + json_length)
         first = 20 + json_length + 8
         return data[first : first + length]
-    return data_of_uri(uri) if uri.startswith("data:") else place_of(path.parent, uri).read_bytes()
+    return data_of_uri(path, uri) if is_data(uri) else place_of(path, uri).read_bytes()
 
 
 def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
@@ -374,14 +410,22 @@ def document(path: Path) -> dict[str, Any]:
     return read
 
 
+def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("latin-1"), error.end
+
+
+codecs.register_error("as latin-1", _as_latin_1)
+
+
 def statements(path: Path) -> Iterator[tuple[int, str, str]]:
     """Yield number, first word in small letters, and rest of the lines that are no remarks.
 
-    A line that ends in a backslash goes on in the next one.
+    A line that ends in a backslash goes on in the next one. Bytes that are no UTF-8 are Latin-1.
     """
     kept, start = "", 0
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
+    with path.open(encoding="utf-8-sig", errors="as latin-1") as file:
+        for number, line in enumerate(chain(file, [""]), 1):
             if not kept and line.lstrip().startswith("#"):
                 continue
             start = start if kept else number
@@ -390,9 +434,10 @@ def statements(path: Path) -> Iterator[tuple[int, str, str]]:
                 continue
             words, kept = (kept + line).split(None, 1), ""
             if words:
-                yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
-    if words := kept.split(None, 1):
-        yield start, words[0].lower(), words[1].rstrip() if len(words) > 1 else ""
+                rest = words[1].rstrip() if len(words) > 1 else ""
+                if "#" in rest and not _is_file(path.parent / rest):
+                    rest = re.split(r"(?:^|\s+)#(?:\s|$)", rest)[0]
+                yield start, words[0].lower(), rest
 
 
 def words_after(path: Path, key: str) -> list[str]:
@@ -424,14 +469,14 @@ def _is_number(word: str) -> bool:
         return False
 
 
-def _images_of(library: Path) -> list[str]:
+def _images_of(mesh: Path, library: Path) -> list[str]:
     found = [text for key in PICTURES for text in words_after(library, key)]
-    return [name_and_options(library, text)[0] for text in found]
+    return [name_and_options(mesh, library, text)[0] for text in found]
 
 
 def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
-    place = place_of(mesh.parent, name)
+    place = place_of(mesh, name, named_in)
     if _leads_out(mesh.parent, place):
         raise InputError(
             f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"

@@ -25,6 +25,7 @@ _WHITE: Pixels = np.full((1, 1, 4), 255, np.uint8)
 _OPAQUE, _CLEAR = 247, 8
 """Alpha of 255 from which on a surface hides what is behind it, and below which it shows it."""
 _RIM_TEXELS = 2
+_ROUNDED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class Surface:
         As glTF's alphaMode; CUT is an .obj's picture with an alpha, which no statement asks for.
     wrap : (str, str)
         Along u and v.
+    nearest : bool
+        Whether enlarged texels keep their edges.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Surface:
     mode: Literal["OPAQUE", "MASK", "BLEND", "CUT"] = "OPAQUE"
     cutoff: float = 0.5
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    nearest: bool = False
     double_sided: bool = True
     unlit: bool = False
 
@@ -89,6 +93,23 @@ class Shape:
     places: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
+def shares(path: Path, what: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return numbers within 0 and 1, which they must be but for rounding.
+
+    Raises
+    ------
+    InputError
+        If they are not.
+    """
+    low, high = values.min(initial=0), values.max(initial=0)
+    if low < -_ROUNDED or high > 1 + _ROUNDED:
+        raise InputError(
+            f"{path}: {what} must be from 0 to 1 (got {low:.6g} to {high:.6g}); write them so"
+            " (bytes divided by 255), or export it again"
+        )
+    return values.clip(0, 1)
+
+
 def decoded(data: bytes | memoryview, name: str, what: str) -> Pixels:
     """Return a picture as 8-bit RGBA; 16 bits are rounded.
 
@@ -103,10 +124,10 @@ def decoded(data: bytes | memoryview, name: str, what: str) -> Pixels:
             if picture.mode == "F":
                 raise ValueError("its numbers are no integers")
             if picture.mode.startswith("I"):  # 16 bits of grey, which Pillow cuts off at 255
-                grey = np.asarray(picture).astype(np.float64) * (255 / 65535)
-                return np.asarray(
-                    Image.fromarray(np.rint(grey).clip(0, 255).astype(np.uint8)).convert("RGBA")
-                )
+                grey = np.asarray(picture).astype(np.float64)
+                clear = grey == picture.info.get("transparency", -1)
+                grey = np.rint(grey * (255 / 65535)).clip(0, 255)
+                return np.dstack([grey, grey, grey, 255.0 * ~clear]).astype(np.uint8)
             return np.asarray(picture.convert("RGBA"), np.uint8)
     except InputError:
         raise
@@ -144,6 +165,7 @@ def material_of(surface: Surface, notes: Notes, lit: bool) -> Material | None:
         cutout=not solid,
         lit=lit,
         clamp=(surface.wrap[0] == "clamp", surface.wrap[1] == "clamp"),
+        nearest=surface.nearest,
         double_sided=surface.double_sided,
         emission=surface.emission,
         glow=_laid(surface, notes, glow) if any(surface.emission) else None,
@@ -157,8 +179,12 @@ def _coverage(
     if surface.mode == "OPAQUE":
         return None
     if surface.mode == "MASK":
-        cutoff = surface.cutoff
-        return None if cutoff <= 0 else np.clip(alpha * 0.5 / cutoff, 0, 1)
+        if surface.cutoff <= 0:
+            return None
+        # In single precision, as renderers do, or an alpha that is the cutoff might be below it.
+        share = alpha.astype(np.float32) / np.float32(surface.cutoff)
+        found: NDArray[np.float64] = np.clip(0.5 * share, 0, 1).astype(np.float64)
+        return found
     levels = np.rint(alpha * 255).clip(0, 255).astype(np.uint8)
     # A picture may be inexact; one number is not.
     opaque, clear = (_OPAQUE, _CLEAR) if np.ptp(levels) else (255, 1)
@@ -240,7 +266,7 @@ def with_alpha(shape: Shape, notes: Notes) -> Surface:
     surface, colour = shape.surface, shape.colour
     if surface.mode == "OPAQUE" or colour is None or colour.shape[1] < 4:
         return surface
-    used = colour[:, 3]
+    used = colour[shape.triangles.ravel(), 3]
     if np.ptp(used) > 0.5 / 255:
         raise InputError(
             f"{notes.path}: material {surface.name!r} must have one alpha at all vertices of a mesh"

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
+from protocols.outside import visible_line
 from stimuli.scenes.mesh_features import MTL, MTL_OPTIONS, OBJ, Notes, check_statement
 from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
-from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, decoded
+from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, decoded, shares
 
 Array = NDArray[np.float64]
 
-_VALUES: Final = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_VALUES: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _CHANNELS: Final = {"r": 0, "g": 1, "b": 2, "m": 3}
 _LENGTHS: Final = {"v": (3, 4, 6, 7), "vt": (1, 2, 3), "vn": (3,)}
+_NUMBERED: Final = {*_LENGTHS, "f", "fo"}
 
 
 @dataclass
@@ -45,11 +47,15 @@ def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
     groups: dict[tuple[str | None, str], _Faces] = {}
     material, smoothing = None, "off"
     for number, word, rest in statements(path):
+        if word in _NUMBERED:
+            rest = rest.partition("#")[0]
+            if "_" in rest:  # Python takes it for a part of a number
+                raise _wrong(path, number, f"numbers are written {rest[:40]!r}")
         if word in lists:
-            lists[word].append(rest.partition("#")[0])
+            lists[word].append(rest)
         elif word in ("f", "fo"):
             faces = groups.setdefault((material, smoothing), _Faces())
-            corners = rest.partition("#")[0].split()
+            corners = rest.split()
             if len(corners) < 3:
                 raise _wrong(path, number, f"a face must have three corners, not {len(corners)}")
             if "-" in rest:
@@ -144,7 +150,7 @@ def _shapes(
         uv = coordinates[named[:, 1]] * laid.scale + laid.offset
     colour = None
     if position.shape[1] > 3 and not np.isnan(position[:, 3]).all():
-        colour = np.nan_to_num(position[:, 3:6], nan=1.0).clip(0, 1)
+        colour = shares(path, "colours of v", np.nan_to_num(position[:, 3:6], nan=1.0))
     normals = np.concatenate([np.zeros((1, 3)), known["vn"]])[named[:, 2]]
     for with_normal in (True, False):
         chosen = triangles[has_normal == with_normal]
@@ -163,7 +169,8 @@ def _numbers_of(path: Path, corner: str) -> tuple[int, int, int]:
             f"{path}: must be a whole .obj file (a corner of a face is {corner[:40]!r}); export it"
             " again"
         )
-    first, second, third = (int(part) if part else 0 for part in [*parts, "", ""][:3])
+    # 0 stands for a part that is left out: what is written so names nothing.
+    first, second, third = (int(part) or -1 if part else 0 for part in [*parts, "", ""][:3])
     return first, second, third
 
 
@@ -229,11 +236,15 @@ def _ears(position: Array, ring: NDArray[np.int64], normal: Array) -> NDArray[np
     while len(left) > 3:
         here, ahead, behind = flat[left], flat[np.roll(left, -1)], flat[np.roll(left, 1)]
         convex = _turn(behind, here, ahead) > 0
+        # Corners may be repeated, where a bridge leads to a hole: a cut must begin and end inside.
+        inside = ~np.roll(convex, 1) | (_turn(np.roll(behind, 1, axis=0), behind, ahead) >= 0)
+        inside &= ~np.roll(convex, -1) | (_turn(behind, ahead, np.roll(ahead, -1, axis=0)) >= 0)
+        folded = (here == ahead).all(axis=1) | (behind == ahead).all(axis=1)
         dents = here[~convex]
         ears = (
             place
-            for place in np.flatnonzero(convex)
-            if not _holds(behind[place], here[place], ahead[place], dents)
+            for place in [*np.flatnonzero(folded), *np.flatnonzero(convex & inside)]
+            if folded[place] or not _holds(behind[place], here[place], ahead[place], dents)
         )
         place = int(next(ears, 0))  # none: it crosses itself, and any cut is as good
         found.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
@@ -270,7 +281,7 @@ class _Laid:
 
 def _materials(path: Path, notes: Notes, used: set[str]) -> dict[str | None, tuple[Surface, _Laid]]:
     described: dict[str, tuple[Path, dict[str, str]]] = {}
-    libraries = [place_of(path.parent, name) for name in libraries_of(path)]
+    libraries = [place_of(path, name) for name in libraries_of(path)]
     for library in dict.fromkeys(libraries):
         for name, entries in _entries(library).items():
             if described.setdefault(name, (library, entries))[1] != entries:
@@ -286,7 +297,8 @@ def _materials(path: Path, notes: Notes, used: set[str]) -> dict[str | None, tup
             " again, with its materials"
         )
     if lost:
-        notes.say(f"its materials are white, because it names no mtllib ({', '.join(lost)[:80]})")
+        names = visible_line(", ".join(lost))[:80]
+        notes.say(f"its materials are white, because it names no mtllib ({names})")
     pictures: dict[Path, Pixels] = {}
     found: dict[str | None, tuple[Surface, _Laid]] = {}
     for library in dict.fromkeys(libraries):
@@ -303,6 +315,8 @@ def _entries(library: Path) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     now: dict[str, str] = {}
     for number, word, rest in statements(library):
+        if word in ("kd", "ke", "d", "tr"):
+            rest = rest.partition("#")[0].rstrip()
         if word == "newmtl":
             if rest in found:
                 raise InputError(
@@ -370,7 +384,10 @@ class _Described:
         words = words * 3 if len(words) == 1 else words
         if len(words) != 3 or not all(map(_VALUES.fullmatch, words)):
             raise self._wrong(key, "three numbers, red, green and blue", "write it so")
-        return float(words[0]), float(words[1]), float(words[2])
+        red, green, blue = map(float, words)
+        if key == "kd":
+            shares(self.notes.path, f"kd of material {self.name!r}", np.array([red, green, blue]))
+        return red, green, blue
 
     def _alpha(self) -> float:
         """Return d, or 1 - Tr where there is no d."""
@@ -380,6 +397,8 @@ class _Described:
                 if not _VALUES.fullmatch(self.entries[key]):
                     raise self._wrong(key, "one number from 0 to 1", "write it so")
                 found[key] = float(self.entries[key])
+                what = f"{key} of material {self.name!r}"
+                shares(self.notes.path, what, np.array([found[key]]))
         alpha = found.get("d", 1 - found.get("tr", 0.0))
         if "tr" in found and abs(alpha - (1 - found["tr"])) > 1e-3:
             self.notes.left_out("Tr beside d", "d counts")
@@ -393,7 +412,9 @@ class _Described:
     def _picture(self, key: str) -> Pixels | None:
         if key not in self.entries:
             return None
-        name, options = name_and_options(self.notes.path, self.entries[key])
+        if not self.entries[key]:
+            raise self._wrong(key, "the name of a picture", "write it, or delete the line")
+        name, options = name_and_options(self.path, self.notes.path, self.entries[key])
         laid, channel = _Laid(), ""
         for option, values in options:
             feature = MTL_OPTIONS[option]
@@ -421,7 +442,7 @@ class _Described:
                 " and -clamp differ); bake one of them to the coordinates of the other"
             )
         self.laid = laid
-        place = place_of(self.path.parent, name)
+        place = place_of(self.path, name, self.notes.path)
         if place not in self.pictures:
             what = f"which {self.notes.path.name} names"
             self.pictures[place] = decoded(place.read_bytes(), str(place), what)

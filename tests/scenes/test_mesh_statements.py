@@ -7,6 +7,8 @@ import copy
 import io
 import json
 import struct
+import zlib
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from stimuli.scenes.mesh_features import (
     OBJ,
 )
 from stimuli.scenes.mesh_file import load_world
+from stimuli.scenes.mesh_inputs import data_of_uri, files_of, place_of
 from stimuli.world import Viewpoint
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
@@ -422,7 +425,14 @@ def padded(along_u, along_v):
     return Gltf().painted(pixels, uv=(2 * UV + 0.5) / 3)
 
 
+def enlarged(picture):
+    made = Gltf().painted(picture).sampled(33071, 33071)
+    made.doc["samplers"][0]["magFilter"] = 9728
+    return made
+
+
 HONOURED = {
+    "texels with edges": (lambda: enlarged(marked()[8::16, 8::16]), lambda: enlarged(marked())),
     "coordinates in 2 bytes": (lambda: typed("TEXCOORD_0", UV, USHORT, True), moved),
     "coordinates in a byte": (lambda: typed("TEXCOORD_0", UV, UBYTE, True), moved),
     "coordinates signed": (lambda: typed("TEXCOORD_0", UV, BYTE, True), moved),
@@ -598,7 +608,7 @@ NOTED = [
     for key, feature in features.items()
     if feature.verdict == "noted"
 ] + [(kind, "wibble") for kind in GLTF]
-VALUES = {"mode": 1, "cameras": [{}], "animations": [{}], "magFilter": 9728, "minFilter": 9728,
+VALUES = {"mode": 1, "cameras": [{}], "animations": [{}], "minFilter": 9728,
           "COLOR_n": "COLOR_0", "_*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
 
 
@@ -1023,6 +1033,18 @@ REFUSED_BESIDE = {
     "must lie alike": (PLAIN, "map_Kd -s 2 2 p.png\nmap_d mask.png\n"),
     "once for a material": (PLAIN, "Kd 1 1 1\nKd 0 0 0\n"),
     "describe each material once": (PLAIN, "Kd 1 1 1\nnewmtl a\nKd 0 0 0\n"),
+    "kd of material 'a' must be from 0 to 1 (got 0 to 255)": (PLAIN, "Kd 255 128 0\n"),
+    "kd of material 'a' must be from 0 to 1 (got -0.1 to 1)": (PLAIN, "Kd 1 -0.1 1\n"),
+    "map_kd must be the name of a picture": (PLAIN, "map_Kd # none\n"),
+    "d of material 'a' must be from 0 to 1": (PLAIN, "d 255\n"),
+    "colours of v must be from 0 to 1 (got 0 to 255)": (
+        COLOURED.replace(" 1.0 0.0 0.0\n", " 255 0 0\n") + "f 1 2 3 4\n", ""),
+    "numbers are written '1 1_0 0'": (PLAIN.replace("v 1 1 0", "v 1 1_0 0"), ""),
+    "numbers are written '1/1 2/2 3/3 4/0_4'": (PLAIN.replace("4/4", "4/0_4"), ""),
+    "a face names a vt that is not there": (PLAIN.replace("4/4", "4/0"), "map_Kd p.png\n"),
+    "names a vt that is not there": (PLAIN.replace("4/4", "4/-5"), "map_Kd p.png\n"),
+    "a face names a vn that is not there": (PLAIN.replace("4/4", "4/4/0"), ""),
+    "a face names a v that is not there": (PLAIN.replace("4/4", "0/4"), ""),
     "a vt that is not there": (PLAIN.replace("4/4", "4/9"), "map_Kd p.png\n"),
     "three corners": (PLAIN.replace(FACE, "f 1 2\n"), ""),
 }  # fmt: skip
@@ -1159,6 +1181,185 @@ def test_a_picture_is_laid_as_often_as_its_option_says(draw, obj):
     shown = draw(obj(library="map_Kd -s 4 4 1 p.png\n"))
     row = [seen(shown, -0.9375 + 0.25 * index, 0.9375) for index in range(8)]
     assert [red > green for red, green, _ in row] == [True, False] * 4
+
+
+HOLED = [*QUAD.tolist(), [-0.5, -0.5, 0], [-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0]]
+
+
+def obj_of(corners, faces):
+    lines = ["v {} {} {}".format(*corner) for corner in corners]
+    return "\n".join([*lines, *("f " + " ".join(map(str, face)) for face in faces), ""])
+
+
+@pytest.mark.parametrize("step", [1, -1])
+@pytest.mark.parametrize("repeated", [True, False])
+def test_a_hole_that_a_bridge_leads_to_is_no_part_of_a_face(draw, obj, step, repeated):
+    frame = [[1, 2, 8, 5], [2, 3, 7, 8], [3, 4, 6, 7], [4, 1, 5, 6]]
+    control = draw(obj(obj_of(HOLED, frame)), lighting="unlit")
+    assert differing(control, draw(obj(obj_of(HOLED, [[1, 2, 3, 4]])), lighting="unlit")) > 100
+    ring = [1, 2, 3, 4, 1, 5, 6, 7, 8, 5][::step]
+    for turn in range(len(ring)):
+        face = ring[turn:] + ring[:turn]
+        text = obj_of(HOLED, [face])
+        if not repeated:
+            text = obj_of([HOLED[corner - 1] for corner in face], [range(1, 11)])
+        assert differing(draw(obj(text), lighting="unlit"), control) == 0, face
+
+
+def many_targets(sparse):
+    """A square among 504 corners, and 52 targets of which one counts."""
+    made = at(np.vstack([QUAD, np.zeros((500, 3))]), uv=np.vstack([UV, np.zeros((500, 2))]))
+    change = np.zeros((504, 3))
+    change[1:3] = [0.8, 0.0, 0.0]
+    whole = [number == 51 and not sparse for number in range(52)]
+    made.part["targets"] = [{"POSITION": made.add(change * own, view=own)} for own in whole]
+    if sparse:
+        for target in made.part["targets"]:
+            made.sparse(target["POSITION"], [1, 2], change[1:3])
+    made.doc["meshes"][0]["weights"] = [0.0] * 51 + [0.5]
+    return made
+
+
+def test_sparse_targets_need_no_bufferview_of_their_own(draw):
+    shown = draw(many_targets(sparse=True))
+    assert differing(shown, draw(many_targets(sparse=False))) == 0
+    assert differing(shown, draw(bent([0.4, 0, 0]))) == 0
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        lambda data: "data:image/png;base64," + quote(base64.b64encode(data), safe=""),
+        lambda data: "Data:image/png;BASE64," + base64.b64encode(data).decode(),
+        lambda data: "data:image/png," + quote(data),
+        lambda data: "data:image/png;base64," + base64.encodebytes(data).decode(),
+    ],
+)
+def test_a_data_uri_holds_its_bytes_however_it_is_written(tmp_path, written):
+    data = b"\xfb\xef\xbe\xff%+ \n" * 10 + b"\0"
+    assert "+" in base64.b64encode(data).decode()
+    assert data_of_uri(tmp_path, written(data)) == data
+
+
+def test_a_data_uri_that_is_not_whole_is_refused_without_its_bytes(tmp_path):
+    made = stored("uri")
+    image, whole = made.doc["images"][0], made.doc["images"][0]["uri"]
+    image["uri"] = whole.replace("data", "DATA", 1)
+    load_world(made.save(tmp_path / "s.glb"))
+    for bad in (whole + "\x1b%ff", whole[:-1] + "!", whole[:-1], "data:image/png;base64"):
+        image["uri"] = bad
+        with pytest.raises(InputError, match=r"s\.glb: a data URI must hold whole base64") as found:
+            load_world(made.save(tmp_path / "s.glb"))
+        assert str(found.value).isprintable()
+        assert whole[30:60] not in str(found.value)
+
+
+@pytest.mark.parametrize("cutoff", [51 / 255, float(np.float32(51 / 255))])
+def test_texels_whose_alpha_is_the_cutoff_keep_their_colour(draw, cutoff):
+    shown = draw(Gltf(alphaMode="MASK", alphaCutoff=cutoff).painted(marked((255, 51))))
+    assert (shown == draw(moved())).all()
+
+
+TWO = "newmtl {0}\nKd +1 0 0 # red\nd 1 #all\n# newmtl none\nnewmtl {1} # the other\nmap_Kd {2}\n"
+TWO_FACES = f"mtllib m.mtl # it\n{SQUARE}usemtl {{0}} # one\nf 1/1 2/2 3/3\nusemtl {{1}}\nf 1 3 4\n"
+
+
+@pytest.mark.parametrize(
+    ("start", "names", "picture", "end", "coding"),
+    [
+        ("", ("a", "b"), "p.png", "\n", "utf-8"),
+        ("\ufeff", ("a", "b"), "p.png", "\r\n", "utf-8"),
+        ("", ("a", "b"), "p.png # its picture", "\r", "utf-8"),
+        ("", ("m\xfc", "m\xf6"), "gr\xfcn.png", "\n", "latin-1"),
+        ("", ("m\xfc", "m\xf6"), "gr\xfcn.png", "\n", "utf-8"),
+        ("", ("Material #25", "Material #26"), '"my p.png"', "\n", "utf-8"),
+        ("", ("a", "b"), "p # q.png", "\n", "utf-8"),
+        ("", ("a", "b"), '-s 1 1 "sub\\my p.png"', "\n", "utf-8"),
+    ],
+)
+def test_text_of_an_obj_is_read_as_programs_write_it(
+    obj, tmp_path, start, names, picture, end, coding
+):
+    path = obj()
+    (tmp_path / "sub").mkdir()
+    for name in ("gr\xfcn.png", "p # q.png", "sub/my p.png"):
+        (tmp_path / name).write_bytes((tmp_path / "p.png").read_bytes())
+    for name, text in (("m.mtl", TWO.format(*names, picture)), ("s.obj", TWO_FACES.format(*names))):
+        (tmp_path / name).write_bytes((start + text).replace("\n", end).encode(coding))
+    red, pictured = load_world(path, lighting="unlit").parts
+    assert (red.mesh.colour == [1, 0, 0]).all()
+    assert pictured.material.texture.shape == (32, 32, 4)
+
+
+def test_a_long_obj_of_carriage_returns_is_no_face(obj):
+    path = obj()
+    path.write_bytes((PLAIN + "v 0 0 0\n" * 1000).replace("\n", "\r").encode())
+    assert load_world(path).parts
+
+
+def test_a_picture_may_lie_beside_its_library_but_not_be_two(obj, tmp_path):
+    path = obj(PLAIN.replace("m.mtl", "mats/y.mtl"))
+    (tmp_path / "mats").mkdir()
+    (tmp_path / "mats/y.mtl").write_text("newmtl a\nmap_Kd yy.png\n")
+    beside, above = tmp_path / "mats/yy.png", tmp_path / "yy.png"
+    beside.write_bytes((tmp_path / "p.png").read_bytes())
+    assert files_of(path) == [path, tmp_path / "mats/y.mtl", beside]
+    assert load_world(path).parts[0].material.texture.shape == (32, 32, 4)
+    above.write_bytes(beside.read_bytes())
+    assert load_world(path).parts
+    above.write_bytes((tmp_path / "soft.png").read_bytes())
+    with pytest.raises(InputError, match=r"must name one file") as found:
+        load_world(path)
+    assert str(beside) in str(found.value)
+    assert str(above) in str(found.value)
+    above.unlink()
+    assert load_world(path).parts
+
+
+@pytest.mark.parametrize(("suffix", "wanted"), [(".gltf", "a b.png"), (".obj", "a%20b.png")])
+def test_a_uri_is_decoded_and_a_name_is_not(tmp_path, suffix, wanted):
+    for name in ("a b.png", "a%20b.png"):
+        (tmp_path / name).touch()
+    assert place_of(tmp_path / f"s{suffix}", "a%20b.png").name == wanted
+
+
+def colours_of(factor):
+    made = Gltf()
+    made.attributes["COLOR_0"] = made.add(np.multiply(COLOURS, factor))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("made", "cured", "said"),
+    [
+        (lambda: filled([1, 2, 0, 1]), lambda: filled([1, 1, 0, 1]), "(got 0 to 2)"),
+        (lambda: filled([1, 1, 0, -0.5]), lambda: filled([1, 1, 0, 1]), "(got -0.5 to 1)"),
+        (lambda: colours_of(255), lambda: colours_of(1), "COLOR_0 must be from 0 to 1 (got 0 to 2"),
+    ],
+)
+def test_colours_of_a_gltf_are_shares(tmp_path, made, cured, said):
+    with pytest.raises(InputError) as found:
+        load_world(made().save(tmp_path / "s.glb"))
+    assert said in str(found.value)
+    assert load_world(cured().save(tmp_path / "s.glb")).parts
+
+
+def test_16_bits_of_grey_keep_their_clear_value():
+    levels = np.full((8, 8), 65535, np.uint16)
+    levels[:4], levels[0, 0] = 256, 257
+    data = encoded(levels)
+    chunk = b"tRNS" + struct.pack(">H", 256)
+    chunk = struct.pack(">I", 2) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    pixels = mesh_surface.decoded(data[:33] + chunk + data[33:], "p.png", "a picture")
+    assert pixels[0, 1].tolist() == [1, 1, 1, 0]
+    assert pixels[0, 0].tolist() == [1, 1, 1, 255]
+    assert pixels[4, 4].tolist() == [255, 255, 255, 255]
+
+
+def test_alpha_of_a_corner_that_no_triangle_has_counts_not(tmp_path):
+    made = at(np.vstack([QUAD, [[9, 9, 9]]]), np.vstack([UV, [[0, 0]]]), alphaMode="MASK")
+    made.attributes["COLOR_0"] = made.add([[1, 1, 1, 1]] * 4 + [[1, 1, 1, 0]])
+    assert load_world(made.save(tmp_path / "s.glb")).parts
 
 
 # What is said where

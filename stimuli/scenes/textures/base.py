@@ -74,7 +74,7 @@ def finish(colour: Picture, coverage: Plane | None = None) -> Texture:
     rgba[..., 3] = 255
     if coverage is None:
         return rgba
-    solid = coverage > 0.5
+    solid = coverage >= 0.5
     if solid.any():
         nearest = ndimage.distance_transform_edt(
             ~solid, return_distances=False, return_indices=True
