@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.clustered import holm
+from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
 Pair = tuple[str, str]
+MOST_CONDITIONS = 200
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,21 @@ def unidentified(gap: Gap) -> Gap:
     return Gap(gap.first, gap.second, nan, nan, nan, nan, nan, nan)
 
 
+def check_conditions(count: int) -> None:
+    """Refuse to compare what can hardly be conditions: a column of file names, say.
+
+    Raises
+    ------
+    StudyError
+        If there are more than `MOST_CONDITIONS`.
+    """
+    if count > MOST_CONDITIONS:
+        raise StudyError(
+            f"at most {MOST_CONDITIONS} conditions must be compared (found {count:,}); name the"
+            " column that holds them, or leave rows out with --where"
+        )
+
+
 def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     """Return all pairs of conditions, or each with the one that others are compared with.
 
@@ -42,8 +59,11 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     ------
     ValueError
         If `reference` is no condition.
+    StudyError
+        If there are more conditions than a study compares.
     """
     known = list(names)
+    check_conditions(len(known))
     if reference is None:
         return list(combinations(known, 2))
     if reference not in known:

@@ -5,13 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize, sparse
+from scipy import optimize, sparse
+from scipy.sparse import linalg as splinalg
+
+from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
 
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
 
+MOST_LEVELS = 50_000
+"""Of all random intercepts together: more take minutes."""
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 
@@ -50,6 +55,12 @@ def fit_linear_mixed(
     for level in groups.values():
         codes = np.unique(level, return_inverse=True)[1].ravel()
         sizes.append(int(codes.max()) + 1)
+        if sum(sizes) > MOST_LEVELS:
+            raise StudyError(
+                f"a mixed model must have at most {MOST_LEVELS:,} participants and their"
+                f" combinations with conditions (there are {sum(sizes):,} and more); leave"
+                " participants out with --where, or give each row the code of its participant"
+            )
         columns.append(
             sparse.csr_array(
                 (np.ones(y.size), (np.arange(y.size), codes)), shape=(y.size, sizes[-1])
@@ -57,7 +68,7 @@ def fit_linear_mixed(
         )
     z = sparse.hstack(columns, format="csr")
     products = _Products(
-        zz=np.asarray((z.T @ z).toarray()),
+        zz=(z.T @ z).tocsc(),
         zx=np.asarray(z.T @ design),
         zy=np.asarray(z.T @ y),
         xx=design.T @ design,
@@ -90,7 +101,7 @@ def fit_linear_mixed(
 
 @dataclass(frozen=True)
 class _Products:
-    zz: Floats
+    zz: sparse.csc_array
     zx: Floats
     zy: Floats
     xx: Floats
@@ -102,18 +113,22 @@ class _Products:
     def profile(self, theta: Floats) -> tuple[float, Floats, Floats, float]:
         """Return the REML deviance, beta, its covariance, and the residual's variance."""
         scale = np.repeat(theta, self.sizes)
-        inner = scale[:, None] * self.zz * scale + np.eye(scale.size)
-        root = linalg.cholesky(inner, lower=True)
-        fixed = linalg.solve_triangular(root, scale[:, None] * self.zx, lower=True)
-        answer = linalg.solve_triangular(root, scale * self.zy, lower=True)
-        left = self.xx - fixed.T @ fixed
-        right = self.xy - fixed.T @ answer
+        by = sparse.diags_array(scale)
+        # Sparse: participants are blocks that only shared scenes connect.
+        inner = splinalg.splu(
+            (by @ self.zz @ by + sparse.eye_array(scale.size)).tocsc(),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+        zx, zy = scale[:, None] * self.zx, scale * self.zy
+        answer = inner.solve(zy)
+        left = self.xx - zx.T @ inner.solve(zx)
+        right = self.xy - zx.T @ answer
         beta = np.linalg.solve(left, right)
         free = self.rows - self.xy.size
-        squares = max(self.yy - float(answer @ answer) - float(beta @ right), 1e-300)
+        squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
         variance = squares / free
         deviance = (
-            2.0 * float(np.log(np.diag(root)).sum())
+            float(np.log(np.abs(inner.U.diagonal())).sum())
             + float(np.linalg.slogdet(left)[1])
             + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
         )

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame
+from analysis.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing
 from protocols.columns import decided
@@ -44,6 +45,7 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     lacking = [column for column in PAIR if column not in table.rows]
     answers = [column for column in ("chosen", "chose_first") if column in table.rows]
     table.need([*lacking, *([] if answers else ["chosen (or chose_first)"])])
+    check_conditions(len({*table.rows["first"], *table.rows["second"]}))
     table.answered(answers, {*table.rows["first"], *table.rows["second"]}, "decision")
     given = table.rows
     rows = pd.DataFrame(

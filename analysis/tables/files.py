@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -117,7 +118,7 @@ def _of_file(path: Path) -> FileRows:
     found.header = [original_cell(name).strip("\ufeff \t") for name in head]
     if not any(found.header):
         raise StudyError(f"{path}: must be a CSV table with a header (found none)")
-    twice = sorted({name for name in found.header if found.header.count(name) > 1})
+    twice = sorted(name for name, count in Counter(found.header).items() if count > 1)
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
     again = []

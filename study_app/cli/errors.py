@@ -41,7 +41,8 @@ def user_errors() -> Iterator[None]:
     """Turn what the user can mend into one message on stderr and exit status 2.
 
     That is: `StudyError`, `InputError`, `GLUnavailableError`, and an `OSError`
-    about a file or a disk of the user's, and plug-ins that end the program. Anything else is a
+    about a file or a disk of the user's, memory that is used up, and plug-ins that end the
+    program. Anything else is a
     bug of ours and keeps its traceback.
     """
     try:
@@ -52,6 +53,11 @@ def user_errors() -> Iterator[None]:
         if not _is_the_users(error):
             raise
         message = _describe(error)
+    except MemoryError as error:
+        message = (
+            f"this must fit into the machine's memory ({error or 'there is none left'}); use"
+            " smaller pictures or fewer rows, close other programs, or take a machine that has more"
+        )
     except BaseException as error:
         said = None if isinstance(error, Exception | KeyboardInterrupt) else culprit(error)
         if said is None:

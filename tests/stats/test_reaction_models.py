@@ -10,11 +10,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from analysis.contrasts import MOST_CONDITIONS, pairs_of
 from analysis.diffusion import diffusion_by_condition, ez_diffusion
+from analysis.linear_mixed import MOST_LEVELS, fit_linear_mixed
 from analysis.reaction_model import time_model
 from analysis.report.build import report_decisions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
+from protocols.errors import StudyError
 from study_app.cli import app
 
 FOLDER = Path(__file__).parent / "oracles"
@@ -226,3 +229,28 @@ def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, aske
         [one.ratio for one in wanted.ratios], rel=1e-6
     )
     assert len(found["diffusion"]["people"]) > 0
+
+
+def test_thousands_of_participants_take_little_memory_and_too_many_are_refused(rng):
+    """Equations of 6,000 levels would take 288 MB each if they were dense; the truth comes out."""
+    people, turns = 6_000, 4
+    who = np.repeat(np.arange(people), turns)
+    design = np.column_stack([np.ones(who.size), np.tile([0.0, 1.0], who.size // 2)])
+    y = design @ [1.0, 0.3] + rng.normal(0, 0.5, people)[who] + rng.normal(0, 0.2, who.size)
+
+    found = fit_linear_mixed(design, y, {"participant": who})
+
+    assert found.beta == pytest.approx([1.0, 0.3], abs=0.03)
+    assert found.sd["participant"] == pytest.approx(0.5, rel=0.05)
+    assert found.residual_sd == pytest.approx(0.2, rel=0.05)
+    many = np.arange(MOST_LEVELS + 1)
+    with pytest.raises(StudyError, match=r"at most 50,000 participants.*there are 50,001"):
+        fit_linear_mixed(np.ones((many.size, 1)), many * 1.0, {"participant": many})
+
+
+def test_a_column_of_file_names_is_not_taken_for_conditions():
+    names = [f"picture-{number}.png" for number in range(MOST_CONDITIONS + 1)]
+
+    assert len(pairs_of(names[1:], None)) == MOST_CONDITIONS * (MOST_CONDITIONS - 1) / 2
+    with pytest.raises(StudyError, match=r"at most 200 conditions must be compared \(found 201\)"):
+        pairs_of(names, None)

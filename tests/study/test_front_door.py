@@ -152,6 +152,7 @@ def test_a_slot_offers_a_function_or_a_whole_group(tmp_path, monkeypatch):
         (FileNotFoundError(errno.ENOENT, "No such file", "a.exr"), "a.exr: no such file; check"),
         (PermissionError(errno.EACCES, "Permission denied", "out"), "out: permission denied;"),
         (OSError(errno.ENOSPC, "No space left on device"), "no space left on device; free"),
+        (MemoryError("Unable to allocate 298. GiB"), "this must fit into the machine's memory (Un"),
     ],
 )
 def test_what_the_user_can_mend_gives_one_message_and_exit_status_2(capsys, error, said):
