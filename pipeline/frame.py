@@ -5,6 +5,7 @@ row i and column j lies at x = j + 0.5, y = i + 0.5.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -97,10 +98,13 @@ def check_colour(array: NDArray[Any], name: str) -> None:
     _check_every((array >= 0) & (array <= 1), array, name, "finite and in [0, 1]")  # no NaN is
 
 
-def check_depth(array: NDArray[Any], name: str) -> None:
-    """Require depth: float32 (H, W), greater than 0, inf allowed."""
+NO_DEPTH = "; store inf there if there is nothing, else render or measure its depth again"
+
+
+def check_depth(array: NDArray[Any], name: str, *, cure: str = "") -> None:
+    """Require depth: float32 (H, W), greater than 0, inf allowed; `cure` ends the message."""
     _check_array(array, name, np.float32, (None, None))
-    _check_every(array > 0, array, name, "greater than 0 (inf where there is nothing)")
+    _check_every(array > 0, array, name, "greater than 0 (inf where there is nothing)", cure)
 
 
 def check_flow(array: NDArray[Any], name: str) -> None:
@@ -120,6 +124,18 @@ def check_same_size(**arrays: NDArray[Any]) -> None:
     if len(set(sizes.values())) > 1:
         found = ", ".join(f"{name} {height}x{width}" for name, (height, width) in sizes.items())
         raise InputError(f"all arrays must have one height and width (got {found})")
+
+
+def check_file_size(
+    path: Path | str, array: NDArray[Any], picture: Path | str, colour: NDArray[Any]
+) -> None:
+    """Require that a file of numbers is as large as its picture."""
+    (height, width), (rows, columns) = array.shape[:2], colour.shape[:2]
+    if (height, width) != (rows, columns):
+        raise InputError(
+            f"{path}: must be as large as {picture}, {columns} x {rows} px (is {width} x {height}"
+            f" px); make it of that picture, or scale the picture to {width} x {height} px"
+        )
 
 
 def check_some_known(hole: NDArray[np.bool_]) -> None:
@@ -149,7 +165,9 @@ def _check_array(
         raise InputError(f"{name} must hold at least one pixel (got shape {array.shape})")
 
 
-def _check_every(good: NDArray[np.bool_], array: NDArray[Any], name: str, rule: str) -> None:
+def _check_every(
+    good: NDArray[np.bool_], array: NDArray[Any], name: str, rule: str, cure: str = ""
+) -> None:
     if not good.all():  # by pixel only then: that takes a hundred times as long
         bad = ~good.reshape(*array.shape[:2], -1).all(axis=-1)
         row, column = np.argwhere(bad)[0]
@@ -157,4 +175,5 @@ def _check_every(good: NDArray[np.bool_], array: NDArray[Any], name: str, rule: 
         more = f", and {others} more such pixels" if others else ""
         raise InputError(
             f"{name} must be {rule} (got {array[row, column]} at row {row}, column {column}{more})"
+            + cure
         )

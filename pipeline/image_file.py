@@ -114,8 +114,7 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
     attributes = {item.name: item.value for item in spec.extra_attribs}
     if name == "pnm" and (plain := read_netpbm(path)) is not None:
-        if plain.is_float or not stretched:
-            data = plain.data
+        data = plain.stretched() if stretched else plain.data
     elif not stretched and data.dtype.kind == "u":
         data = _narrow(data, _bits(path, name, attributes))
     data = in_display_window(path, spec, name, data)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,12 +30,16 @@ _REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 _D65 = (0.3127, 0.329)
 _PRIMARIES_APART = 0.005  # of a coordinate; writers round to three or four digits
 _GAMMA = 1 / 2.2
+_VIDEO_GAMMA = 0.50994  # what FFmpeg writes for the transfer of BT.709
+_VIDEO_CODES = tuple((1, transfer, 0, 1) for transfer in (1, 6, 14, 15))  # shown as in videos
+_MOST_OF_PROFILE = 1 << 24  # bytes
 _GAMMA_APART = 0.02  # of it
 _ASPECT_APART = 0.01
 _SRGB_APART = 2  # of 255, between a profile's colours and sRGB's
 _TONE_APART = 12  # of 255, between a profile's greys and sRGB's; of a gamma of 2.2: 9, of 1.8: 19
 _CURVE_APART = 0.05  # of light, at half of the code
 _PALETTE = "must hold numbers (they are places in a palette of colours); write the numbers anew"
+_WHITE_IS_0 = "must store 0 as black (it says that 0 is white); write it again as MinIsBlack"
 _LISTED = 6  # names that a message lists
 
 
@@ -112,12 +117,39 @@ def _not_srgb(found: str) -> str:
 
 def _overridden(everything: Statements) -> bool:
     """PNG: what says more of its colour counts instead."""
-    return any(name in everything for name in ("sRGB", "iCCP", "cICP"))
+    profile = everything.get("iCCP")
+    usable = profile is not None and _png_profile(profile, everything) is None
+    return usable or "sRGB" in everything or "cICP" in everything
+
+
+def _png_profile(value: bytes, everything: Statements) -> str | None:
+    """A profile that libpng leaves out: no whole one, or not of the picture's kind of colour."""
+    _, _, packed = value.partition(b"\0")
+    try:
+        profile = zlib.decompressobj().decompress(packed[1:], _MOST_OF_PROFILE)
+    except zlib.error:
+        profile = b""
+    grey = everything.get("IHDR", b"")[9:10] in (b"\0", b"\4")
+    kind = b"GRAY" if grey else b"RGB "
+    whole = 132 <= int.from_bytes(profile[:4]) <= len(profile)
+    if whole and (profile[16:20], profile[36:40]) == (kind, b"acsp"):
+        return None
+    return "its colour profile is damaged or of another kind of colour, and left out"
+
+
+def _png_video(value: bytes, everything: Statements) -> str | None:
+    """The encoding of video, in a gAMA or a cICP chunk of four bytes."""
+    near = abs(int.from_bytes(value) / 1e5 - _VIDEO_GAMMA) <= 1e-3
+    if tuple(value) not in _VIDEO_CODES and (not near or _overridden(everything)):
+        return None
+    return "taken as shown, as video is, though it says that it is encoded as video (BT.709)"
 
 
 def _png_gamma(value: bytes, everything: Statements) -> str | None:
     (stored,) = struct.unpack(">I", value)
     if _overridden(everything) or abs(stored / 1e5 / _GAMMA - 1) <= _GAMMA_APART:
+        return None
+    if abs(stored / 1e5 - _VIDEO_GAMMA) <= 1e-3:
         return None
     kind = "linear light" if stored == 100_000 else f"light to the power {stored / 1e5:g}"
     return _not_srgb(f"its gAMA chunk says {kind}")
@@ -129,7 +161,7 @@ def _png_primaries(value: bytes, everything: Statements) -> str | None:
 
 
 def _code_points(value: Sequence[int], _all: Statements) -> str | None:
-    if tuple(value[:4]) == (1, 13, 0, 1):
+    if tuple(value[:4]) in ((1, 13, 0, 1), *_VIDEO_CODES):
         return None
     return _not_srgb(f"its header says code points {', '.join(map(str, value[:4]))}")
 
@@ -150,12 +182,12 @@ def _tiff_palette(value: Any, everything: Statements) -> str | None:
         third = len(entries) // 3
         grey = entries[:third] == entries[third : 2 * third] == entries[2 * third :]
         return None if grey else _PALETTE
-    if value[0] != 0:
-        return None
-    return "must store 0 as black (it says that 0 is white); write it again as MinIsBlack"
+    return _WHITE_IS_0 if value[0] == 0 else None
 
 
-def _tiff_kind(value: Any, _all: Statements) -> str | None:
+def _tiff_kind(value: Any, everything: Statements) -> str | None:
+    if value[0] == 0 and everything.get("258", (1,))[0] > 8:
+        return _WHITE_IS_0  # OpenImageIO turns 8 bits and fewer alone
     if value[0] in (0, 1, 2, 3, 5, 6):
         return None
     return f"must hold grey, RGB, CMYK or YCbCr (its photometric kind is {value[0]}); convert it"
@@ -217,7 +249,10 @@ def _colour_space(value: Any, _all: Statements) -> str | None:
     if _LINEAR.fullmatch(text) and not _WIDE.search(text):
         return None
     if re.search(r"srgb|rec[-_. ]?709", text, re.I):
-        return f"must hold light (it says {text[:40]!r}); give --encoded, or transfer = 'linear'"
+        return (
+            f"must hold light (it says {text[:40]!r}); save it as PNG, or say that it is encoded:"
+            " --encoded of warp and foveate, transfer = 'linear' in a study"
+        )
     return (
         f"must hold light with Rec.709 primaries (it says {text[:40]!r}); convert it, and save it"
         " as that"
@@ -384,13 +419,19 @@ ROWS: Final[tuple[Row, ...]] = (
     Row("png", "PLTE", "honoured", "palette", None, ("colour",)),
     Row("png", "PLTE", "refused", "a palette of colours", _png_palette, ("numbers",)),
     Row("png", "tRNS", "honoured", "transparency"),
-    Row("png", "gAMA", "refused", "a gamma other than 1/2.2, without sRGB, iCCP or cICP",
-        _png_gamma, ("colour",)),
+    Row("png", "gAMA", "refused",
+        "a gamma other than 1/2.2 and video's, without sRGB, iCCP or cICP", _png_gamma,
+        ("colour",)),
     Row("png", "cHRM", "refused", "other primaries than Rec.709's, without sRGB, iCCP or cICP",
         _png_primaries, ("colour",)),
-    Row("png", "cICP", "refused", "code points other than sRGB's (PQ, HLG, P3, ...)",
+    Row("png", "cICP", "refused", "code points other than sRGB's and video's (PQ, HLG, P3, ...)",
         _code_points, ("colour",)),
-    Row("png", "gAMA|cHRM|cICP", "silent", "gamma, primaries, code points", None, ("numbers",)),
+    Row("png", "cICP|gAMA", "noted", "the encoding of video (BT.709): taken as shown", _png_video,
+        ("colour",)),
+    Row("png", "iCCP", "noted", "a profile that is damaged, or not of its kind of colour: left out,"
+        " and what it would override counts", _png_profile, ("colour",)),
+    Row("png", "gAMA|cHRM|cICP|iCCP", "silent", "gamma, primaries, code points, profile", None,
+        ("numbers",)),
     Row("png", "vpAg|caNv|iDOT|dSIG|prVW|mk(BF|BS|BT|TS)", "silent", "remarks of programs"),
     Row("png", "mDC[Vv]|cLL[Ii]", "noted", "how bright its mastering display was"),
     Row("png", "oFFs", "noted", "a place on a page", _png_offset),
@@ -399,14 +440,15 @@ ROWS: Final[tuple[Row, ...]] = (
         " hold one view (it says that it holds both of a stereo pair); cut it in two"),
     Row("png", "sCAL", "noted", "a physical size of its pixels"),
     Row("png", "acTL|fcTL|fdAT", "honoured", "animation (counted as pictures)"),
-    Row("png", "sRGB|iCCP|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT|iTXt|zTXt|tEXt",
-        "silent", "sRGB, iCCP, pHYs, eXIf (see any), significant bits, background, texts, time"),
+    Row("png", "sRGB|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT|iTXt|zTXt|tEXt",
+        "silent", "sRGB, pHYs, eXIf (see any), significant bits, background, texts, time"),
     Row("jpeg", r"APP0 JF(IF|XX)|APP1 (Exif|http.*)|APP12 (Ducky|PictureInfo).*"
         r"|APP13 (Photoshop|Adobe).*|APP14 Adobe.*|COM",
         "silent", "density, Exif, XMP (see any), Adobe's transform, comments"),
     Row("jpeg", "APP2 ICC_PROFILE", "silent", "colour profile (see any)"),
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
-    Row("tiff", "262", "refused", "colour of kinds other than grey, RGB, palette, CMYK, YCbCr",
+    Row("tiff", "262", "refused", "colour of kinds other than grey, RGB, palette, CMYK, YCbCr;"
+        " 0 as white in more than 8 bits",
         _tiff_kind, ("colour",)),
     Row("tiff", "262", "refused", "a palette of colours; 0 as white", _tiff_palette, ("numbers",)),
     Row("tiff", "339", "refused", "complex numbers", _tiff_sample_format),

@@ -36,10 +36,20 @@ class Netpbm:
         As stored, the upper row first.
     is_float : bool
         It is a PFM file.
+    largest : int
+        What a PGM or PPM file says of its numbers; 1 of a PFM file.
     """
 
     data: NDArray[Any]
     is_float: bool
+    largest: int = 1
+
+    def stretched(self) -> NDArray[Any]:
+        """Integers in shares of the type's largest number, rounded down; floats as they are."""
+        if self.is_float:
+            return self.data
+        most = np.iinfo(self.data.dtype).max
+        return (self.data.astype(np.uint32) * most // self.largest).astype(self.data.dtype)
 
 
 def read_netpbm(path: Path) -> Netpbm | None:
@@ -57,7 +67,7 @@ def read_netpbm(path: Path) -> Netpbm | None:
         kind, width, height = match[1].decode(), int(match[2]), int(match[3])
         shape = height, width, _CHANNELS.get(kind, 1)
         check_values(path, *shape)
-        file.seek(match.end() + (kind not in ("P2", "P3")))
+        file.seek(match.end())
         body = file.read()
     is_float = kind in ("Pf", "PF")
     if not is_float and not match[4].isdigit():
@@ -71,6 +81,15 @@ def read_netpbm(path: Path) -> Netpbm | None:
         words = re.sub(rb"#[^\n]*", b"", body).split()
         found = np.array([int(word) for word in words[: np.prod(shape)] if word.isdigit()], dtype)
     else:
+        wanted = dtype.itemsize * int(np.prod(shape))
+        # One white space ends the header; some programs write a line end of two.
+        body = body[2 if body[:2] == b"\r\n" and len(body) == wanted + 2 else 1 :]
+        if len(body) > wanted:
+            raise InputError(
+                f"{path}: must end with its last number (it says {width} x {height} px, {wanted}"
+                f" bytes, and {len(body)} follow its header: where they begin is not known); make"
+                " it again, as one picture"
+            )
         found = np.frombuffer(body[: dtype.itemsize * (len(body) // dtype.itemsize)], dtype)
     if found.size < np.prod(shape):
         raise InputError(
@@ -85,7 +104,7 @@ def read_netpbm(path: Path) -> Netpbm | None:
             f"{path}: must hold numbers up to {largest:g}, as its header says (holds {data.max()});"
             " make it again"
         )
-    return Netpbm(data, False)
+    return Netpbm(data, False, int(largest))
 
 
 def _stored_type(is_float: bool, scale_or_largest: float) -> np.dtype[Any]:

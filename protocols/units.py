@@ -126,6 +126,7 @@ Positive = Annotated[int, Field(ge=1, le=1_000_000)]
 Few = Annotated[int, Field(ge=1, le=1000)]
 Factor = Annotated[float, Field(ge=1e-9, le=1e9)]
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+StoredNumber = Annotated[float, Field(ge=-4e38, le=4e38)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Vector3 = tuple[Number, Number, Number]
 

@@ -223,6 +223,25 @@ def need(
     return found
 
 
+def lone_plane(path: Path, planes: Planes) -> NDArray[np.float32] | None:
+    """Return the one plane of numbers in a file: of depth, or a part's only one; None if none is.
+
+    Raises
+    ------
+    InputError
+        If several different ones fit.
+    """
+    of_part = list(planes.parts.values())
+    alone = [name for name in planes if of_part.count(planes.parts.get(name, "")) == 1]
+    found = [fit.names[0] for fit in _fits(planes, "depth")] or alone
+    if any(not np.array_equal(planes[name], planes[found[0]], equal_nan=True) for name in found):
+        raise InputError(
+            f"{path}: must have one plane of numbers (these fit: {', '.join(found)}); save the one"
+            " that is meant alone"
+        )
+    return planes[found[0]] if found else None
+
+
 def depth_layer(path: Path, planes: Planes, given: str | None = None) -> Layer | None:
     """Return the layer that depth comes from, whose colour and motion go with it.
 
@@ -241,6 +260,14 @@ def depth_layer(path: Path, planes: Planes, given: str | None = None) -> Layer |
     name = next((name for name, plane in planes.items() if plane is told), given)
     layer, dot, _ = planes.own_name(name).partition(".")
     return planes.parts.get(name, ""), layer if dot else ""
+
+
+def colour_layer(path: Path, planes: Planes, given: str | None = None) -> Layer | None:
+    """Return what `depth_layer` does; None where depth is not clear, which colour does not need."""
+    try:
+        return depth_layer(path, planes, given)
+    except InputError:
+        return None
 
 
 def find_motion(
@@ -284,6 +311,33 @@ def find_motion(
     if fit is None or fit.style is None:
         return None
     return _in_pixels(planes[fit.names[0]], planes[fit.names[1]], fit.style)
+
+
+def alpha_of(planes: Planes, red: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    """Return the alpha of the layer that a plane of red comes from; None if it has none."""
+    name = next((name for name, plane in planes.items() if plane is red), "")
+    layer, dot, _ = planes.own_name(name).rpartition(".")
+    for other, plane in planes.items():
+        same_part = planes.parts.get(other) == planes.parts.get(name)
+        if same_part and planes.own_name(other) == f"{layer}{dot}A":
+            return plane
+    return None
+
+
+def check_opaque(path: Path, planes: Planes, red: NDArray[np.float32]) -> None:
+    """Refuse colour that is transparent somewhere.
+
+    Raises
+    ------
+    InputError
+        If the alpha of its layer is not 1 everywhere.
+    """
+    alpha = alpha_of(planes, red)
+    if alpha is not None and not (alpha == 1).all():
+        raise InputError(
+            f"{path}: must be opaque (its alpha channel is not 1 everywhere); put it on a"
+            " background first"
+        )
 
 
 def need_motion(

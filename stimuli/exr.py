@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, check_colour, check_depth, check_flow
+from pipeline.frame import NO_DEPTH, SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
     Pixels,
     check_fits,
@@ -33,7 +33,16 @@ from pipeline.image_file import (
     three_channels,
     write_pixels,
 )
-from stimuli.channels import Layer, Planes, depth_layer, find, need, need_motion
+from stimuli.channels import (
+    Layer,
+    Planes,
+    check_opaque,
+    colour_layer,
+    depth_layer,
+    find,
+    need,
+    need_motion,
+)
 from stimuli.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
@@ -64,8 +73,8 @@ def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
         ) from None
 
 
-def check_depth_unit(path: Path, attributes: Mapping[str, Any]) -> None:
-    """Refuse depth whose header says another unit than metres.
+def check_depth_unit(path: Path, attributes: Mapping[str, Any], cure: str = "") -> None:
+    """Refuse depth whose header says another unit than metres; `cure` ends the message.
 
     Raises
     ------
@@ -74,7 +83,7 @@ def check_depth_unit(path: Path, attributes: Mapping[str, Any]) -> None:
     """
     unit = str(attributes.get(_DEPTH_UNIT, "m"))
     if unit != "m":
-        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r})")
+        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r}){cure}")
 
 
 @dataclass(frozen=True)
@@ -211,13 +220,13 @@ def load_warp_input(
     colour = _encoded(path, colour, transfer or stored, clip)
     check_depth_unit(path, file.attributes)
     depth_m = need(path, planes, "depth", _told(planes, told.depth))
-    check_depth(depth_m, f"{path}: depth")
+    check_depth(depth_m, f"{path}: depth", cure=NO_DEPTH)
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))
     flow_px = need_motion(path, planes, told_motion, layer=layer).flow_px
     check_flow(flow_px, f"{path}: flow")
     target_m = find(path, planes, "target_depth", _told(planes, told.target_depth))
     if target_m is not None:
-        check_depth(target_m, f"{path}: depth")
+        check_depth(target_m, f"{path}: depth", cure=NO_DEPTH)
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
 
 
@@ -257,24 +266,17 @@ def _layered_colour(
 ) -> NDArray[np.float32]:
     """Colour of a file of several layers or parts, by the rules of `load_warp_input`."""
     file = read_parts(path, encoded=transfer is Transfer.ENCODED)
-    layer = depth_layer(path, file.planes, _told(file.planes, told.depth))
+    layer = colour_layer(path, file.planes, _told(file.planes, told.depth))
     light = _light(path, file.planes, told, layer)
-    alpha = file.planes.get("A")
-    if alpha is not None and not (alpha == 1).all():
-        raise InputError(
-            f"{path}: must be opaque (its alpha channel is not 1 everywhere); put it on a"
-            " background first"
-        )
     return _encoded(path, light, transfer or stored_transfer(path, file.attributes), clip)
 
 
 def _light(path: Path, planes: Planes, told: Channels, layer: Layer | None) -> NDArray[np.float32]:
-    """Red, green and blue as stored, shape (H, W, 3)."""
+    """Red, green and blue as stored, shape (H, W, 3), which must be opaque."""
     named = (("r", told.red), ("g", told.green), ("b", told.blue))
-    return np.stack(
-        [need(path, planes, key, _told(planes, names), layer=layer) for key, names in named],
-        axis=-1,
-    )
+    light = [need(path, planes, key, _told(planes, names), layer=layer) for key, names in named]
+    check_opaque(path, planes, light[0])
+    return np.stack(light, axis=-1)
 
 
 def _encoded(

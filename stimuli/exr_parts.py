@@ -31,7 +31,7 @@ class Parts:
     attributes: Mapping[str, Any]
 
 
-def read_parts(path: Path, *, encoded: bool = False) -> Parts:
+def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Parts:
     """Read an OpenEXR file; all its parts count as one picture.
 
     Parameters
@@ -39,6 +39,8 @@ def read_parts(path: Path, *, encoded: bool = False) -> Parts:
     path : Path
     encoded : bool
         It was said to hold encoded colour.
+    judged : bool
+        What its header says has been looked at.
 
     Raises
     ------
@@ -52,10 +54,13 @@ def read_parts(path: Path, *, encoded: bool = False) -> Parts:
         raise FileNotFoundError(2, "No such file", str(path))
     with reading(path, "a whole image", InputError):  # names in its header may be no UTF-8
         check_fits(path, "read")
-        return _read_parts(path, encoded)
+        file, kind = _read_parts(path)
+        if not judged:
+            check_header(path, kind, file.attributes, encoded=encoded)
+        return file
 
 
-def _read_parts(path: Path, encoded: bool) -> Parts:
+def _read_parts(path: Path) -> tuple[Parts, str]:
     source = oiio.ImageInput.open(str(path))
     if source is None:
         reason = visible_line(oiio.geterror())
@@ -90,8 +95,7 @@ def _read_parts(path: Path, encoded: bool) -> Parts:
             part += 1
     finally:
         source.close()
-    check_header(path, kind, attributes, encoded=encoded)
-    return Parts(_planes(stored), attributes)
+    return Parts(_planes(stored), attributes), kind
 
 
 def _part(path: Path, source: Any, spec: oiio.ImageSpec, part: int) -> NDArray[np.float32]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
+from stimuli.plane_file import check_byte_order
 from stimuli.whole_file import write_whole
 
 MAGIC = np.float32(202021.25)
@@ -36,7 +37,8 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     FileNotFoundError
         If there is no such file.
     InputError
-        If it is not a whole file of flow, or no motion is known.
+        If it is not a whole file of flow, its numbers have the other byte order, or no motion is
+        known.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -52,6 +54,7 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         )
     check_values(path, width, height, 2)
     flow = np.fromfile(path, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
+    check_byte_order(path, flow)
     with np.errstate(invalid="ignore"):
         known = (np.abs(flow) <= UNKNOWN_PX).all(axis=-1)
     if not known.any():

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, check_same_size
+from pipeline.frame import SourceFrame, check_file_size
 from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
 from stimuli.flow_file import read_flo
@@ -62,7 +62,7 @@ def from_flow(
         raise InputError(f"nearer must be one of {', '.join(NEARER)} (got {nearer!r})")
     colour = load_colour(picture)
     flow_px, known = read_flo(flow)
-    check_same_size(**{str(picture): colour, str(flow): flow_px})
+    check_file_size(flow, flow_px, picture, colour)
     if not known.all():
         closest = ndimage.distance_transform_edt(
             ~known, return_distances=False, return_indices=True
@@ -70,7 +70,7 @@ def from_flow(
         flow_px = np.ascontiguousarray(flow_px[tuple(closest)])
     if depth is not None:
         depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
-        check_same_size(**{str(picture): colour, str(depth): depth_m})
+        check_file_size(depth, depth_m, picture, colour)
     else:
         speed = np.linalg.norm(flow_px.astype(np.float64), axis=-1) * (nearer == "fast")
         nearness = speed / speed.max() if speed.max() > 0 else np.ones(known.shape)
@@ -111,7 +111,7 @@ def from_depth(
     depth_m = load_depth(
         depth, depth_scale, is_a=depth_is, unknown=unknown, intrinsics_px=intrinsics_px
     )
-    check_same_size(**{str(picture): colour, str(depth): depth_m})
+    check_file_size(depth, depth_m, picture, colour)
     return _moved(colour, depth_m, intrinsics_px, pose, target_pose)
 
 
@@ -151,7 +151,7 @@ def from_the_side(
         )
     colour = load_colour(picture)
     depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
-    check_same_size(**{str(picture): colour, str(depth): depth_m})
+    check_file_size(depth, depth_m, picture, colour)
     near = depth_m[np.isfinite(depth_m)]
     if not near.size:
         raise InputError(f"{depth}: some depth must be finite (none is)")

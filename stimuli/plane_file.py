@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
-from pipeline.image_file import check_fits, check_numbers, read_pixels
+from pipeline.image_file import check_fits, check_numbers, count_pictures, read_pixels
 from pipeline.limits import check_need, check_values
 from protocols.outside import check_zip, reading
-from stimuli.channels import EMPTY_DEPTH
+from stimuli.channels import EMPTY_DEPTH, lone_plane
+from stimuli.exr import check_depth_unit
+from stimuli.exr_parts import read_parts
 
 NUMPY_FILES: Final = (".npy", ".npz")
 DepthIs = Literal["distance", "inverse", "ray"]
@@ -33,6 +35,8 @@ _MANY = 1e-3  # share of the pixels from which a number may stand for something
 _APART = 1 / 16  # of an integer type's range, between a stand-in and the next number
 _APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
 _UNITS = "units_per_px (--units-per-px)"
+_NEARLY_ALL = 0.9
+_LISTED = 6  # numbers that a message lists
 _FAR = 2.0  # widths of the picture; a single disparity from there on may be a stand-in
 _FLOAT_STAND_INS = (65504.0, 65520.0, 65535.0)
 _WRONG_ORDER = 0.5  # share of floats beyond any distance
@@ -78,13 +82,23 @@ def read_disparity(
     missing = _unknown(stored, named, unknown)
     missing |= ~np.isfinite(values) | (np.abs(values) >= EMPTY_DEPTH)
     impossible = ~missing & (values / units_per_px + offset_px <= 0)
+    if impossible.any():
+        _check_sign(path, values[impossible & (values < 0)], int((~missing).sum()))
     if unknown is None:
         lowest = (-1.0, -units_per_px)
         missing |= _impossible_stand_in(path, stored, impossible, lowest)
         _ask(path, stored, missing, (*lowest, -16.0), _APART_PX * units_per_px, units_per_px)
     impossible &= ~missing
     if unknown is None:
-        _ask_about_impossible(path, values / units_per_px, missing, impossible, units_per_px)
+        _ask_about_impossible(path, stored, values / units_per_px, missing, impossible)
+    if impossible.any():
+        held = _held(stored, impossible)
+        raise InputError(
+            f"{path}: disparity must be greater than {0 - offset_px:g} px, or the depth is not"
+            f" positive (holds {held}); if it stands for unknown,"
+            f" {_say(*np.unique(stored[impossible]), told=unknown)}; else, is the offset right"
+            " (offset_px, --offset-px)?"
+        )
     return np.where(missing, np.nan, values / units_per_px).astype(np.float32)
 
 
@@ -100,14 +114,22 @@ def read_depth(
     FileNotFoundError, InputError
         As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
     """
-    stored, named = _read(path)
+    stored, named = _read(path, scale)
     values = _doubles(stored)
     missing = _unknown(stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
+    far = np.isinf(values) & (is_a == "inverse")  # a distance of 0
+    impossible = ~missing & (far | (values < 0 if is_a == "inverse" else values <= 0))
     if unknown is None:
-        impossible = ~missing & (values < 0 if is_a == "inverse" else values <= 0)
         held = np.unique(stored[impossible])[:1].tolist()
         missing |= _impossible_stand_in(path, stored, impossible, held)
         _ask(path, stored, missing, (), 0.0, 1.0)
+        impossible &= ~missing
+    if impossible.any():
+        rule = "at or above 0, and finite" if is_a == "inverse" else "greater than 0"
+        raise InputError(
+            f"{path}: depth must be {rule} (holds {_held(stored, impossible)}); if it stands for"
+            f" unknown, {_say(*np.unique(stored[impossible]), told=unknown)}; else render it again"
+        )
     if is_a == "inverse":
         with np.errstate(divide="ignore"):
             depth = scale / values
@@ -139,10 +161,10 @@ def along_axis(
 
 def _ask_about_impossible(
     path: Path,
+    stored: NDArray[Any],
     pixels: NDArray[np.float64],
     missing: NDArray[np.bool_],
     negative: NDArray[np.bool_],
-    units_per_px: float,
 ) -> None:
     """Refuse one single disparity that cannot be, with what would say that it stands for unknown.
 
@@ -163,9 +185,10 @@ def _ask_about_impossible(
     ):
         held = pixels[bad]
         if held.size and (held == held[0]).all():
-            value = held[0] * units_per_px
+            value = stored[bad][0]
             raise InputError(
-                f"{path}: disparity must be {rule} (got {held[0]:g} px, stored as {value:g}, at"
+                f"{path}: disparity must be {rule} (got {held[0]:g} px, stored as"
+                f" {_digits(value)}, at"
                 f" {held.size} pixels); if it stands for unknown, {_say(value)}; else, is"
                 f" {doubt} right?"
             )
@@ -191,7 +214,7 @@ def _impossible_stand_in(
     held = np.unique(stored[impossible])
     if held.size != 1 or float(held[0]) not in [float(number) for number in numbers]:
         return np.zeros(stored.shape, np.bool_)
-    note(path, f"{float(held[0]):g}, at {int(impossible.sum())} pixels, is taken for unknown")
+    note(path, f"{_digits(held[0])}, at {int(impossible.sum())} pixels, is taken for unknown")
     return impossible
 
 
@@ -216,40 +239,93 @@ def _ask(
     low, high = float(known.min()), float(known.max())
     above, below = known[known > low], known[known < high]
     if low in lowest and above.size and above.min() - low >= apart:
-        value, count = low, known.size - above.size
+        value, count = stored[~missing].min(), known.size - above.size
     elif (
         high in _highest(stored.dtype, units)
         and below.size
         and high - below.max()
-        > (below.max() - low if stored.dtype.kind == "f" else np.iinfo(stored.dtype).max * _APART)
+        > (below.max() - low if stored.dtype.kind == "f" else _largest(stored.dtype, high) * _APART)
     ):
-        value, count = high, known.size - below.size
+        value, count = stored[~missing].max(), known.size - below.size
     else:
         return
     if count < max(2, _MANY * stored.size):
         return
     raise InputError(
-        f"{path}: each number must be known or said to be unknown ({count} pixels hold {value:g},"
+        f"{path}: each number must be known or said to be unknown ({count} pixels hold"
+        f" {_digits(value)},"
         " far from all others: programs write it where they found nothing); if it stands for"
         f" unknown, {_say(value)}; if it is a number like others, say so by unknown = [] in a"
         " study, or --unknown none"
     )
 
 
-def _say(value: float) -> str:
-    return f"say so by unknown = [{value:g}] in a study, or --unknown {value:g}"
+def _check_sign(path: Path, below: NDArray[np.float64], known: int) -> None:
+    """Refuse a disparity below 0 nearly everywhere, which grows the other way.
+
+    Raises
+    ------
+    InputError
+        With what turns it.
+    """
+    if below.size > _NEARLY_ALL * known and (below != below[0]).any():
+        raise InputError(
+            f"{path}: disparity must be greater than 0, and the larger the nearer ({below.size} of"
+            f" {known} known numbers are below 0: disparity of the other convention); write"
+            " it with its sign turned"
+        )
+
+
+def _held(stored: NDArray[Any], where: NDArray[np.bool_]) -> str:
+    """What stands at some pixels, and at how many."""
+    numbers, counts = np.unique(stored[where], return_counts=True)
+    listed = [
+        f"{_digits(number)} at {count} pixels"
+        for number, count in zip(numbers[:_LISTED], counts[:_LISTED], strict=True)
+    ]
+    more = numbers.size - _LISTED
+    return ", ".join([*listed, *([f"{more} other such numbers"] if more > 0 else [])])
+
+
+def _say(*values: Any, told: Unknown = None) -> str:
+    """What says that numbers stand for "unknown", beside those that were told."""
+    numbers = [*dict.fromkeys([*map(float, told or ()), *values])]
+    if len(numbers) > _LISTED:
+        return "store NaN in its place, in a file of floats"
+    words = [_digits(number) for number in numbers]
+    options = " ".join(f"--unknown {word}" for word in words)
+    return f"say so by unknown = [{', '.join(words)}] in a study, or {options}"
+
+
+def _digits(value: Any) -> str:
+    """A stored number in as few digits as name it and no other of its type."""
+    if isinstance(value, float | np.floating):
+        return np.format_float_positional(value, trim="-")
+    return str(value)
 
 
 def _highest(dtype: np.dtype[Any], units: float) -> tuple[float, ...]:
     """Large numbers that programs write for "unknown": the largest, and -1 and -16 without sign."""
     if dtype.kind == "f":
         return _FLOAT_STAND_INS
-    largest = float(np.iinfo(dtype).max)
-    return (largest, largest + 1 - units, largest - 15)
+    largest = {_largest(dtype, 0.0), float(np.iinfo(dtype).max)}
+    return tuple(stand for most in largest for stand in (most, most + 1 - units, most - 15))
 
 
-def _check_byte_order(path: Path, stored: NDArray[Any]) -> None:
-    """Refuse numbers that make sense only with their bytes in the other order."""
+def _largest(dtype: np.dtype[Any], number: float) -> float:
+    """The largest integer of a type; of a wide one with numbers of 16 bits, theirs."""
+    most = float(np.iinfo(dtype).max)
+    return 65535.0 if dtype.itemsize > 2 and number <= 65535 else most
+
+
+def check_byte_order(path: Path, stored: NDArray[Any]) -> None:
+    """Refuse numbers that make sense only with their bytes in the other order.
+
+    Raises
+    ------
+    InputError
+        With the first number in both orders.
+    """
     if stored.dtype.itemsize == 1:
         return
     if stored.dtype.kind == "f":
@@ -285,17 +361,28 @@ def _roughness(values: NDArray[Any]) -> float:
     return float(steps.mean()) / extent if extent > 0 and steps.size else 0.0
 
 
-def _read(path: Path) -> tuple[NDArray[Any], float | None]:
-    """Numbers as stored, and the one that the header names for "unknown"."""
+def _read(path: Path, scale: float = 0.0) -> tuple[NDArray[Any], float | None]:
+    """Numbers as stored, and the one that the header names for "unknown".
+
+    A `scale` of 1 is that of depth in metres.
+    """
     if path.suffix.lower() in NUMPY_FILES:
         with reading(path, "a numpy file of one array", InputError):
             array = _load_array(path)
-        _check_byte_order(path, array)
+        check_byte_order(path, array)
         return array, None
     check_fits(path, "read")
     pixels = read_pixels(path, stretched=False)
     named = check_numbers(path, pixels)
+    if scale == 1:
+        cure = "; say how many metres a unit has (--depth-scale, or depth_scale in a study)"
+        check_depth_unit(path, pixels.attributes, cure)
     data, names = pixels.data, pixels.channels
+    if pixels.kind == "openexr" and (len(names) > 1 or count_pictures(path) > 1):
+        planes = read_parts(path, judged=True).planes
+        data, names = np.stack(list(planes.values()), axis=-1), tuple(planes)
+        if (plane := lone_plane(path, planes)) is not None:
+            return plane, named
     if names[-1:] == ("A",) and data.shape[-1] > 1:
         opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
         if (data[..., -1] == opaque).all():
@@ -303,7 +390,7 @@ def _read(path: Path) -> tuple[NDArray[Any], float | None]:
     if data.shape[-1] == 3 and (data == data[..., :1]).all():
         data = data[..., :1]  # grey, stored as colour
     if data.shape[-1] == 1:
-        _check_byte_order(path, data[..., 0])
+        check_byte_order(path, data[..., 0])
         return data[..., 0], named
     if names == ("R", "G", "B"):
         raise InputError(
@@ -312,7 +399,7 @@ def _read(path: Path) -> tuple[NDArray[Any], float | None]:
             f" would be wrong: ask whoever made it for the numbers, as {_FORMATS}"
         )
     raise InputError(
-        f"{path}: must have one channel (has {', '.join(pixels.channels)}); write the one that is"
+        f"{path}: must have one channel (has {', '.join(names)}); write the one that is"
         f" meant to a file of its own, as {_FORMATS}"
     )
 

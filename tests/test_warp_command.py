@@ -426,8 +426,8 @@ def test_pairs_whose_sizes_differ_are_refused(stereo):
     save_colour(stereo / "small.png", np.zeros((4, 4, 3), np.float32))
     rest = (stereo / "out.png", "-m", "telea", "--disparity", stereo / "disparity.png")
 
-    assert "one height and width" in refusal(stereo / "small.png", *rest)
-    assert "one height and width" in refusal(
+    assert "must be as large as" in refusal(stereo / "small.png", *rest)
+    assert "must be as large as" in refusal(
         stereo / "left.png", *rest, "--right", stereo / "small.png"
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Final
 
@@ -15,6 +16,7 @@ _HIGH_PROFILES: Final = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134
 _OF_JFIF: Final = 5
 _FRAME_PACKING, _ORIENTATION = 45, 47  # kinds of supplemental information
 _PACKINGS: Final = {3: "sbsl", 4: "abl"}
+_HEVC_SET: Final = re.compile(rb"(?:[\xa1\x21]\x00\x01..|\x00\x00\x01)\x42\x01", re.DOTALL)
 _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
@@ -24,7 +26,8 @@ def of_pixel_format(tag: bytes) -> Iterator[Said]:
     Of BGRA the reader sees each frame's alpha, and judges that.
     """
     planes = tag if tag[1:2].isdigit() else tag[::-1]  # backwards: with the high byte first
-    named = planes[:1] in (b"Y", b"G") and planes[1] in b"1234" and tag != b"Y41B"
+    # Y4, then how chroma is thinned, then bits; Y42B and Y41B are letters alone.
+    named = planes[:1] in (b"Y", b"G") and planes[1] in b"1234" and planes[2] < 32
     if tag in _ALPHA or (named and planes[1] in b"24"):
         yield Said("alpha", "its pixels may be transparent")
     bits = planes[3] if named else 16 if tag in _DEEP else 8
@@ -52,9 +55,14 @@ def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterat
         own = matrix if colours[2] == UNSAID else colours[2]
     elif name in (b"hevc", b"hev1", b"hvc1"):
         # Flags of progressive and of interlaced source, in the record or the parameter set.
+        colours = _hevc(header)
+        yield from colour(*colours)
+        own = matrix if colours[2] == UNSAID else colours[2]
         yield from _enhancements(packet, 2)
         at = 6 if header[:1] == b"\1" else header.find(b"\0\0\1\x40\1") + 14
         fields = header[at : at + 1] != b"" and header[at] & 0xC0 == 0x40
+    elif name in (b"vp90", b"vp09", b"av01") and matrix == UNSAID:
+        yield Said("colours of VP9 or AV1", "its container does not say its colours")
     elif name in (b"mpg2", b"mpeg"):
         at = header.find(b"\0\0\1\xb5\x14")  # the sequence's extension
         at = at if at >= 0 else header.find(b"\0\0\1\xb5\x12")
@@ -126,16 +134,77 @@ def _h264(header: bytes) -> tuple[tuple[int, int, int], bool]:
     if bits.take(1):
         for _ in range(4):
             bits.golomb()
-    unsaid = (UNSAID, UNSAID, UNSAID)
-    if not bits.take(1):
-        return unsaid, fields
-    if bits.take(1) and bits.take(8) == 255:
-        bits.take(32)
+    return _colours(bits), fields
+
+
+def _colours(bits: _Bits) -> tuple[int, int, int]:
+    """Return primaries, transfer and matrix of the usability information of H.264 and HEVC."""
     if bits.take(1):
+        if bits.take(1) and bits.take(8) == 255:
+            bits.take(32)
+        if bits.take(1):
+            bits.take(1)
+        if bits.take(1) and bits.take(5) & 1:
+            return bits.take(8), bits.take(8), bits.take(8)
+    return UNSAID, UNSAID, UNSAID
+
+
+def _hevc(header: bytes) -> tuple[int, int, int]:
+    """Return primaries, transfer and matrix of HEVC, from its sequence's parameter set."""
+    found = _HEVC_SET.search(header)
+    if found is None:
+        return UNSAID, UNSAID, UNSAID
+    bits = _Bits(header[found.end() : _HEADERS].replace(b"\0\0\3", b"\0\0"))
+    bits.take(4)
+    layers = bits.take(3)
+    bits.take(1 + 96)
+    present = [(bits.take(1), bits.take(1)) for _ in range(8 if layers else 0)][:layers]
+    for profile, level in present:
+        bits.take(88 * profile + 8 * level)
+    bits.golomb()
+    if bits.golomb() == 3:
         bits.take(1)
-    if not (bits.take(1) and bits.take(5) & 1):
-        return unsaid, fields
-    return (bits.take(8), bits.take(8), bits.take(8)), fields
+    bits.golomb(), bits.golomb()
+    for _ in range(4 * bits.take(1) + 2):
+        bits.golomb()
+    order = bits.golomb() + 4
+    for _ in range(3 * (layers + 1 if bits.take(1) else 1) + 6):
+        bits.golomb()
+    if bits.take(1) and bits.take(1):
+        for size in range(4):
+            for _ in range(2 if size == 3 else 6):
+                coded = bits.take(1)
+                for _ in range((min(64, 16 << 2 * size) + (size > 1)) if coded else 1):
+                    bits.golomb()
+    bits.take(2)
+    if bits.take(1):
+        bits.take(8), bits.golomb(), bits.golomb(), bits.take(1)
+    places: list[int] = []
+    for number in range(min(bits.golomb(), 64)):
+        places = _reference_pictures(bits, places, number)
+    if bits.take(1):
+        for _ in range(min(bits.golomb(), 32)):
+            bits.take(order + 1)
+    bits.take(2)
+    return _colours(bits)
+
+
+def _reference_pictures(bits: _Bits, before: list[int], number: int) -> list[int]:
+    """Read a set of reference pictures; return their places, the nearest past one first."""
+    if number and bits.take(1):
+        step = (-1 if bits.take(1) else 1) * (bits.golomb() + 1)
+        shifted = [place + step for place in [*before, 0] if bits.take(1) or bits.take(1)]
+        past = sorted((place for place in shifted if place < 0), reverse=True)
+        return past + sorted(place for place in shifted if place > 0)
+    counts = min(bits.golomb(), 16), min(bits.golomb(), 16)
+    places = []
+    for count, sign in zip(counts, (-1, 1), strict=True):
+        place = 0
+        for _ in range(count):
+            place += sign * (bits.golomb() + 1)
+            bits.take(1)
+            places.append(place)
+    return places
 
 
 def _enhancements(packet: bytes, head: int) -> Iterator[Said]:

@@ -72,6 +72,7 @@ ROWS: Final = (
         " limited or full. Where nothing is said: BT.601, limited"),
     Row(_ALL, "no colour matrix", NOTED, "above 576 lines, by H.264 and MPEG-4: BT.601 is taken,"
         " though some players take BT.709"),
+    Row(_ALL, "colours of VP9 or AV1", NOTED, "colours that the stream itself says are not read"),
     Row(_BOTH, "other colour matrix", REFUSED, "YCgCo, ICtCp and others",
         "must have a colour matrix that is read right: BT.709, BT.601, BT.2020 or RGB", _TO_RGB),
     Row(_BOTH, "colour matrix twice", REFUSED, "the container says another one than ProRes or"

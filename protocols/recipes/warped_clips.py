@@ -40,6 +40,7 @@ from protocols.units import (
     Seed,
     Share,
     SignedDegrees,
+    StoredNumber,
     Text,
     Vector3,
 )
@@ -254,7 +255,7 @@ class StereoScene(Grown, _PhotoScene):
     is 0 in integer files, not finite in float files."""
     units_per_px: Factor = 1.0
     """Value in the file for a disparity of one pixel."""
-    unknown: list[Number] | None = None
+    unknown: list[StoredNumber] | None = None
     """Further numbers in the file that stand for unknown; `[]` if there are none. Default: what
     looks like one is asked about."""
     focal_px: FocalPixels
@@ -282,7 +283,7 @@ class RgbdScene(Grown, _PhotoScene):
     depth_is: Literal["distance", "inverse", "ray"] = "distance"
     """`distance`: along the optical axis. `inverse`: 1 / distance. `ray`: along each pixel's
     ray."""
-    unknown: list[Number] | None = None
+    unknown: list[StoredNumber] | None = None
     """As for a stereo pair, of the depth image."""
     focal_px: FocalPixels
     """Focal length."""

@@ -25,7 +25,7 @@ from pipeline.image_file import (
     from_integers,
     read_pixels,
 )
-from stimuli.channels import depth_layer, need
+from stimuli.channels import alpha_of, colour_layer, need
 from stimuli.exr import Transfer, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
@@ -90,6 +90,7 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
         If it is not a whole picture, has no colour, holds NaN or light that no display shows, or
         is so large that the command takes too much memory.
     """
+    options = reading is not None
     reading = reading or Reading()
     check_fits(path, command)
     pixels = read_pixels(path)
@@ -114,10 +115,10 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
             # The background is put behind in light, where alpha was made.
             behind = ((reading.background + 0.055) / 1.055) ** 2.4 / 2.0**reading.stops
             colour = colour + (1 - alpha) * np.float32(behind)
-            shown = _shown(path, colour, reading, notes, encoded=False)
+            shown = _shown(path, colour, reading, notes, encoded=False, options=options)
             notes.append(_transparent(reading))
             return AnyPicture(_upright(shown, pixels, notes), 16, tuple(notes))
-        shown = _shown(path, colour, reading, notes, encoded=encoded)
+        shown = _shown(path, colour, reading, notes, encoded=encoded, options=options)
     if alpha is not None:
         over = shown if premultiplied else shown * alpha
         shown = np.clip(over + (1 - alpha) * np.float32(reading.background), 0, 1)
@@ -135,21 +136,18 @@ def _colour_and_alpha(
 ) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
     """Red, green and blue as stored, and alpha in [0, 1] unless it is 1 everywhere."""
     data, names = pixels.data, pixels.channels
-    alpha = None
-    if "A" in names:
-        plane = data[..., names.index("A")]
-        plane = from_integers(plane) if data.dtype.kind == "u" else plane
-        if not (np.isfinite(plane) & (plane >= 0) & (plane <= 1)).all():
-            raise InputError(f"{path}: alpha must lie in 0..1")
-        alpha = None if (plane == 1).all() else plane[..., None].astype(np.float32)
     if is_layered(path, pixels):
-        planes = read_parts(path).planes
-        layer = depth_layer(path, planes)
+        planes = read_parts(path, judged=True).planes
+        layer = colour_layer(path, planes)
         light = [need(path, planes, key, layer=layer) for key in "rgb"]
-        extra = [n for n, p in planes.items() if n != "A" and not any(p is one for one in light)]
+        plane = alpha_of(planes, light[0])
+        taken = [*light, plane]
+        extra = [name for name, one in planes.items() if not any(one is other for other in taken)]
+        alpha = _alpha(path, plane)
         if extra:
             notes.append(f"channels that are no colour are left out: {', '.join(extra)}")
         return np.stack(light, axis=-1), alpha
+    alpha = _alpha(path, data[..., names.index("A")] if "A" in names else None)
     if {"R", "G", "B"} <= set(names):
         extra = [name for name in names if name not in ("R", "G", "B", "A")]
         if extra:
@@ -165,8 +163,24 @@ def _colour_and_alpha(
     )
 
 
+def _alpha(path: Path, plane: NDArray[Any] | None) -> NDArray[np.float32] | None:
+    """Alpha of shape (H, W, 1) in [0, 1]; None if it is 1 everywhere."""
+    if plane is None:
+        return None
+    plane = from_integers(plane) if plane.dtype.kind == "u" else plane
+    if not (np.isfinite(plane) & (plane >= 0) & (plane <= 1)).all():
+        raise InputError(f"{path}: alpha must lie in 0..1")
+    return None if (plane == 1).all() else plane[..., None].astype(np.float32)
+
+
 def _shown(
-    path: Path, stored: NDArray[Any], reading: Reading, notes: list[str], *, encoded: bool
+    path: Path,
+    stored: NDArray[Any],
+    reading: Reading,
+    notes: list[str],
+    *,
+    encoded: bool,
+    options: bool,
 ) -> NDArray[np.float32]:
     """Encode light, or take floats that are encoded as they are."""
     if not np.isfinite(stored).all():
@@ -187,13 +201,13 @@ def _shown(
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
         light = np.clip(light, 0, 1)
     elif high > 1 or low < 0:
-        darker = ""
-        if high > 1 and not encoded:
+        cure = "clip it with --clip" if options else "lower its exposure, or save it as PNG"
+        if high > 1 and not encoded and options:
             stops = reading.stops + math.floor(-10 * math.log2(high)) / 10
-            darker = f"darken it by --stops {stops:.1f}, or "
+            cure = f"darken it by --stops {stops:.1f}, or {cure}"
         raise InputError(
             f"{path}: must lie in 0..1 to be shown (it reaches from {low:.4g} to {high:.4g});"
-            f" {darker}clip it with --clip"
+            f" {cure}"
         )
     return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
 

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_same_size
+from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_file_size
 from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
 from stimuli.exr import load_colour
 from stimuli.paths import STILL, Pose
@@ -214,7 +214,7 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
         folder / scene.depth, scene.depth_scale, is_a=scene.depth_is, unknown=scene.unknown,
         intrinsics_px=centred(scene.focal_px, width, height),
     )  # fmt: skip
-    check_same_size(**{scene.rgb: colour, scene.depth: depth})
+    check_file_size(scene.depth, depth, scene.rgb, colour)
     frame = SourceFrame(colour, depth)
     return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
 

@@ -11,9 +11,18 @@ from numpy.typing import NDArray
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_flow
+from pipeline.frame import NO_DEPTH, SourceFrame, WarpedFrame, check_depth, check_flow
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
-from stimuli.channels import Layer, Motion, Planes, depth_layer, find_motion, need, need_motion
+from stimuli.channels import (
+    Layer,
+    Motion,
+    Planes,
+    check_opaque,
+    depth_layer,
+    find_motion,
+    need,
+    need_motion,
+)
 from stimuli.exr import Transfer, check_depth_unit, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
@@ -190,7 +199,9 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
         cure = f'; name it in the protocol: channels = {{ {key} = "..." }}'
         return need(path, planes, key, given.get(key), layer=layer, cure=cure)
 
-    light = np.stack([plane(key) for key in "rgb"], axis=-1)
+    colour = [plane(key) for key in "rgb"]
+    check_opaque(path, planes, colour[0])
+    light = np.stack(colour, axis=-1)
     if not np.isfinite(light).all():
         row, column = np.argwhere(~np.isfinite(light).all(axis=-1))[0]
         raise InputError(
@@ -198,7 +209,7 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
             f" column {column}); render it again, or mend these pixels"
         )
     depth = _distance(plane("depth"), scene)
-    check_depth(depth, f"{path}: depth")
+    check_depth(depth, f"{path}: depth", cure=NO_DEPTH)
     motion = None
     names = _motion_names(scene)
     if find_motion(path, planes, names, style=scene.motion, layer=layer) is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, check_colour, check_same_size
+from pipeline.frame import SourceFrame, check_colour, check_file_size, check_same_size
 from pipeline.warp.settings import WarpSettings
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour
@@ -84,7 +84,7 @@ class StereoPair:
         if bad.any():
             row, column = np.argwhere(bad)[0]
             raise InputError(
-                f"disparity must be greater than {-self.offset_px:g} px, or the depth is not"
+                f"disparity must be greater than {0 - self.offset_px:g} px, or the depth is not"
                 f" positive (got {self.disparity_px[row, column]} at row {row}, column {column},"
                 f" and {int(bad.sum()) - 1} more such pixels); is the offset right?"
             )
@@ -183,13 +183,16 @@ def load_pair(
     stored_px = read_disparity(
         disparity, units_per_px=units_per_px, offset_px=offset_px, unknown=unknown
     )
-    check_same_size(**{str(left): colour, str(disparity): stored_px})
+    check_file_size(disparity, stored_px, left, colour)
+    other = None if right is None else load_colour(right)
+    if right is not None and other is not None:
+        check_file_size(right, other, left, colour)
     filled, known = fill_unknown(stored_px)
     if right is None and (wide := too_wide(filled)) is not None:
         raise InputError(f"{disparity}: {wide}; is units_per_px (--units-per-px) right?")
     return StereoPair(
         left=colour,
-        right=None if right is None else load_colour(right),
+        right=other,
         disparity_px=filled,
         known=known,
         focal_px=focal_px or ASSUMED_FIELD_OF_VIEW * colour.shape[1],

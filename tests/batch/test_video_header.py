@@ -45,6 +45,10 @@ COLOUR, PROJECTION = 0x55B0, 0x7670
 MKV_VIDEO, MKV_TRACK = (SEGMENT, TRACKS, TRACK, VIDEO), (SEGMENT, TRACKS, TRACK)
 STREAM = ("AVI ", "hdrl", "strl")
 DECISIONS = {row.statement: row.decision for row in ROWS}
+HEVC = (
+    "0101600000009000000000001ef000fcfdf8f800000f04200001001840010c01ffff016000000300900000030000"
+    "03001e959809210001002c42010101600000030090000003000003001ea024839c9265959ae4caf0{}"
+)
 FFMPEG = shutil.which("ffmpeg")
 
 
@@ -480,9 +484,15 @@ def follow(path: Path) -> tuple[Path, list[np.ndarray]]:
     return mended, list(VideoFrames(mended))
 
 
+@pytest.mark.parametrize("codec", [b"VP90", b"vp09", b"AV01"])
+def test_colours_that_only_the_stream_of_vp9_or_av1_says_are_noted(codec):
+    assert [one.statement for one in of_stream(codec, b"", b"", 2)] == ["colours of VP9 or AV1"]
+    assert list(of_stream(codec, b"", b"", 1)) == []
+
+
 def test_every_row_of_the_table_is_tried():
     tried = {case.statement for case in (*REFUSALS, *NOTES)}
-    by_frames = {"more than 8 bits", "length", "no colour matrix"}  # below, and in test_videos.py
+    by_frames = {"more than 8 bits", "length", "no colour matrix", "colours of VP9 or AV1"}
     wanted = {row.statement for row in ROWS if row.decision != HONOURED}
     assert wanted - tried == by_frames
     for cases, decision in ((REFUSALS, REFUSED), (NOTES, NOTED)):
@@ -626,6 +636,11 @@ def test_the_cure_shows_what_the_file_meant(tmp_path, ending, place, change, rig
         (b"h264", "01f4000affe1001b67f4000a919b288f4d40420050000003001000000303c0f1225960", "",
          ["other transfer"]),
         (b"h264", "0000016764000aacd9447b0110000003001000000303c0f122596000000001", "", []),
+        (b"hevc", HEVC.format("26a180202080000003008000000c8422"), "", ["other primaries"]),
+        (b"hevc", HEVC.format("16a122012080000003008000000c8422"), "",
+         ["PQ, HLG", "colour matrix twice"]),
+        (b"hevc", "0000000142010101600000030090000003000003001ea02083165959ae4caf016a121c1208", "",
+         ["other primaries", "colour matrix twice"]),
         # Supplemental information: side by side, another packing, a turn.
         (b"h264", "", "00000001062d018103000080", ["stereo"]),
         (b"hevc", "", "000000014e012d018103000080", ["stereo"]),
@@ -659,6 +674,8 @@ def test_the_coded_stream_itself_is_listened_to(codec, header, packet, statement
     ("tag", "said"),
     [
         (b"I420", None), (b"G3\0\x08", None), (b"Y3\x0b\x08", None), (b"Y41B", None),
+        (b"Y42B", None), (b"422P", None), (b"444P", None), (b"YV16", None), (b"440P", None),
+        (b"Y2\0\x08", "its pixels may be transparent"),
         (b"Y800", None), (b"RGB\x18", None), (b"PAL\x08", None),
         (b"Y3\x0b\x0a", "10 bits a channel"), (b"\x10\x001Y", "16 bits a channel"),
         (b"RGB0", "16 bits a channel"), (b"RGBA", "its pixels may be transparent"),

@@ -50,7 +50,7 @@ REFUSED = {
     "disparity in quarters": (scene(STEREO, "l.png", "r.png", "d4.npy"), "units_per_px = 4 fits"),
     "disparity as JPEG": (scene(STEREO, "l.png", "r.png", "d.jpg"), "jpeg changes them"),
     "depth for disparity": (scene(STEREO, "l.png", "r.png", "z.npy"), "no disparity (depth?)"),
-    "pair of two sizes": (scene(STEREO, "l.png", "small.png", "d.npy"), "one height and width"),
+    "pair of two sizes": (scene(STEREO, "l.png", "small.png", "d.npy"), "must be as large as"),
     "a disparity that is text": (scene(STEREO, "l.png", "r.png", "notes.txt"), "notes.txt"),
     # Sequences.
     "a sequence smaller than its clip": (scene(SEQUENCE, "shot.#.exr"), "set width_px = 120"),

@@ -6,6 +6,7 @@ import io
 import re
 import struct
 import warnings
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -46,6 +47,13 @@ def tiff(tags: dict[int, Any], **more: Any) -> Make:
 
 def exr(name: str, kind: str, value: bytes) -> Make:
     return lambda path: odd.exr(path, (name, kind, value))
+
+
+SRGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def grey_8(path: Path) -> None:
+    odd.png(path, picture=odd.RGB[..., 0])
 
 
 def grey_png(path: Path) -> None:
@@ -130,6 +138,14 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("png", "cHRM", "p.png", png(b"cHRM", P3_CHROMATICITIES), png(b"cHRM", SRGB_CHROMATICITIES), C),
     ("png", "cICP", "p.png", png(b"cICP", bytes([9, 16, 0, 1])), png(b"cICP", bytes([1, 13, 0, 1])),
      C),
+    ("png", "cICP|gAMA", "p.png", png(b"gAMA", struct.pack(">I", 50994)),
+     png(b"gAMA", struct.pack(">I", 45455)), C),
+    ("png", "cICP|gAMA", "p.png", png(b"cICP", bytes([1, 1, 0, 1])),
+     png(b"cICP", bytes([1, 13, 0, 1])), C),
+    ("png", "iCCP", "p.png", png(b"iCCP", b"x\0\0" + zlib.compress(bytes(300))),
+     png(b"iCCP", b"x\0\0" + zlib.compress(SRGB_PROFILE)), C),
+    ("png", "iCCP", "p.png", png(b"iCCP", b"x\0\0" + zlib.compress(SRGB_PROFILE),
+     picture=odd.RGB[..., 0]), grey_8, C),
     ("png", "mDC[Vv]|cLL[Ii]", "p.png", png(b"cLLI", bytes(8)), odd.png, C),
     ("png", "oFFs", "p.png", png(b"oFFs", struct.pack(">iiB", 5, 7, 0)),
      png(b"oFFs", struct.pack(">iiB", 0, 0, 0)), C),
@@ -140,6 +156,8 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("jpeg", "APP2 MPF", "p.jpg", lambda p: odd.jpeg(p, (2, b"MPF\0II*\0")), odd.jpeg, C),
     ("tiff", "262", "p.tif", lambda p: odd.tiff(p, picture=Image.fromarray(odd.RGB).convert("LAB")),
      odd.tiff, C),
+    ("tiff", "262", "p.tif", retagged({262: 0}, odd.GREY), retagged({262: 0}, odd.RGB[..., 0]), C),
+    ("tiff", "262", "p.tif", retagged({262: 0}, odd.LIGHT[..., 0]), tiff({}, picture=odd.GREY), C),
     ("tiff", "262", "d.tif", retagged({262: 0}, odd.GREY), tiff({}, picture=odd.GREY), N),
     ("tiff", "262", "d.tif", palette(grey=False), palette(grey=True), N),
     ("tiff", "258", "d.tif", lambda p: odd.raw_tiff(p, 24, 1, bytes(27), (3, 3)),
@@ -233,6 +251,20 @@ def test_every_row_that_refuses_or_notes_has_a_sample():
     wanted = {(row.kind, row.names) for row in ROWS if row.decision in ("refused", "noted")}
 
     assert wanted - UNREADABLE == {(kind, names) for kind, names, *_ in SAMPLES}
+
+
+@pytest.mark.parametrize("picture", [odd.RGB, odd.RGB[..., 0]])
+def test_a_profile_that_is_left_out_hides_nothing(tmp_path, picture):
+    """Zeros are no profile, and one of RGB says nothing of a grey picture."""
+    profile = bytes(300) if picture.ndim == 3 else SRGB_PROFILE
+    path, packed = tmp_path / "p.png", (b"iCCP", b"x\0\0" + zlib.compress(profile))
+    for chunk in ((b"gAMA", struct.pack(">I", 100_000)), (b"cHRM", P3_CHROMATICITIES)):
+        odd.png(path, packed, chunk, picture=picture)
+        with pytest.raises(InputError, match="must "):
+            load_colour(path)
+
+    odd.png(path, (b"iCCP", b"x\0\0" + zlib.compress(SRGB_PROFILE)), chunk)
+    assert notes_of(load_colour, path) == []
 
 
 @pytest.mark.parametrize(
@@ -408,7 +440,7 @@ def test_encoded_floats_that_say_so_are_read_once_that_is_told(tmp_path):
     from stimuli.exr import Transfer
 
     odd.exr(tmp_path / "a.exr", ("oiio:ColorSpace", "string", b"sRGB"))
-    with pytest.raises(InputError, match="give --encoded"):
+    with pytest.raises(InputError, match="--encoded of warp and foveate"):
         load_colour(tmp_path / "a.exr")
 
     found = load_colour(tmp_path / "a.exr", transfer=Transfer.ENCODED)

@@ -17,8 +17,9 @@ from PIL import Image
 from pipeline.errors import FileNote, InputError
 from pipeline.image_file import read_pixels
 from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
-from stimuli.exr import load_colour
+from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
+from stimuli.flow_file import read_flo
 from stimuli.plane_file import along_axis, load_plane
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
@@ -97,6 +98,24 @@ def test_a_pgms_largest_number_is_no_factor_of_depth_and_white_of_a_picture(
 
     np.testing.assert_array_equal(load_plane(tmp_path / "a.pgm")[0], stored)
     assert load_colour(tmp_path / "a.pgm")[0, 3, 0] == 1
+
+
+@pytest.mark.parametrize("kind", ["P5", "P6", "Pf", "PF"])
+def test_a_line_end_of_two_bytes_shifts_no_numbers_and_other_surplus_is_refused(tmp_path, kind):
+    channels = 3 if kind in ("P6", "PF") else 1
+    stored = np.arange(12 * channels).reshape(3, 4, channels).astype("u1")
+    scale, data = ("255", stored) if kind < "Pa" and kind != "PF" else ("-1", stored[::-1])
+    body = data.astype("u1" if scale == "255" else "<f4").tobytes()
+    head = f"{kind}\r\n4 3\r\n{scale}\r\n".encode()
+    path = tmp_path / ("a.ppm" if scale == "255" else "a.pfm")
+    path.write_bytes(head + body)
+
+    for stretched in (True, False):
+        np.testing.assert_array_equal(read_pixels(path, stretched=stretched).data, stored)
+    for bad in (head + body + b"\n", head[:-2] + b"\n\n" + body):
+        path.write_bytes(bad)
+        with pytest.raises(InputError, match="must end with its last number"):
+            read_pixels(path)
 
 
 def test_numbers_of_few_bits_stay_what_they_are(tmp_path):
@@ -214,6 +233,98 @@ def test_what_may_stand_for_unknown_is_asked_about_and_each_answer_is_taken(
         assert load_pair(left, tmp_path / "a.npy", **how, unknown=()).known.all()
 
 
+@pytest.mark.parametrize(
+    ("stored_as", "stands"),
+    [("int32", 2147483647), ("uint32", 4294967295), ("float32", -1 / 3), ("float64", -1 / 3),
+     ("float32", 1234567), ("float16", -0.1)],
+)  # fmt: skip
+def test_the_number_that_a_message_names_is_the_number_stored(
+    tmp_path, left, truth_px, stored_as, stands
+):
+    stored = np.rint(truth_px).astype(stored_as)
+    stored[:, :8] = stands
+    np.save(tmp_path / "a.npy", stored)
+
+    with pytest.raises(InputError, match="--unknown") as told:
+        load_pair(left, tmp_path / "a.npy")
+    named = float(re.search(r"--unknown (\S+?)[;,]? ", str(told.value))[1])
+
+    found = load_pair(left, tmp_path / "a.npy", unknown=(named,))
+    assert not found.known[:, :8].any()
+    assert found.known[:, 8:].all()
+    values = {"kind": "stereo", "name": "s", "left": "l", "right": "r", "disparity": "a.npy",
+              "focal_px": 64, "baseline_m": 0.1, "camera": {"kind": "stereo"}}  # fmt: skip
+    assert StereoScene(**values, unknown=[named]).unknown == [named]
+
+
+@pytest.mark.parametrize(("stored_as", "units"), [("float32", 1), ("int16", 16)])
+def test_a_disparity_of_the_other_sign_is_told_as_one_and_turned_it_is_read(
+    tmp_path, left, truth_px, stored_as, units
+):
+    stored = (-units * truth_px).astype(stored_as)
+    stored[0, 0] = units
+    np.save(tmp_path / "a.npy", stored)
+    np.save(tmp_path / "b.npy", np.abs(stored))
+    total = HEIGHT * WIDTH
+
+    for told in (None, (777,)):
+        with pytest.raises(InputError, match=rf"a\.npy: .*{total - 1} of {total} known") as found:
+            load_pair(left, tmp_path / "a.npy", units_per_px=units, unknown=told)
+        assert "its sign turned" in str(found.value)
+        assert "offset" not in str(found.value)
+    assert load_pair(left, tmp_path / "b.npy", units_per_px=units).known.all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "stands"),
+    [("distance", (-1, 0)), ("distance", (0, -9999, -1)), ("inverse", (-1, np.inf)),
+     ("disparity", (-1, -2))],
+)  # fmt: skip
+def test_stand_ins_of_several_numbers_are_named_and_the_cure_takes_them(
+    tmp_path, left, truth_px, kind, stands
+):
+    stored = truth_px.astype(np.float32)
+    for number, stand in enumerate(stands):
+        stored[:, number] = stand
+    np.save(tmp_path / "d.npy", stored)
+
+    def read(unknown=None):
+        if kind == "disparity":
+            return load_pair(left, tmp_path / "d.npy", unknown=unknown).disparity_px
+        return load_depth(tmp_path / "d.npy", 1.0, is_a=kind, unknown=unknown)
+
+    with pytest.raises(InputError, match=f"at {HEIGHT} pixels") as told:
+        read()
+    named = [float(word) for word in re.findall(r"--unknown ([^\s;]+)", str(told.value))]
+
+    assert sorted(named) == sorted(stands)
+    assert (read(named) > 0).all()
+
+
+def test_inverse_depth_of_infinity_is_noted_as_unknown(tmp_path):
+    stored = np.full((6, 8), 0.5, np.float32)
+    stored[:, :2] = np.inf
+    np.save(tmp_path / "d.npy", stored)
+
+    depth, notes = tell(load_depth, tmp_path / "d.npy", 1.0, is_a="inverse")
+
+    assert (depth == 2).all()
+    assert "inf, at 12 pixels, is taken for unknown" in notes[0]
+
+
+def test_depth_of_zero_in_a_file_of_colour_and_motion_says_what_to_store(tmp_path):
+    light = np.full((4, 6), 0.5, np.float32)
+    planes = {**dict.fromkeys("RGB", light), "Z": light.copy(), "flow.x": light, "flow.y": light}
+    for value in (0, np.inf):  # the second is the cure
+        planes["Z"][1, 2] = value
+        odd.write_exr(tmp_path / "a.exr", planes)
+        if value:
+            assert load_warp_input(tmp_path / "a.exr").source.depth_m[1, 2] == np.inf
+            continue
+        with pytest.raises(InputError, match=r"got 0\.0 at row 1, column 2\); store inf there"):
+            load_warp_input(tmp_path / "a.exr")
+
+
 def test_numbers_that_are_not_apart_are_numbers(tmp_path, left):
     """A map that reaches its largest number without a gap."""
     smooth = np.tile(np.linspace(1000, 65535, WIDTH).astype(np.uint16), (HEIGHT, 1))
@@ -245,6 +356,20 @@ def test_depth_of_nothing_is_infinite(tmp_path):
     np.save(tmp_path / "d.npy", np.array([[1.0, 1e10, np.inf, 3.4e38]], np.float32))
 
     np.testing.assert_array_equal(load_depth(tmp_path / "d.npy", 0.5), [[0.5, *[np.inf] * 3]])
+
+
+@pytest.mark.parametrize("stored_as", ["int32", "uint32", "int64"])
+def test_the_largest_number_of_16_bits_is_asked_about_in_wider_ones(tmp_path, stored_as):
+    stored = np.full((30, 40), 2000, stored_as)
+    stored[:10, :10], stored[0, 0] = 65535, 900
+    np.save(tmp_path / "d.npy", stored)
+
+    with pytest.raises(InputError, match=r"unknown = \[65535\] in a study, or --unknown 65535"):
+        load_depth(tmp_path / "d.npy", 0.001)
+    assert load_depth(tmp_path / "d.npy", 0.001, unknown=(65535,)).max() == 2
+    stored[:5, :5] = 99_000
+    np.save(tmp_path / "d.npy", stored)
+    assert load_depth(tmp_path / "d.npy", 0.001).max() == 99
 
 
 def test_a_largest_number_of_depth_far_from_others_is_asked_about(tmp_path):
@@ -340,6 +465,37 @@ def test_a_wrong_byte_order_is_told_without_a_warning(tmp_path, left, stored_as,
     )
 
 
+def test_motion_in_the_other_byte_order_is_no_standstill(tmp_path, rng):
+    flow = rng.uniform(-9, 9, (6, 8, 2)).astype(np.float32)
+    head = np.float32(202021.25).tobytes() + np.array([8, 6], "<i4").tobytes()
+    for order in "<>":
+        (tmp_path / "a.flo").write_bytes(head + flow.astype(f"{order}f4").tobytes())
+        if order == "<":
+            np.testing.assert_array_equal(read_flo(tmp_path / "a.flo")[0], flow)
+            continue
+        with pytest.raises(InputError, match="byte order that it states"):
+            read_flo(tmp_path / "a.flo")
+
+
+def test_numbers_of_another_size_are_told_with_both_files_and_sizes(tmp_path, left, truth_px):
+    np.save(tmp_path / "half.npy", truth_px[::2, ::2])
+    found = r"half\.npy: must be as large as .*left\.png, 64 x 40 px \(is 32 x 20 px\)"
+
+    with pytest.raises(InputError, match=found):
+        load_pair(left, tmp_path / "half.npy")
+    Image.open(left).resize((32, 20)).save(left)  # the cure
+    assert load_pair(left, tmp_path / "half.npy").known.all()
+
+
+def test_a_depth_of_another_unit_is_refused_until_the_unit_is_told(tmp_path):
+    plane = np.full((4, 6), 2000, np.float32)
+    odd.write_exr(tmp_path / "a.exr", {"Z": plane}, **{"metamerlab:depth_unit": "mm"})
+
+    with pytest.raises(InputError, match=r"in metres \(the header says 'mm'\); .*--depth-scale"):
+        load_depth(tmp_path / "a.exr", 1.0)
+    assert load_depth(tmp_path / "a.exr", 0.001)[0, 0] == 2
+
+
 # ---- a picture of numbers
 
 
@@ -366,6 +522,29 @@ def test_an_opaque_alpha_changes_nothing_and_a_format_that_changes_numbers_is_re
         load_plane(tmp_path / "b.png")
     with pytest.raises(InputError, match=r"read from PNG, TIFF, OpenEXR, PGM and PFM .*gif"):
         load_plane(tmp_path / "a.gif")
+
+
+@pytest.mark.parametrize("name", ["Z", "Y", "Depth.V"])
+def test_the_one_plane_among_the_parts_of_a_file_is_taken(tmp_path, left, truth_px, name):
+    """Wherever its part stands; of several that differ none is taken."""
+    plane = truth_px.astype(np.float32)
+    colour = dict.fromkeys("RGB", plane / 50)
+    path = tmp_path / "a.exr"
+    same = {"far": {name: plane}, "again": {name: plane}}
+    for parts in ({"rgb": colour, "far": {name: plane}}, {"far": {name: plane}, "rgb": colour},
+                  same):  # fmt: skip
+        odd.write_parts(path, parts)
+
+        np.testing.assert_array_equal(load_pair(left, path).disparity_px, plane)
+        np.testing.assert_array_equal(load_plane(path)[0], plane)
+
+    odd.write_parts(path, {"a": {name: plane}, "b": {name: 9 * plane}})
+    for read in (lambda: load_pair(left, path), lambda: load_depth(path, 1.0)):
+        with pytest.raises(InputError, match=rf"fit: a\.{name}, b\.{name}\); save .* alone"):
+            read()
+    odd.write_parts(path, {"a": colour, "b": {k: 2 * v for k, v in colour.items()}})
+    with pytest.raises(InputError, match=r"has a\.R, .*, b\.B\); write the one that is meant"):
+        load_plane(path)
 
 
 # ---- what depth is

@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from protocols.recipes.warped_clips import CirclePath, ExrScene
 from stimuli.exr import Channels, load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
-from stimuli.foveated.any_picture import read_any
+from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.scenes.sequence import load_picture
 
 SIZE = (6, 8)
@@ -137,6 +137,51 @@ def test_a_truth_is_read_as_the_picture_is(tmp_path):
     np.testing.assert_array_equal(load_warp_input(tmp_path / "a.exr").source.colour, wanted)
     with pytest.raises(InputError, match="must be opaque"):
         load_colour(tmp_path / "clear.exr")
+
+
+@pytest.mark.parametrize("layer", ["", "Figures.Combined.", "FinalImage."])
+@pytest.mark.parametrize("parts", [False, True])
+def test_transparent_colour_is_refused_by_each_reader_and_other_alpha_is_none_of_its(
+    tmp_path, layer, parts
+):
+    path = tmp_path / "a.exr"
+    rest = {"flow.x": flat(3), "flow.y": flat(0), "Z": flat(2)}
+
+    def write(alpha):
+        near = {**colour(layer, 0.25), f"{layer}A": flat(alpha), **rest}
+        if parts:
+            odd.write_parts(path, {"near": near, "matte": {"A": flat(0.5)}})
+        else:
+            odd.write_exr(path, {**near, "matte.A": flat(0.5)})
+
+    write(1)
+    for read in (load_colour, load_warp_input, lambda one: load_picture(one, scene())):
+        assert read(path) is not None
+    plain = read_any(path).colour
+    write(0.5)
+    for read in (load_colour, load_warp_input, lambda one: load_picture(one, scene())):
+        with pytest.raises(InputError, match="must be opaque"):
+            read(path)
+    assert (read_any(path).colour != plain).all()
+
+
+def test_colour_alone_asks_about_no_depth_and_names_options_that_are_there(tmp_path):
+    path = tmp_path / "a.exr"
+    planes = {**colour("", 0.25), "Z": flat(2), "depth.Z": flat(3)}
+    odd.write_exr(path, planes)
+
+    np.testing.assert_array_equal(load_colour(path), read_any(path).colour)
+
+    odd.write_exr(path, planes, **{"oiio:ColorSpace": "srgb_rec709_scene"})
+    with pytest.raises(InputError, match=r"save it as PNG, or .* --encoded of warp and foveate"):
+        read_any(path)
+    assert read_any(path, Reading(encoded=True)).colour[0, 0, 0] == 0.25
+
+    odd.write_exr(path, {name: 3 * plane for name, plane in colour("", 0.5).items()})
+    with pytest.raises(InputError, match=r"1\.5\); lower its exposure, or save it as PNG$"):
+        read_any(path)
+    with pytest.raises(InputError, match=r"darken it by --stops .* clip it with --clip$"):
+        read_any(path, Reading())
 
 
 def test_a_scene_hears_what_the_header_says_of_transfer_and_unit(tmp_path):
