@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +68,10 @@ def fit_linear_mixed(
             )
         )
     z = sparse.hstack(columns, format="csr")
+    zz = (z.T @ z).tocsc()
+    zz.sort_indices()  # as the solver takes for granted
     products = _Products(
-        zz=(z.T @ z).tocsc(),
+        zz=zz,
         zx=np.asarray(z.T @ design),
         zy=np.asarray(z.T @ y),
         xx=design.T @ design,
@@ -110,13 +113,20 @@ class _Products:
     sizes: tuple[int, ...]
     rows: int
 
+    @cached_property
+    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column of each entry of `zz`, of which every diagonal one is above 0."""
+        columns = np.repeat(np.arange(self.zz.shape[1]), np.diff(self.zz.indptr))
+        return self.zz.indices.astype(np.int64), columns
+
     def profile(self, theta: Floats) -> tuple[float, Floats, Floats, float]:
         """Return the REML deviance, beta, its covariance, and the residual's variance."""
         scale = np.repeat(theta, self.sizes)
-        by = sparse.diags_array(scale)
         # Sparse: participants are blocks that only shared scenes connect.
+        rows, columns = self.places
+        entries = self.zz.data * scale[rows] * scale[columns] + (rows == columns)
         inner = splinalg.splu(
-            (by @ self.zz @ by + sparse.eye_array(scale.size)).tocsc(),
+            sparse.csc_array((entries, self.zz.indices, self.zz.indptr), self.zz.shape),
             permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         zx, zy = scale[:, None] * self.zx, scale * self.zy

@@ -33,6 +33,7 @@ _SAME_ROWS = 4
 """Files with so many rows or more are not the same by chance."""
 
 Rows = list[list[str]]
+MOST_COLUMNS = 16_384
 
 
 @dataclass
@@ -118,6 +119,11 @@ def _of_file(path: Path) -> FileRows:
     found.header = [original_cell(name).strip("\ufeff \t") for name in head]
     if not any(found.header):
         raise StudyError(f"{path}: must be a CSV table with a header (found none)")
+    if len(found.header) > MOST_COLUMNS:
+        raise StudyError(
+            f"{path}: must have at most {MOST_COLUMNS:,} columns, as spreadsheets do (has"
+            f" {len(found.header):,}); write one trial a row"
+        )
     twice = sorted(name for name, count in Counter(found.header).items() if count > 1)
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")

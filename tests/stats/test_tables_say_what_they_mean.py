@@ -607,3 +607,10 @@ def test_what_import_writes_is_what_commands_read(table, trials, late):
     assert again["correct"].tolist() == trials["correct"][~late].tolist()
     assert again["rt_s"].to_numpy() == pytest.approx(trials["rt_s"][~late].to_numpy())
     assert read.notes == []
+
+
+def test_a_table_of_more_columns_than_a_spreadsheet_has_is_refused_at_once(tmp_path):
+    file = tmp_path / "wide.csv"
+    file.write_text(",".join(f"c{number}" for number in range(16_385)) + "\n")
+    with pytest.raises(StudyError, match=r"at most 16,384 columns.*\(has 16,385\)"):
+        Table(file)
