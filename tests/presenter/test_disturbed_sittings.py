@@ -118,9 +118,9 @@ def test_a_frame_that_a_network_disk_fails_to_give_is_one_message(monkeypatch, n
     from protocols.errors import StudyError
     from protocols.load import read_bytes
 
-    def failing(_path: Path) -> bytes:
+    def failing(_path: Path, _mode: str) -> bytes:
         raise OSError(number, f"{reason} of a network disk")
 
-    monkeypatch.setattr(Path, "read_bytes", failing)
+    monkeypatch.setattr(Path, "open", failing)
     with pytest.raises(StudyError, match=f"must be readable.*{reason}"):
         read_bytes(Path("000000.png"), "a frame of the study")
