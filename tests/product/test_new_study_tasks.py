@@ -250,3 +250,28 @@ def test_the_readme_names_what_lies_there(made, task):
     assert here - {"README.md"} <= set(re.findall(r"^\| `(.+?)` \|", text, flags=re.M))
     assert not re.search(r"@[A-Z_]+@", text + path.read_text(encoding="utf-8"))
     assert tomllib.loads(path.read_text(encoding="utf-8"))["stimuli"]["table"] == "stimuli.csv"
+
+
+@pytest.mark.slow
+def test_a_column_called_condition_is_compared_from_check_to_report(metamerlab, made):
+    """Before, the report overwrote that column, and ended in a traceback."""
+    path = made("yes-no")
+    table = path.parent / "stimuli.csv"
+    table.write_text(table.read_text().replace("noise", "condition", 1))
+    path.write_text(path.read_text().replace('by = "noise"', 'by = "condition"'))
+    folders = {name: path.parent / name for name in ("clips", "sessions", "report")}
+
+    for words in (
+        ("protocol", "check", path),
+        ("stimuli", "build", path, "--out", folders["clips"]),
+        ("session", "simulate", path, "--stimuli", folders["clips"],
+         "--out", folders["sessions"], "--participants", 3),
+        ("analysis", "report", folders["sessions"], "--protocol", path,
+         "--out", folders["report"], "--no-figures"),
+    ):  # fmt: skip
+        done = metamerlab(*words)
+        assert done.exit_code == 0, done.output
+
+    page = (folders["report"] / "report.html").read_text(encoding="utf-8")
+    assert "coarse minus fine" in page
+    assert "condition all" not in page
