@@ -113,7 +113,7 @@ def test_a_study_with_mistakes_is_told_them_and_not_rewritten(tmp_path, demo):
     path = tmp_path / "old.toml"
     path.write_text(demo.replace("window_deg = 1.5", "window_deg = -1.5"), encoding="utf-8")
 
-    with pytest.raises(StudyError, match=r"gaze.window_deg: must be greater than 0 degrees"):
+    with pytest.raises(StudyError, match=r"gaze.window_deg: must be at least 0.001 degrees"):
         upgraded_text(path)
 
 
