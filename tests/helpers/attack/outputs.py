@@ -355,7 +355,7 @@ def _write_inputs(folder: Path) -> None:
     write_small_study(folder)
     (folder / "rated.csv").write_text(
         "participant,first,rating\n"
-        + "".join(f"P{n % 4},{'ab'[n % 2]},{1 + (n * 7) % 5}\n" for n in range(40))
+        + "".join(f"P{n % 4},{'ab'[n % 2]},{1 + n * n % 11 % 5}\n" for n in range(40))
     )
     display = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
     texts = study_files("made", "Made", display, "yes-no")
