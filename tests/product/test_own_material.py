@@ -221,7 +221,7 @@ def test_networks_are_copied_and_folders_of_frames_are_found_from_the_study(
         (["--pair", "{own}/right.png", "{own}/left.png", "{own}/disparity.npy"], "exchanged"),
         (["--pair", "{own}/left.png", "{own}/left.png", "{own}/disparity.npy"], "same picture"),
         (["--pair", "{own}/left.png", "{own}/right.png", "{own}/none.npy"], "none.npy"),
-        (["--pair", "{own}/left.png", "{own}/right.png", "{own}/small.npy"], "one height"),
+        (["--pair", "{own}/left.png", "{own}/right.png", "{own}/small.npy"], "must be as large as"),
         (["--pair", "{own}/left.png", "{own}/right.png", "{own}/four.npy"], "units_per_px = 4"),
         (["--units-per-px", "4"], "are of a pair (got none)"),
         (["--pair", "motorcycle", "motorcycle"], "must be followed by three files"),

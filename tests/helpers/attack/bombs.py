@@ -111,7 +111,7 @@ def meet(bomb: Bomb, folder: Path) -> Met:
         process = subprocess.Popen(
             [sys.executable, "-c", bomb.code, *words], cwd=folder, preexec_fn=_fence,
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=told,
-            start_new_session=True,
+            start_new_session=True, env=_usual_environment(),
         )  # fmt: skip
     peak, cpu_s, began_s = 0, 0.0, time.monotonic()
     watched = psutil.Process(process.pid)
@@ -127,6 +127,12 @@ def meet(bomb: Bomb, folder: Path) -> Met:
     said = (folder / "said").read_text("utf-8", "replace")
     shutil.rmtree(folder)
     return Met(bomb.name, process.returncode, peak, cpu_s, said)
+
+
+def _usual_environment() -> dict[str, str]:
+    """What a user's shell gives a command, without what tests have set."""
+    kept = ("PATH", "HOME", "LANG", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV")
+    return {name: os.environ[name] for name in kept if name in os.environ}
 
 
 def _fence() -> None:
