@@ -23,8 +23,6 @@ def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
     """Return the plan of a session; None where it does not come out as the session had it.
 
     So it is where the study's secret is not at hand.
-
-    Format 1 hashed plans in its own words, so of its sessions the hash is not compared.
     """
     try:
         trials = planned_trials(protocol, start.participant, start.slot)
@@ -40,7 +38,7 @@ def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
         manifest_sha256=start.manifest_sha256,
         trials=trials,
     )
-    return plan if start.format == 1 or plan.sha256 == start.plan_sha256 else None
+    return plan if plan.sha256 == start.plan_sha256 else None
 
 
 def contradictions(

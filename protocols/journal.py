@@ -4,8 +4,7 @@ Every event says its number `n` (0, 1, 2, ... without gaps), when it happened on
 monotonic clock (`t_s`, seconds since the program opened the journal; it starts again at 0 when a
 session is resumed) and when on the wall clock (`at`, UTC).
 
-The analysis needs nothing else: `Attempt` repeats the condition of its trial. Lines of format 1
-are read as what they say in format 2 (`protocols.format1`).
+The analysis needs nothing else: `Attempt` repeats the condition of its trial.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class SessionStart(Event):
     """The first line: everything the session depends on."""
 
     kind: Literal["session-start"] = "session-start"
-    format: Literal[1, 2] = 2
+    format: Literal[2] = 2
     study: Name
     task: Name = "two-interval"
     """Kind of the task."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from protocols.chain import due, first_link, stated
-from protocols.errors import StudyError
-from protocols.format1 import upgraded_attempt
+from protocols.errors import StudyError, refuse_format_1
 from protocols.journal import (
     EVENT,
     AnyEvent,
@@ -89,7 +89,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     Raises
     ------
     StudyError
-        If the file cannot be read or, unless `lenient`, a line is damaged or missing.
+        If the file cannot be read, has format 1 or, unless `lenient`, a line is damaged or missing.
     """
     try:
         data = read_bytes(path, "the journal", "table")
@@ -99,6 +99,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
             return Journal(path, (), b"", False, (DamagedLine(1, str(error)),))
         raise
     *lines, tail = data.split(b"\n")
+    _refuse_format_1(path, lines[0] if lines else tail)
     ends_open = False
     if tail.startswith(b"{") and _holds_an_object(tail):  # a torn line is the beginning of one
         lines, tail, ends_open = [*lines, tail], b"", True
@@ -138,6 +139,14 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
             " written: restore it from a copy (an analysis reads past the damage and says so)"
         )
     return Journal(path, tuple(events), tail, ends_open, tuple(damaged), checksums.lacking)
+
+
+def _refuse_format_1(path: Path, line: bytes) -> None:
+    """Refuse a journal whose header has format 1, which knew no checksums."""
+    with suppress(ValueError, RecursionError):
+        raw = json.loads(line)
+        if isinstance(raw, dict) and raw.get("kind") == "session-start" and stated(line) is None:
+            refuse_format_1(path, raw, "go on with the session there, or report it there")
 
 
 def header_of(data: bytes) -> SessionStart | None:
@@ -220,9 +229,7 @@ def _parse(line: bytes) -> AnyEvent | str:
             f"must be UTF-8 text (got byte 0x{line[error.start]:02x} at column {error.start + 1})"
         )
     try:
-        return EVENT.validate_json(_of_format_2(line), strict=True)
-    except _ContradictionError as error:
-        return f"attempt: {error}"
+        return EVENT.validate_json(line, strict=True)
     except ValidationError as error:
         try:
             raw = json.loads(line)
@@ -238,24 +245,3 @@ def _parse(line: bytes) -> AnyEvent | str:
 
 
 _KINDS = {kind.model_fields["kind"].default for kind in Event.__subclasses__()}
-
-
-class _ContradictionError(Exception):
-    """A line of format 1 that cannot be read as format 2."""
-
-
-def _of_format_2(line: bytes) -> bytes:
-    """Return a line as format 2 has it; only attempts of format 1 change."""
-    if b'"trial_kind":"2afc"' not in line:
-        return line
-    try:
-        raw = json.loads(line)
-        if not isinstance(raw, dict) or raw.get("trial_kind") != "2afc":
-            return line
-        return json.dumps(upgraded_attempt(raw)).encode()
-    except (json.JSONDecodeError, RecursionError):
-        return line
-    except KeyError as error:
-        raise _ContradictionError(f"{error.args[0]}: Field required") from None
-    except (TypeError, ValueError) as error:
-        raise _ContradictionError(str(error)) from None

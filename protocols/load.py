@@ -14,8 +14,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from protocols.display import Display
-from protocols.errors import Problem, StudyError
-from protocols.format1 import says_format_1, upgraded_protocol
+from protocols.errors import Problem, StudyError, refuse_format_1
 from protocols.hashing import sha256_bytes
 from protocols.outside import CONTROL, bounded_bytes, reading
 from protocols.problems import problems_of
@@ -28,11 +27,6 @@ from protocols.tasks import TASKS
 M = TypeVar("M", bound=BaseModel)
 SECRET_SUFFIX = ".secret"
 """A study's secret lies beside its file, under the same name."""
-_OLD = (
-    "this file has format 1, and places are named as in format 2 (such as stimuli.scenes for"
-    " [[scenes]], task.gap_s for trial.gap_s); once it is in order, 'metamerlab protocol upgrade"
-    " FILE --out NEW' writes it so"
-)
 _MOST_PARTS = 32
 _LONG_KEY = re.compile(
     r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
@@ -93,12 +87,12 @@ def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
 
 
 def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
-    """Return the study that a parsed file of any format says; `path` is for messages and tables.
+    """Return the study that a parsed file says; `path` is for messages and tables.
 
     Raises
     ------
     StudyError
-        With one line per mistake, placed as in format 2.
+        With one line per mistake.
     """
     if is_display(raw):
         raise StudyError(
@@ -111,9 +105,7 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
             f"{path}: must be a study, with [study], [stimuli], [task] and so on, or a display (has"
             f" {keys}); 'metamerlab new-study' makes both, with every key explained"
         )
-    old = raw.get("format") == 1 and "task" not in raw and "stimuli" not in raw
-    if old:
-        raw = upgraded_protocol(raw)
+    refuse_format_1(path, raw, "'metamerlab protocol upgrade FILE --out NEW' there writes format 2")
     problems: list[Problem] = list(control_characters(raw))
     if not problems:
         raw = _with_tables(raw, path.parent)
@@ -121,21 +113,13 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
     if problems:
         raise _study_error(path, problems)
     try:
-        study = StudyProtocol.model_validate(raw)
+        return StudyProtocol.model_validate(raw)
     except ValidationError as error:
         problems = _one_kind(raw, problems_of(error, raw, StudyProtocol))
         for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
-        told = _study_error(path, problems)
-        raise StudyError(f"{told}\n{path}: {_OLD}") if old else told from None
-    if study.format == 1 and not says_format_1(study):
-        raise StudyError(
-            f"{path}: format: must be 2 for a file that has what format 2 brought (a task, a"
-            " recipe, feedback or a criterion for practice); set format = 2, or write the file"
-            " anew with 'metamerlab protocol upgrade'"
-        )
-    return study
+        raise _study_error(path, problems) from None
 
 
 def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:

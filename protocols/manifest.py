@@ -16,8 +16,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
-from protocols.errors import StudyError
-from protocols.format1 import clip_as_written, upgraded_clip
+from protocols.errors import StudyError, refuse_format_1
 from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.load import control_characters, decode_utf8, read_bytes
 from protocols.outside import parsed_json
@@ -84,7 +83,7 @@ class Clip(Model):
 class Manifest(Model):
     """Every clip of a study, built for one display."""
 
-    format: Literal[1, 2]
+    format: Literal[2]
     """Version of the file format."""
     study: Name
     stimuli_sha256: Sha256
@@ -185,8 +184,10 @@ def read_manifest(folder: Path) -> Manifest:
     raw = parsed_json(path, data, "the manifest of a build", StudyError, "build again")
     if found := list(control_characters(raw)):
         raise StudyError("\n".join(f"{path}: {problem}" for problem in found))
+    if isinstance(raw, dict):
+        refuse_format_1(path, raw, "show the clips there, or build them again into another folder")
     try:
-        return Manifest.model_validate_json(json.dumps(_of_format_2(raw)))
+        return Manifest.model_validate_json(json.dumps(raw))
     except ValidationError as error:
         problems = problems_of(error, raw, Manifest)
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems)) from None
@@ -250,20 +251,4 @@ def _check_stated(protocol: StudyProtocol, manifest: Manifest) -> None:
 def _file_bytes(manifest: Manifest) -> bytes:
     """Return the file's content: canonical, but a line per entry, so that diffs are readable."""
     plain = json.loads(canonical_json(manifest))
-    if manifest.format == 1:
-        plain["clips"] = [clip_as_written(clip) for clip in plain["clips"]]
     return (json.dumps(plain, sort_keys=True, indent=1, ensure_ascii=False) + "\n").encode()
-
-
-def _of_format_2(raw: object) -> object:
-    """Return a manifest as format 2 has it, where it is whole enough to tell."""
-    if (
-        not isinstance(raw, dict)
-        or raw.get("format") != 1
-        or not isinstance(raw.get("clips"), list)
-    ):
-        return raw
-    try:
-        return raw | {"clips": [upgraded_clip(clip) for clip in raw["clips"]]}
-    except (KeyError, TypeError):
-        return raw

@@ -48,8 +48,8 @@ else:  # what is registered, plug-ins included: known when the program starts
 class StudyProtocol(Model):
     """A whole study. Two studies with equal hashes are the same study."""
 
-    format: Literal[1, 2]
-    """Version of the file format. Files of format 1 are converted when read."""
+    format: Literal[2]
+    """Version of the file format."""
     study: StudyInfo
     """Name, title, planned number of participants."""
     display: StudyDisplay
@@ -83,11 +83,7 @@ class StudyProtocol(Model):
 
     @property
     def sha256(self) -> str:
-        """Hash of everything the protocol says, in the format that it was written in."""
-        if self.format == 1:
-            from protocols.format1 import protocol_as_written
-
-            return sha256_json(protocol_as_written(self))
+        """Hash of everything the protocol says."""
         return sha256_json(without_nothing(self.model_dump(mode="json")))
 
     @property

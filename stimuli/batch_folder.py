@@ -104,8 +104,8 @@ def check_folder(out: Path, wanted: Iterable[str] = ()) -> None:
             read_manifest(out)
         except StudyError as error:
             raise StudyError(
-                f"{out}: must be an empty folder or one that a build made (its {MANIFEST_NAME} is"
-                f" none that a build wrote, or was changed); choose another --out\n{error}"
+                f"{out}: must be an empty folder or one that a build made (its {MANIFEST_NAME}"
+                f" cannot be read); choose another --out\n{error}"
             ) from None
     own, found = _Own(out, wanted), list(leaves(out))
     for path in found:

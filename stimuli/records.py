@@ -62,9 +62,8 @@ class Book:
 
     def is_stale(self, clips: Iterable[Clip]) -> bool:
         """Whether the folder has no manifest, or one that says other things than `clips`."""
-        # Not for revision or format: they say who made the clips, and sessions cite the
-        # manifest's hash.
-        made_by = {"revision": "", "versions": {}, "format": 2}
+        # Not for the revision: it says who made the clips, and sessions cite the manifest's hash.
+        made_by = {"revision": "", "versions": {}}
         try:
             old = read_manifest(self._out).model_copy(update=made_by)
         except StudyError:

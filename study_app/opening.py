@@ -118,8 +118,8 @@ def resume(
     Raises
     ------
     StudyError
-        If there is no such session, it is complete or withdrawn, its journal is damaged or of an
-        older format, or protocol, clips or display are not what it was begun with.
+        If there is no such session, it is complete or withdrawn, its journal is damaged, or
+        protocol, clips or display are not what it was begun with.
     """
     protocol = setting.protocol
     require_feasible(protocol, setting.display, setting.manifest)
@@ -216,12 +216,6 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
     last = events[-1]
     if isinstance(last, SessionEnd) and last.reason in {"completed", "consent-refused"}:
         raise StudyError(f"{recorder.path}: the session is over ({last.reason})")
-    if start.format != 2:
-        raise StudyError(
-            f"{recorder.path}: a session must be resumed in its own format (got format"
-            f" {start.format}, this version records format 2); resume with revision"
-            f" {start.revision}, or analyse it as it is"
-        )
     for what, now, then in (
         ("protocol", setting.protocol.sha256, start.protocol_sha256),
         ("manifest of the clips", setting.manifest.sha256, start.manifest_sha256),

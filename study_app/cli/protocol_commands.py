@@ -24,7 +24,6 @@ from protocols.load import (
     decode_utf8,
     is_display,
     load_display,
-    load_protocol,
     load_study,
     read_bytes,
     read_toml,
@@ -260,40 +259,6 @@ def preregister(
         text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
         _write_new(out, text, "a preregistration is made once. Choose a new name")
         say(out)
-
-
-@app.command()
-def upgrade(
-    protocol: Annotated[Path, typer.Argument(help="A protocol file of format 1.", metavar="FILE")],
-    out: Annotated[Path, typer.Option(help="A new .toml file, in the folder of the old one.")],
-) -> None:
-    """Rewrite a protocol of format 1 in format 2; order and comments are kept.
-
-    The new file means the same but has another hash. Resume and analyse existing sessions with
-    the old file, which still works.
-
-    Example: metamerlab protocol upgrade my-study.toml --out my-study-2.toml
-    """
-    from protocols.upgrade import upgraded_text
-
-    with user_errors():
-        text = upgraded_text(protocol)
-        if out.absolute().parent.resolve() != protocol.absolute().parent.resolve():
-            raise StudyError(
-                f"--out: must lie in the folder of {protocol}, from where its display and its files"
-                f" are found (got {out}); move it with them afterwards"
-            )
-        _write_toml(out, text)
-        before, after = load_protocol(protocol), load_protocol(out)
-        say(f"{out}: {after.study.name} in format 2, protocol {after.sha256[:12]}. Next:")
-        say(f"  metamerlab protocol check {shlex.quote(str(out))}")
-        say(
-            f"Keep {protocol} (protocol {before.sha256[:12]}): sessions that began with it are"
-            " resumed and\nreported with it. Use the new file for new participants, with a folder"
-            " of sessions of its own."
-        )
-        if before.stimuli_sha256 == after.stimuli_sha256:
-            say("Built clips belong to both.")
 
 
 def _read_power(folder: Path) -> dict[str, Any]:

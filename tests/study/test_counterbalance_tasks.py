@@ -146,16 +146,6 @@ def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_p
         study_of(tmp_path, short_study, task, rows)
 
 
-def test_a_file_of_format_1_with_keys_of_format_2_is_refused(tmp_path, repository):
-    old = repository / "tests" / "study" / "format1" / "demo.toml"
-    text = old.read_text(encoding="utf-8").replace("[trial]", "[trial]\nfeedback_s = 2.0")
-    path = tmp_path / "demo.toml"
-    path.write_text(text, encoding="utf-8")
-
-    with pytest.raises(StudyError, match="format: must be 2"):
-        protocol_of(read_toml(path), path)
-
-
 def test_participants_begin_active_pairs_with_different_pairs(tmp_path, short_study):
     rows = [(f"s-m{method}", {"scene": "s", "method": f"m{method}"}) for method in range(8)]
     task = (

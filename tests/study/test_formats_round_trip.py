@@ -187,8 +187,8 @@ def test_a_manifest_survives_its_file(tmp_path, clips, data):
     [
         (b'{"format": 1, "study"', "must be the manifest of a build (its reader says: Expecting"),
         (b"\xff\xfe", "line 1: must be UTF-8 text (got byte 0xff)"),
-        (b'{"format": 3}', "format: must be 1 or 2 (got 3)"),
-        (b'{"format": 1}', "clips: missing"),
+        (b'{"format": 3}', "format: must be 2 (got 3)"),
+        (b'{"format": 2}', "clips: missing"),
         (b'{"format": 2, "clips": [{"name": 3}]}', "clips[0].name: must be text in quotes (got 3)"),
     ],
 )

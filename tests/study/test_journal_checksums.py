@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import random
 import shutil
@@ -29,7 +28,6 @@ from study_app.virtual import VirtualClock
 
 DEMO = load_protocol(Path("demo"))
 DISPLAY = load_display(DEMO.display.display)
-OLD = Path(__file__).parent / "format1"
 
 
 def metamerlab(*arguments: object):
@@ -338,25 +336,6 @@ def test_trials_in_another_order_are_found_even_with_new_checksums(sessions):
     assert not read_journal(path).damaged
     (problem,) = verify(find_sittings(sessions)[0], DEMO).problems
     assert problem.startswith(f"line {one + 1}: must be {first['trial']}")
-
-
-def test_a_study_of_format_1_is_verified_as_far_as_it_can_be(tmp_path):
-    root = tmp_path / "sessions" / "showcase"
-    for source in sorted(OLD.glob("*.jsonl.gz"))[:2]:
-        folder = root / source.name.removesuffix(".jsonl.gz")
-        folder.mkdir(parents=True)
-        (folder / "journal.jsonl").write_bytes(gzip.decompress(source.read_bytes()))
-    protocol = load_protocol(OLD / "showcase.toml")
-
-    for sitting in find_sittings(root.parent):
-        found = verify(sitting, protocol)
-        assert {problem.split()[-1] for problem in found.problems} == {"missing"}
-        assert "written by an older version" in found.notes[0]
-    tidy = read_sessions(root, protocol)
-    assert not any("is damaged" in note for note in tidy.warnings)
-    path = root / "S001" / "journal.jsonl"
-    edit(path, b'"repeat":0', b'"repeat":1')
-    assert any("repeat must be 0" in note for note in read_sessions(root, protocol).warnings)
 
 
 def test_verify_says_where_there_is_nothing(tmp_path):

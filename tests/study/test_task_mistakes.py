@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -215,106 +214,6 @@ def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
         for table in ("attempts", "decisions"):
             columns = [c.name for c in tables[table]]
             assert len(set(columns)) == len(columns), task
-
-
-def test_a_file_of_format_1_with_mistakes_says_how_places_are_named(tmp_path, format_1):
-    path = tmp_path / "old.toml"
-    path.write_text(format_1.replace("gap_s = 0.5", "gap_s = true"), encoding="utf-8")
-
-    with pytest.raises(StudyError) as caught:
-        load_protocol(path)
-
-    first, second = str(caught.value).splitlines()
-    assert first == f"{path}: task.gap_s: must be a number (got true)"
-    assert "has format 1" in second
-    assert "'metamerlab protocol upgrade FILE --out NEW'" in second
-
-
-@pytest.fixture
-def format_1() -> str:
-    """Return a study of format 1, made from today's by what `protocols/format1.py` says it was."""
-    text = TEXTS["two-interval"].replace("format = 2", "format = 1")
-    for section in ("scenes", "sizes", "methods"):
-        text = text.replace(f"[[stimuli.{section}]]", f"[[{section}]]")
-    text = text.replace("[stimuli.clips]", "[clips]").replace('kind = "preference"\n', "")
-    text = re.sub(r"\[stimuli\]\n.*?\n\n", "", text, count=1, flags=re.S)
-    text = re.sub(r"\[task\]\n.*?(?=\n# --- How often)", "", text, count=1, flags=re.S)
-    text = text.replace("[trial]\n", '[trial]\nkind = "2afc"\ngap_s = 0.5\n')
-    text = text.replace("[design]\n", '[design]\npairings = "all"\n')
-    text = text.replace(
-        "[design.practice]",
-        '[design.catch]\ntrials = 2\nbetter = "reference"\nworse = "push-pull"\nsize = "large"\n\n'
-        "[design.practice]",
-    )
-    text = text.replace(
-        'keys = [["left", "f"], ["right", "j"]]',
-        'left_keys = ["left", "f"]\nright_keys = ["right", "j"]',
-    )
-    text = text.replace(
-        'answers = { first = "first", second = "second" }', 'first = "first"\nsecond = "second"'
-    )
-    new = "right|wrong|feedback_s|feedback|criterion_share|rounds_max"  # keys of format 2
-    text = re.sub(rf"^({new}) = .*\n", "", text, flags=re.M)
-    tomllib.loads(text)
-    return text
-
-
-def test_upgrade_says_the_same_in_format_2_and_never_writes_over(tmp_path, format_1, metamerlab):
-    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
-    old.write_text(format_1, encoding="utf-8")
-    done = metamerlab("protocol", "upgrade", old, "--out", new)
-
-    assert done.exit_code == 0, done.output
-    assert f"metamerlab protocol check {new}" in done.stdout
-    assert "sessions that began with it are resumed" in " ".join(done.stdout.split())
-    assert "Built clips belong to both." in done.stdout
-    before, after = load_protocol(old), load_protocol(new)
-    assert (before.format, after.format) == (1, 2)
-    assert after.model_copy(update={"format": 1}) == before
-    assert before.sha256 != after.sha256
-    assert old.read_text(encoding="utf-8") == format_1
-    comments = [line for line in format_1.splitlines() if line.startswith("# ")]
-    assert sum(line in new.read_text(encoding="utf-8") for line in comments) > 0.9 * len(comments)
-
-    again = metamerlab("protocol", "upgrade", old, "--out", new)
-    assert again.exit_code == 2
-    assert "is never written over" in again.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("new.toml", "--out", "newer.toml"), "format: must be 1 to be upgraded (got 2)"),
-        (("old.toml", "--out", "new.txt"), "new.txt: the new file must end in .toml"),
-        (("old.toml", "--out", "sub/x.toml"), "--out: must lie in the folder of old.toml"),
-        (("none.toml", "--out", "x.toml"), "must exist"),
-        (("old.toml", "--out", "old.toml"), "is never written over"),
-    ],
-)
-def test_what_cannot_be_upgraded_is_told_and_nothing_is_written(
-    tmp_path, format_1, metamerlab, monkeypatch, words, message
-):
-    (tmp_path / "old.toml").write_text(format_1, encoding="utf-8")
-    (tmp_path / "new.toml").write_text(TEXTS["two-interval"], encoding="utf-8")
-    (tmp_path / "sub").mkdir()
-    monkeypatch.chdir(tmp_path)
-    before = sorted(path.name for path in tmp_path.rglob("*"))
-
-    done = metamerlab("protocol", "upgrade", *words)
-
-    assert done.exit_code == 2, done.output
-    assert message in " ".join(done.stderr.split())
-    assert sorted(path.name for path in tmp_path.rglob("*")) == before
-
-
-@pytest.fixture
-def metamerlab():
-    """Give a function that runs a command as a user types it."""
-    from typer.testing import CliRunner
-
-    from study_app.cli import app
-
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words], terminal_width=100)
 
 
 # --- fuzzed --------------------------------------------------------------------------------------

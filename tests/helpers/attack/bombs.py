@@ -477,7 +477,6 @@ def _studies() -> Iterator[Bomb]:
     words = "protocol check s.toml"
     key = text("s.toml", ("a.", 20_000), "a = 1\n")
     yield Bomb("toml key of 20,000 parts", key, words)
-    yield Bomb("toml key of 20,000 parts, upgraded", key, "protocol upgrade s.toml --out n.toml")
     header = text("s.toml", "[", ("a.", 20_000), "a]\n")
     yield Bomb("toml section of 20,000 parts", header, words)
     quoted = text("s.toml", "x = {", ('"a" . ', 20_000), "a = 1}\n")

@@ -47,7 +47,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
-from protocols.upgrade import upgraded_text
 from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
@@ -186,13 +185,11 @@ READERS: tuple[Reader, ...] = (
     Reader("denoising-onnx", "dn.onnx", mutations.RAW, _denoising, _anything, 0.5),
     Reader("pose", "poses.txt", mutations.PLAIN, lambda path: read_pose(f"{path}:2")),
     Reader("study-toml", "study.toml", mutations.STUDY, load_protocol),
-    Reader("study-toml-format-1", "format1.toml", mutations.STUDY, upgraded_text),
     Reader("display-toml", "display.toml", mutations.STUDY, lambda path: load_toml(path, Display)),
     Reader("viewing-toml", "viewing.toml", mutations.STUDY, lambda path: open_viewing(str(path))),
     Reader("stimuli-csv", "stimuli.csv", mutations.PLAIN, read_stimuli, _anything),
     Reader("manifest", "manifest/manifest.json", mutations.TREE, lambda p: read_manifest(p.parent)),
     Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
-    Reader("journal-format-1", "format1.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
     Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
@@ -346,14 +343,9 @@ def _write_tables(folder: Path, rng: np.random.Generator) -> None:
 
 
 def _write_studies(folder: Path) -> None:
-    repository = Path(__file__).parents[3]
     shutil.copy(shipped("studies")["demo"], folder / "study.toml")
     shutil.copy(shipped("displays")["fhd27-60hz"], folder / "display.toml")
     shutil.copy(shipped("displays")["fhd27-60hz"], folder / "viewing.toml")
-    old = repository / "tests" / "study" / "format1"
-    shutil.copy(old / "demo.toml", folder / "format1.toml")
-    lines = gzip.decompress((old / "S001.jsonl.gz").read_bytes()).split(b"\n")
-    (folder / "format1.jsonl").write_bytes(b"\n".join(lines[:24]) + b"\n")
     study = load_protocol(Path("demo"))
     display = load_display(study.display.display)
     (folder / "manifest").mkdir()
