@@ -12,7 +12,6 @@ from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import (
     PLACEHOLDERS,
-    Analysis,
     Design,
     Gaze,
     Response,
@@ -20,7 +19,7 @@ from protocols.session_schema import (
     TrialTiming,
 )
 from protocols.suggest import did_you_mean
-from protocols.tasks.base import Task
+from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
 
 
@@ -202,8 +201,7 @@ def _task_rules(
     practice = design.practice
     if practice is None:
         return
-    judged = practice.feedback or practice.criterion_share is not None
-    if judged and isinstance(task, PairTask) and task.catch is None:
+    if practice.judged and isinstance(task, PairTask) and task.catch is None:
         key = "feedback" if practice.feedback else "criterion_share"
         yield Problem(
             f"design.practice.{key}",

@@ -85,7 +85,7 @@ def clip_memory_bytes(protocol: StudyProtocol, display: Display) -> int:
 def session_duration_s(protocol: StudyProtocol, trials: int) -> float:
     """Return an estimate of how long `trials` take, breaks included, answers in 1.5 s."""
     timing = protocol.trial
-    shown_s = protocol.task.shown_s(protocol)
+    shown_s = protocol.task.shown_s(protocol.pool)
     trial_s = timing.fixation_s + shown_s + ASSUMED_RT_S + timing.iti_s
     return trials * trial_s + (protocol.design.blocks - 1) * protocol.design.break_s
 
@@ -228,7 +228,7 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
     """Return a problem where stimuli that stand beside each other overlap or leave the screen."""
     width, height = clip_size_px(protocol, display)
     viewing = Viewing.of(display)
-    for phase in protocol.task.phases(protocol, display):
+    for phase in protocol.task.phases(protocol.pool, display):
         shown = [entry for entry in phase.show if isinstance(entry, Clip | Image)]
         centres = [viewing.to_px(entry.x_deg, entry.y_deg) for entry in shown]
         halves = {entry.half for entry in shown if isinstance(entry, Image)} - {None}

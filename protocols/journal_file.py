@@ -20,8 +20,8 @@ from protocols.journal import (
     SessionStart,
     Withdrawal,
 )
-from protocols.load import read_bytes
 from protocols.outside import check_within
+from protocols.read_file import read_bytes
 
 JOURNAL_NAME = "journal.jsonl"
 

@@ -16,13 +16,14 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, refuse_format_1
 from protocols.hashing import sha256_bytes
-from protocols.outside import CONTROL, bounded_bytes, reading
+from protocols.outside import CONTROL, reading
 from protocols.problems import problems_of
+from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
 from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
-from protocols.tasks import TASKS
+from protocols.tasks.registry import TASKS
 
 M = TypeVar("M", bound=BaseModel)
 SECRET_SUFFIX = ".secret"
@@ -217,30 +218,6 @@ def shipped(folder: str) -> dict[str, Path]:
     """Return the files that come with metamerlab in `studies` or `displays`, by name."""
     root = Path(str(files("protocols"))) / folder
     return {path.stem: path for path in sorted(root.glob("*.toml"))}
-
-
-def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
-    """Read a file, if the limit `name` allows its size; `StudyError` says why it is not read."""
-    try:
-        return bounded_bytes(path, StudyError, name)
-    except FileNotFoundError:
-        raise StudyError(f"{path}: {what} must exist (there is no such file)") from None
-    except IsADirectoryError:
-        raise StudyError(f"{path}: {what} must be a file (this is a folder)") from None
-    except OSError as error:
-        raise StudyError(f"{path}: {what} must be readable ({error.strerror})") from None
-
-
-def decode_utf8(data: bytes, path: Path) -> str:
-    """Decode; `StudyError` names the line and the byte that are not UTF-8."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise StudyError(
-            f"{path}: line {line}: must be UTF-8 text (got byte 0x{data[error.start]:02x});"
-            " save the file as UTF-8"
-        ) from None
 
 
 def _shipped(path: Path, folder: str) -> Path:

@@ -18,9 +18,10 @@ from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from protocols.errors import StudyError, refuse_format_1
 from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
-from protocols.load import control_characters, decode_utf8, read_bytes
+from protocols.load import control_characters
 from protocols.outside import parsed_json
 from protocols.problems import problems_of
+from protocols.read_file import decode_utf8, read_bytes
 from protocols.schema import StudyProtocol
 from protocols.units import (
     Hertz,

@@ -43,7 +43,7 @@ def arrival_shows(protocol: StudyProtocol) -> bool:
 def rounds(protocol: StudyProtocol) -> tuple[int, int]:
     """Return after how many places arrangements and keys are balanced, and the scenes as well."""
     design, task, scenes = protocol.design, protocol.task, protocol.main_scenes()
-    arrangements = {len(cell.arrangements) for cell in task.cells(protocol, scenes)}
+    arrangements = {len(cell.arrangements) for cell in task.cells(protocol.pool)}
     keys = 4 if design.side == "by-participant" else 1  # they turn after every second place
     short = min(lcm(keys, *arrangements), _MOST)
     rows = len(scenes) if design.scene_order == "balanced" and task.adaptation is None else 1

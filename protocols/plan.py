@@ -6,14 +6,16 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from protocols.chance import Chance
+from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
 from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
+from protocols.phases import Fixation, Phase, Text
 from protocols.places import place_of
 from protocols.schema import StudyProtocol
-from protocols.tasks.base import Cell
+from protocols.tasks.base import Cell, Turn, whole_frames
 from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
 
 
@@ -151,8 +153,9 @@ def chosen(
         if attempt.track == trial.track and attempt.outcome == "completed"
     ]
     tries = sum(attempt.trial == trial.id for attempt in attempts)
-    chance = Chance(plan.seed, plan.participant, plan.slot, "choose", trial.id, tries)
-    arrangement = rule.choose(protocol, trial, plan, past, chance)
+    person, place = (plan.seed, plan.participant, plan.slot), place_of(protocol, plan.slot)
+    turn = Turn(trial.condition, past, place, person, trial.id, tries)
+    arrangement = rule.choose(protocol.task, protocol.pool, turn)
     return trial.model_copy(
         update={
             "condition": dict(arrangement.condition),
@@ -160,6 +163,33 @@ def chosen(
             "correct": arrangement.correct,
         }
     )
+
+
+def trial_phases(study: StudyProtocol, display: Display, *, practice: bool) -> tuple[Phase, ...]:
+    """Return all phases of a trial: fixation, the task's own, answer, feedback."""
+    timing, response, task = study.trial, study.response, study.task
+    timeout_s = response.timeout_s
+    phases = [
+        Phase(
+            "fixate",
+            whole_frames(display, timing.fixation_s),
+            (Fixation(),),
+            gate_frames=whole_frames(display, timing.fixation_timeout_s),
+        ),
+        *task.phases(study.pool, display),
+        Phase(
+            "respond",
+            None,
+            (Text("answer"),),
+            ends_on=frozenset(task.answers()),
+            timeout_frames=None if timeout_s is None else whole_frames(display, timeout_s),
+        ),
+    ]
+    rounds = study.design.practice
+    if practice and rounds is not None and rounds.feedback:
+        feedback = whole_frames(display, timing.feedback_s)
+        phases.append(Phase("feedback", feedback, (Text("feedback"),)))
+    return tuple(phases)
 
 
 def latin_row(count: int, row: int) -> list[int]:
@@ -276,10 +306,10 @@ def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[Pl
                 answers=protocol.task.answers(),
                 track=entry.track,
             )
-            for number, entry in enumerate(rule.slots(protocol, chance))
+            for number, entry in enumerate(rule.slots(protocol.task, protocol.pool, chance))
         ]
-    scenes = protocol.main_scenes()
-    cells = protocol.task.cells(protocol, scenes)
+    pool = protocol.pool
+    scenes, cells = pool.scenes, protocol.task.cells(pool)
     check_trials(len(cells) * protocol.design.repeats)
     if not cells:
         raise StudyError(
@@ -311,7 +341,7 @@ def _practice_trials(protocol: StudyProtocol, place: int, chance: Chance) -> lis
     practice = protocol.design.practice
     if practice is None:
         return []
-    cells = chance.shuffled(protocol.task.practice_cells(protocol, protocol.practice_scenes()))
+    cells = chance.shuffled(protocol.practice_cells())
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
     check_trials(practice.trials * practice.rounds)
@@ -330,7 +360,7 @@ def _catch_trials(
     if not wanted:
         return []
     check_trials(wanted)
-    cells = protocol.task.catch_cells(protocol)
+    cells = protocol.task.catch_cells(protocol.pool)
     if not cells:
         raise StudyError("task.catch: must fit stimuli of at least one scene")
     order = chance.shuffled(cells)

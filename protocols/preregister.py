@@ -245,13 +245,14 @@ def _question(protocol: StudyProtocol) -> str:
 
 def _procedure(protocol: StudyProtocol, display: Display) -> Section:
     design, timing = protocol.design, protocol.trial
+    task, pool = protocol.task, protocol.pool
     secret = protocol.privacy.secret_sha256
     plan = make_plan(protocol.in_any_order(), virtual_manifest(protocol, display), "P000", 0)
     minutes = session_duration_s(protocol, len(plan.trials)) / 60
     feedback = design.practice is not None and design.practice.feedback
     entries = [
-        f"{plan.main_trials} decisions per participant: {protocol.task.design_sentence(protocol)}.",
-        f"A trial: fixation {timing.fixation_s:g} s, {protocol.task.description(protocol)}"
+        f"{plan.main_trials} decisions per participant: {task.design_sentence(pool)}.",
+        f"A trial: fixation {timing.fixation_s:g} s, {task.description(pool)}"
         + (
             f" within {protocol.response.timeout_s:g} s"
             if protocol.response.timeout_s
@@ -280,10 +281,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
                 f" {100 * practice.criterion_share:g} % of a round are right"
             )
         entries.append(f"{practice.trials} practice trials{rounds}, never analysed.")
-    if protocol.task.catch_trials:
-        entries.append(
-            f"{protocol.task.catch_trials} catch trials ({protocol.task.catch_sentence()})."
-        )
+    if task.catch_trials:
+        entries.append(f"{task.catch_trials} catch trials ({task.catch_sentence()}).")
     return Section("Procedure", (entries,))
 
 
@@ -331,7 +330,11 @@ def _analysis(protocol: StudyProtocol) -> Section:
     return Section(
         "Analysis",
         (
-            [*analysis.plain_sentences(protocol), *_looks(protocol), *_times(protocol)],
+            [
+                *analysis.plain_sentences(protocol.task, protocol.pool),
+                *_looks(protocol),
+                *_times(protocol),
+            ],
             "Exclusions, fixed before the data:",
             [
                 f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,11 +15,11 @@ from protocols.columns import COMMON_COLUMNS
 from protocols.cross_check import cross_check
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_bytes, sha256_json
-from protocols.recipes import RECIPES
+from protocols.pool import Pool
 from protocols.recipes.base import Recipe
+from protocols.recipes.registry import RECIPES
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import (
-    Analysis,
     Design,
     Gaze,
     Privacy,
@@ -28,8 +29,8 @@ from protocols.session_schema import (
     TextSection,
     TrialTiming,
 )
-from protocols.tasks import TASKS
-from protocols.tasks.base import Task
+from protocols.tasks.base import Analysis, Cell, Task
+from protocols.tasks.registry import TASKS
 from protocols.units import Model
 
 if TYPE_CHECKING:
@@ -141,16 +142,30 @@ class StudyProtocol(Model):
         known = [str(value) for value in self.stimuli.values("scene")]
         return tuple(name for name in known if not wanted or name in wanted) or ("",)
 
-    def practice_scenes(self) -> tuple[str, ...]:
-        """Return the names of the scenes of practice."""
+    @property
+    def pool(self) -> Pool:
+        """What the main trials show."""
+        return Pool(self.stimuli, self.main_scenes(), self.design.repeats)
+
+    def practice_cells(self) -> list[Cell]:
+        """Return the conditions of practice trials; none where there is no practice."""
         practice = self.design.practice
-        return (practice.scenes if practice else ()) or self.main_scenes()
+        if practice is None:
+            return []
+        pool = replace(self.pool, scenes=practice.scenes or self.main_scenes())
+        return self.task.judged_cells(pool) if practice.judged else self.task.cells(pool)
+
+    def cells(self) -> list[Cell]:
+        """Return the conditions of all trials: main, catch and practice."""
+        return [
+            *self.task.cells(self.pool),
+            *self.task.catch_cells(self.pool),
+            *self.practice_cells(),
+        ]
 
     def shown(self) -> tuple[str, ...]:
         """Return the name of every stimulus the study shows, in the order of the pool."""
-        cells = self.task.cells(self, self.main_scenes()) + self.task.catch_cells(self)
-        if self.design.practice:
-            cells += self.task.practice_cells(self, self.practice_scenes())
+        cells = self.cells()
         names = {name for cell in cells for name in cell.arrangements[0].stimuli}
         return tuple(s.name for s in self.stimuli.pool() if s.name in names)
 
@@ -179,10 +194,10 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
     if problems or not {"stimuli", "task", "design"} <= set(sections):
         return problems
     study = StudyProtocol.model_construct(**sections)
-    problems += study.task.problems(study)
+    problems += study.task.problems(study.pool)
     problems += _taken_columns(study)
     if "analysis" in sections:
-        problems += study.analysis.problems(study)
+        problems += study.analysis.problems(study.task, study.pool)
         if "study" in sections:
             problems += _look_problems(study)
     return problems
@@ -191,7 +206,7 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
 def _taken_columns(study: StudyProtocol) -> list[Problem]:
     """Return a problem for every column of the stimuli that tables have already."""
     task = study.task
-    columns = (*task.condition_columns(study), *task.answer_columns())
+    columns = (*task.condition_columns(study.pool), *task.answer_columns())
     counts = Counter([*COMMON_COLUMNS, *(column.name for column in columns)])
     return [
         Problem(

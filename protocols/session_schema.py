@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError, model_validator
 from pydantic_core import SchemaError
 
-from protocols.errors import Problem
-from protocols.sequential import Sequential
 from protocols.units import (
     Degrees,
     Few,
@@ -26,9 +23,6 @@ from protocols.units import (
     SignedDegrees,
     Text,
 )
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
 
 
 class StudyInfo(Model):
@@ -75,6 +69,11 @@ class Practice(Model):
     def rounds(self) -> int:
         """How many rounds are planned."""
         return 1 if self.criterion_share is None else self.rounds_max
+
+    @property
+    def judged(self) -> bool:
+        """Whether its answers must be right or wrong."""
+        return self.feedback or self.criterion_share is not None
 
 
 class Design(Grown):
@@ -280,32 +279,6 @@ class Exclusions(Model):
     """Faster answers are left out."""
     rt_max_s: Seconds | None = None
     """Slower answers are left out. Default: no limit."""
-
-
-class Analysis(Grown):
-    """What will be tested, fixed before the data: what every kind of analysis has."""
-
-    added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
-
-    kind: str
-    """The analysis that belongs to the task."""
-    alpha: Annotated[float, Field(ge=1e-9, lt=0.5)] = 0.05
-    """Significance level."""
-    exclusions: Exclusions = Exclusions()
-    """Default: the defaults of Exclusions."""
-    sequential: Sequential | None = None
-    """Planned looks before data collection ends. Default: one test, at the end."""
-    reaction: Literal["summary", "models"] = "summary"
-    """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model and,
-    for two answers that are right or wrong, EZ diffusion."""
-
-    def problems(self, _study: StudyProtocol, /) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
-        yield from ()
-
-    def plain_sentences(self, study: StudyProtocol) -> list[str]:
-        """Return the analysis in sentences, for a preregistration."""
-        raise NotImplementedError
 
 
 class Privacy(Model):

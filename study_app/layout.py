@@ -58,7 +58,7 @@ class Layout:
         width, height = manifest.clips[0].width_px, manifest.clips[0].height_px
         viewing = Viewing.of(display)
         places, bars = {}, {}
-        for phase in protocol.task.phases(protocol, display):
+        for phase in protocol.task.phases(protocol.pool, display):
             for entry in phase.show:
                 if isinstance(entry, Bar):
                     edge = math.floor(viewing.to_px(-entry.width_deg / 2, 0.0)[0] + 0.5)

@@ -13,7 +13,8 @@ import numpy as np
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.load import decode_utf8, load_toml, read_bytes
+from protocols.load import load_toml
+from protocols.read_file import decode_utf8, read_bytes
 
 LEVELS = (0, 32, 64, 96, 128, 160, 192, 224, 255)
 """Encoded greys that are shown, 0 to 255."""

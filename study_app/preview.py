@@ -124,8 +124,8 @@ def preview_page(
         left_out=len(trials) - len(chosen),
         built=stimuli is not None,
         open_ms=OPEN_MS,
-        design=study.task.design_sentence(study),
-        describes=study.task.description(study),
+        design=study.task.design_sentence(study.pool),
+        describes=study.task.description(study.pool),
     )
     notes = [
         f"{language}: {why} (the page shows these texts in the browser's font)"

@@ -190,7 +190,7 @@ def _stage(
             rate_hz=simulation.gaze_rate_hz,
             behaviour=simulation.gaze,
         )
-    shown_s = protocol.trial.fixation_s + protocol.task.shown_s(protocol)
+    shown_s = protocol.trial.fixation_s + protocol.task.shown_s(protocol.pool)
     flips = round(4 * shown_s * display.refresh_hz)
 
     def on_prepare(trial: PlannedTrial, attempt: int) -> Mapping[int, Fault]:

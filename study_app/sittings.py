@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart
 from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal
-from protocols.load import read_bytes
+from protocols.read_file import read_bytes
 from protocols.schema import StudyProtocol
 from protocols.units import ParticipantCode
 

@@ -22,9 +22,9 @@ from typing import NamedTuple
 from protocols.display import Display
 from protocols.journal import VoidReason
 from protocols.phases import ITI, Clip, Image, Phase
-from protocols.plan import PlannedTrial
+from protocols.plan import PlannedTrial, trial_phases
 from protocols.schema import StudyProtocol
-from protocols.tasks.base import trial_phases, whole_frames
+from protocols.tasks.base import whole_frames
 
 
 class Watch(Enum):

@@ -133,16 +133,73 @@ def folders_above(repository: Path) -> dict[str, set[str]]:
     return above
 
 
-def test_no_folder_of_the_pipeline_imports_what_imports_it(repository):
-    """Taken away one by one, those that import none of what is left, nothing remains."""
-    left = folders_above(repository)
-    assert {"features", "inpaint", "statistics", "synthesis"} <= set(left)
-
-    while free := [name for name, above in left.items() if not above & set(left)]:
+def in_circles(above: dict[str, set[str]]) -> dict[str, set[str]]:
+    """What is left when those that import none of what is left are taken away, one by one."""
+    left = dict(above)
+    while free := [name for name, others in left.items() if not others & set(left)]:
         for name in free:
             del left[name]
+    return {name: others & set(left) for name, others in left.items()}
 
-    assert not left
+
+def test_no_folder_of_the_pipeline_imports_what_imports_it(repository):
+    above = folders_above(repository)
+    assert {"features", "inpaint", "statistics", "synthesis"} <= set(above)
+
+    assert not in_circles(above)
+
+
+def modules_above(sources: dict[str, tuple[str, bool]]) -> dict[str, set[str]]:
+    """Which of these modules each of them imports, with the packages above what it imports.
+
+    Imports in functions and for type hints count.
+    """
+    above = {}
+    for module, (source, is_package) in sources.items():
+        names = [n for i in imports_of(source, module, is_package=is_package) for n in i.names]
+        parts = [name.split(".") for name in names]
+        loaded = {".".join(part[:length]) for part in parts for length in range(1, len(part) + 1)}
+        above[module] = loaded & set(sources) - {module}
+    return above
+
+
+def test_no_module_of_the_protocols_imports_what_imports_it(repository):
+    sources = {
+        module: (path.read_text(encoding="utf-8"), is_package)
+        for path, module, is_package in our_modules(repository)
+        if inside(module, "protocols")
+    }
+    above = modules_above(sources)
+    assert "protocols.tasks.base" in above["protocols.plan"]
+
+    assert not in_circles(above)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import protocols.plan",
+        "from protocols.plan import chosen",
+        "from protocols import plan",
+        "from .plan import chosen",
+        "def f():\n    from protocols.plan import chosen",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from protocols.plan import Plan",
+        "from importlib import import_module\nimport_module('protocols.plan')",
+        "import protocols.tasks.base",  # whose package imports the plan
+    ],
+)
+def test_a_circle_is_caught(source):
+    plan = "from protocols.places import place_of"
+    sources = {
+        "protocols": ("", True),
+        "protocols.errors": ("", False),
+        "protocols.plan": (plan, False),
+        "protocols.places": (source, False),
+        "protocols.tasks": ("import protocols.plan", True),
+        "protocols.tasks.base": ("from protocols.errors import StudyError", False),
+    }
+    assert {"protocols.places", "protocols.plan"} <= set(in_circles(modules_above(sources)))
+    assert not in_circles(modules_above(sources | {"protocols.places": ("", False)}))
 
 
 def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):

@@ -68,14 +68,14 @@ def test_a_broken_plug_in_is_named_with_its_package_and_a_cure(
 
 DEMO = load_protocol(Path("demo"))
 REGISTRIES = {
-    "tasks": ("protocols/tasks/__init__.py", "TASKS"),
-    "recipes": ("protocols/recipes/__init__.py", "RECIPES"),
-    "builders": ("stimuli/recipes/__init__.py", ""),
-    "observers": ("study_app/observers/__init__.py", ""),
-    "analyses": ("analysis/tasks/__init__.py", ""),
-    "metrics": ("stimuli/score/metrics.py", ""),
-    "trackers": ("study_app/gaze/open_source.py", ""),
-    "methods": ("", ""),
+    "tasks": "protocols/tasks/registry.py",
+    "recipes": "protocols/recipes/registry.py",
+    "builders": "stimuli/recipes/__init__.py",
+    "observers": "study_app/observers/__init__.py",
+    "analyses": "analysis/tasks/__init__.py",
+    "metrics": "stimuli/score/metrics.py",
+    "trackers": "study_app/gaze/open_source.py",
+    "methods": "",
 }
 ODD = """
 import sys
@@ -100,14 +100,11 @@ def installed(install_package, monkeypatch):
         site = install_package("odd-one", {"odd.py": module}, entry_points)
         monkeypatch.syspath_prepend(str(site))
         monkeypatch.delitem(sys.modules, "odd", raising=False)
-        path, attribute = REGISTRIES[group]
         if group == "methods":
             (entry,) = _with_plugins(())
             entry.load()
             return
-        found = runpy.run_path(path)  # anew, beside the one that is loaded
-        if attribute:
-            found["__getattr__"](attribute)
+        runpy.run_path(REGISTRIES[group])  # anew, beside the one that is loaded
 
     yield read
     sys.modules.pop("odd", None)

@@ -17,8 +17,8 @@ from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_bytes
 from protocols.journal import Attempt, Calibration, GazeInfo, SessionResume, SessionStart, SideFile
 from protocols.limits import check_cells
-from protocols.load import read_bytes
 from protocols.outside import lines_of
+from protocols.read_file import read_bytes
 
 _COLUMNS = ("timestamp", "x_coordinate", "y_coordinate")
 HEADER = ["t_s", "raw_t", "x_px", "y_px"]

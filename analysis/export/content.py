@@ -65,7 +65,7 @@ class Content:
             f"# {markdown(self.title)}",
             markdown(self.description),
             f"{count_of(len(sessions), 'participant')}, {whole} of them with a completed session."
-            f" A trial: {self.protocol.task.description(self.protocol)}."
+            f" A trial: {self.protocol.task.description(self.protocol.pool)}."
             + (
                 " Sessions that were cut short are here as they are: see the column `status`."
                 if lists_sittings

@@ -63,7 +63,7 @@ def telling_columns(protocol: StudyProtocol) -> frozenset[str]:
     """
     if not tells_codes(protocol) and not arrival_shows(protocol):
         return frozenset()
-    arranged = protocol.task.arranged_columns(protocol)
+    arranged = protocol.task.arranged_columns(protocol.pool)
     return _SIDE_COLUMNS | arranged | (_SHOWN_COLUMNS if arranged else frozenset())
 
 
@@ -104,7 +104,7 @@ def without_order(study: StudyReadings, protocol: StudyProtocol) -> Unordered:
     trials: dict[tuple[str, str], str] = {}
     conditions = {
         _arranged(arrangement.condition, arrangement.stimuli): number
-        for number, cell in enumerate(protocol.task.cells(protocol, protocol.main_scenes()))
+        for number, cell in enumerate(protocol.task.cells(protocol.pool))
         for arrangement in cell.arrangements
     }
     for reading in study.readings:

@@ -120,16 +120,14 @@ def public_readings(study: StudyReadings, protocol: StudyProtocol) -> StudyReadi
 def _words(protocol: StudyProtocol) -> set[str | None]:
     """Return every text in the conditions of a study's trials, and the names of its tracks."""
     task = protocol.task
-    cells = task.cells(protocol, protocol.main_scenes()) + task.catch_cells(protocol)
-    if protocol.design.practice:
-        cells += task.practice_cells(protocol, protocol.practice_scenes())
     rule = task.adaptation
+    slots = rule.slots(task, protocol.pool, Chance("tracks")) if rule else ()
     return {
         None,
-        *(slot.track for slot in (rule.slots(protocol, Chance("tracks")) if rule else ())),
+        *(slot.track for slot in slots),
         *(
             value
-            for cell in cells
+            for cell in protocol.cells()
             for arrangement in cell.arrangements
             for value in arrangement.condition.values()
             if isinstance(value, str)

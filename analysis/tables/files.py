@@ -16,8 +16,8 @@ from pathlib import Path
 from analysis.tables.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
 from protocols.limits import check_cells
-from protocols.load import read_bytes
 from protocols.outside import CONTROL, check_within, lines_of, original_cell
+from protocols.read_file import read_bytes
 
 TABLES = (".csv", ".tsv", ENDING)
 """Tables that a folder may hold."""

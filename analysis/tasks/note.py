@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from analysis.tasks import analysis_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
-from protocols.load import read_bytes
 from protocols.outside import json_bytes, parsed_json
 from protocols.problems import problems_of
+from protocols.read_file import read_bytes
 from protocols.suggest import did_you_mean
 
 FORMAT = 1

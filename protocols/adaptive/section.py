@@ -1,4 +1,4 @@
-"""The sections of a protocol that choose levels or pairs from the answers so far.
+"""The sections of a protocol that choose levels from the answers so far.
 
 Every choice is a pure function of (protocol, plan, journal so far): a session that was killed
 goes on as it would have.
@@ -7,84 +7,15 @@ goes on as it would have.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field
 
 from protocols.chance import Chance
 from protocols.errors import Problem, StudyError
-from protocols.places import place_of
-from protocols.units import Condition, Few, Model, Name, Number, Positive, Share
-
-if TYPE_CHECKING:
-    from protocols.journal import Attempt
-    from protocols.plan import Plan, PlannedTrial
-    from protocols.schema import StudyProtocol
-    from protocols.tasks.base import Arrangement, Cell
-    from protocols.tasks.pairs import PairTask
-
-
-@dataclass(frozen=True)
-class Slot:
-    """One trial whose stimuli are chosen when it comes."""
-
-    track: str
-    """The trials of a track are chosen from each other's answers."""
-    condition: Condition
-    """What is fixed beforehand."""
-
-
-class Adaptive(Model):
-    """What every rule has."""
-
-    rule: str
-    """How the next level or pair follows from the answers."""
-    trials: Positive
-    """Trials per track."""
-
-    def slots(self, study: StudyProtocol, chance: Chance) -> list[Slot]:
-        """Return the trials of a participant in order."""
-        raise NotImplementedError
-
-    def choose(
-        self,
-        study: StudyProtocol,
-        trial: PlannedTrial,
-        plan: Plan,
-        past: Sequence[Attempt],
-        chance: Chance,
-    ) -> Arrangement:
-        """Return what a trial shows.
-
-        Parameters
-        ----------
-        plan : Plan
-            The participant's.
-        past : sequence of Attempt
-            Completed attempts of the trial's track, oldest first.
-        chance : Chance
-            Fixed by participant, trial and attempt.
-        """
-        raise NotImplementedError
-
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
-        if study.design.repeats != 1:
-            yield Problem(
-                "design.repeats",
-                f"must be 1 where a rule chooses what is shown and has trials = {self.trials} of"
-                f" its own (got {study.design.repeats})",
-            )
-
-    def sentence(self, study: StudyProtocol) -> str:
-        """Return what a participant meets, for a preregistration."""
-        raise NotImplementedError
-
-    def trials_of(self, study: StudyProtocol) -> int:
-        """Return how many trials all tracks have."""
-        return len(self.slots(study, Chance("count")))
+from protocols.pool import Pool
+from protocols.tasks.base import Adaptive, Arrangement, Slot, Task, Turn
+from protocols.units import Condition, Few, Name, Number, Share
 
 
 class AdaptiveLevels(Adaptive):
@@ -95,69 +26,63 @@ class AdaptiveLevels(Adaptive):
     by: tuple[Name, ...] = ()
     """Every combination of values of these columns has its own track."""
 
-    def levels(self, study: StudyProtocol) -> tuple[float, ...]:
+    def levels(self, task: Task, pool: Pool) -> tuple[float, ...]:
         """Return the levels that the task's conditions have, rising."""
-        values = (cell.arrangements[0].condition.get(self.column) for cell in self._cells(study))
+        values = (cell.arrangements[0].condition.get(self.column) for cell in task.cells(pool))
         return tuple(
             sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
         )
 
-    def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
+    def next_level(self, levels: tuple[float, ...], history: Sequence[tuple[float, bool]]) -> float:
         """Return the level after these answers."""
         raise NotImplementedError
 
-    def slots(self, study: StudyProtocol, chance: Chance) -> list[Slot]:
+    def slots(self, task: Task, pool: Pool, chance: Chance) -> list[Slot]:
         """Return rounds in which every track has one trial, in random order."""
-        tracks = [Slot(track, condition) for track, condition in self._tracks(study).items()]
+        tracks = [Slot(track, condition) for track, condition in self._tracks(task, pool).items()]
         return [slot for _ in range(self.trials) for slot in chance.shuffled(tracks)]
 
-    def choose(
-        self,
-        study: StudyProtocol,
-        trial: PlannedTrial,
-        _plan: Plan,
-        past: Sequence[Attempt],
-        chance: Chance,
-    ) -> Arrangement:
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
         """Return a stimulus of the next level: each right answer is equally likely."""
         history = [
-            (float(attempt.condition[self.column]), bool(attempt.correct)) for attempt in past
+            (float(attempt.condition[self.column]), bool(attempt.correct)) for attempt in turn.past
         ]
-        level = self.next_level(study, history)
+        level = self.next_level(self.levels(task, pool), history)
         options = [
             arrangement
-            for cell in self._cells(study)
+            for cell in task.cells(pool)
             for arrangement in cell.arrangements
             if arrangement.condition.get(self.column) == level
-            and all(arrangement.condition.get(name) == trial.condition[name] for name in self.by)
+            and all(arrangement.condition.get(name) == turn.condition[name] for name in self.by)
         ]
+        chance = turn.chance("choose", turn.trial, turn.tries)
         # The answer first: to avoid the last picture must not make its successor predictable.
         answers = sorted({str(option.correct) for option in options})
         answer = answers[chance.below(len(answers))]
         fit = [option for option in options if str(option.correct) == answer]
-        last = set(past[-1].stimulus_names) if past else set()
+        last = set(turn.past[-1].stimulus_names) if turn.past else set()
         fresh = [option for option in fit if set(option.stimuli) != last] or fit
         return fresh[chance.below(len(fresh))]
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, task: Task, pool: Pool) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
-        yield from super().problems(study)
-        task = study.task
+        yield from super().problems(task, pool)
         found = [
-            *task.check_columns(study, "task.adaptive.column", (self.column,)),
-            *task.check_shown(study, "task.adaptive.by", self.by),
+            *pool.check_columns("task.adaptive.column", (self.column,)),
+            *task.check_shown(pool, "task.adaptive.by", self.by),
         ]
         yield from found
         if found:
             return
-        if len(self.levels(study)) < 2:
+        levels = self.levels(task, pool)
+        if len(levels) < 2:
             yield Problem(
                 "task.adaptive.column",
                 f"must be a column of two numbers or more (got"
-                f" {', '.join(map(str, study.stimuli.values(self.column)[:6]))})",
+                f" {', '.join(map(str, pool.stimuli.values(self.column)[:6]))})",
             )
             return
-        conditions = [cell.arrangements[0].condition for cell in self._cells(study)]
+        conditions = [cell.arrangements[0].condition for cell in task.cells(pool)]
         lacking = [name for name in self.by if any(name not in entry for entry in conditions)]
         if lacking:
             yield Problem(
@@ -170,7 +95,7 @@ class AdaptiveLevels(Adaptive):
             (tuple(entry[name] for name in self.by), entry.get(self.column)) for entry in conditions
         }
         for values in dict.fromkeys(track for track, _ in there):
-            for level in self.levels(study):
+            for level in levels:
                 if (values, level) not in there:
                     pairs = zip(self.by, values, strict=True)
                     said = ", ".join(f"{name} = {value}" for name, value in pairs)
@@ -180,7 +105,7 @@ class AdaptiveLevels(Adaptive):
                         f" {self.column} = {level:g}{' where ' + said if said else ''})",
                     )
         try:
-            self.next_level(study, [])
+            self.next_level(levels, [])
         except StudyError as error:
             for line in str(error).splitlines():
                 place, colon, message = line.partition(": ")
@@ -190,21 +115,18 @@ class AdaptiveLevels(Adaptive):
                     else Problem("task.adaptive", line)
                 )
 
-    def sentence(self, study: StudyProtocol) -> str:
+    def sentence(self, task: Task, pool: Pool) -> str:
         """Return the tracks and their rule."""
-        levels = self.levels(study)
+        levels = self.levels(task, pool)
         return (
-            f"{len(self._tracks(study))} interleaved tracks of {self.trials} trials, one for each"
-            f" {' x '.join(self.by) or 'participant'}; {self.column} is chosen from"
+            f"{len(self._tracks(task, pool))} interleaved tracks of {self.trials} trials, one for"
+            f" each {' x '.join(self.by) or 'participant'}; {self.column} is chosen from"
             f" {len(levels)} levels between {levels[0]:g} and {levels[-1]:g} by {self.rule}"
         )
 
-    def _cells(self, study: StudyProtocol) -> list[Cell]:
-        return study.task.cells(study, study.main_scenes())
-
-    def _tracks(self, study: StudyProtocol) -> dict[str, Condition]:
+    def _tracks(self, task: Task, pool: Pool) -> dict[str, Condition]:
         found: dict[str, Condition] = {}
-        for cell in self._cells(study):
+        for cell in task.cells(pool):
             condition = {name: cell.arrangements[0].condition[name] for name in self.by}
             name = ",".join(f"{key}={value}" for key, value in condition.items()) or "all"
             found.setdefault(name, condition)
@@ -231,11 +153,11 @@ class QuestPlusLevels(AdaptiveLevels):
     falling: bool = False
     """Answers get worse as the level rises."""
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, task: Task, pool: Pool) -> Iterator[Problem]:
         """Yield also a level that the report could not fit the planned shape to."""
-        found = list(super().problems(study))
+        found = list(super().problems(task, pool))
         yield from found
-        lowest = min(self.levels(study), default=1.0)
+        lowest = min(self.levels(task, pool), default=1.0)
         if not found and self.shape == "weibull" and lowest <= 0:
             yield Problem(
                 "task.adaptive.shape",
@@ -243,12 +165,12 @@ class QuestPlusLevels(AdaptiveLevels):
                 f" Weibull function on logarithms of the level (got a level {lowest:g})",
             )
 
-    def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
+    def next_level(self, levels: tuple[float, ...], history: Sequence[tuple[float, bool]]) -> float:
         """Return the level of least expected entropy."""
         from protocols.adaptive.quest_plus import Axis, Grid, next_level
 
         grid = Grid(
-            self.levels(study),
+            levels,
             Axis(self.threshold),
             Axis(self.width),
             Axis(self.guess),
@@ -276,12 +198,12 @@ class UpDownLevels(AdaptiveLevels):
     falling: bool = False
     """Answers get worse as the level rises: harder is higher."""
 
-    def next_level(self, study: StudyProtocol, history: Sequence[tuple[float, bool]]) -> float:
+    def next_level(self, levels: tuple[float, ...], history: Sequence[tuple[float, bool]]) -> float:
         """Return the level of the track."""
         from protocols.adaptive.up_down import UpDown, next_level
 
         rule = UpDown(
-            self.levels(study),
+            levels,
             self.start,
             self.harder,
             self.easier,
@@ -290,85 +212,3 @@ class UpDownLevels(AdaptiveLevels):
             self.falling,
         )
         return next_level(history, rule)
-
-
-class ActivePairs(Adaptive):
-    """The pairs whose answers are expected to tell most, chosen in batches (ASAP)."""
-
-    rule: Literal["active-pairs"]
-
-    def slots(self, study: StudyProtocol, chance: Chance) -> list[Slot]:
-        """Return scenes and sizes in random order, each as often as the others."""
-        groups = self._groups(study)
-        slots: list[Slot] = []
-        while len(slots) < self.trials:
-            slots += chance.shuffled([Slot("pairs", condition) for condition in groups])
-        return slots[: self.trials]
-
-    def choose(
-        self,
-        study: StudyProtocol,
-        trial: PlannedTrial,
-        plan: Plan,
-        past: Sequence[Attempt],
-        _chance: Chance,
-    ) -> Arrangement:
-        """Return the next pair of the present batch, in the trial's scene and size."""
-        from protocols.adaptive.active_pairs import next_batch
-
-        task = _pair_task(study)
-        methods = [str(value) for value in study.stimuli.values(task.compare)]
-        first, second = task.answers()
-        batch = len(past) // (len(methods) - 1)
-        wins = np.zeros((len(methods), len(methods)))
-        for attempt in past[: batch * (len(methods) - 1)]:
-            one, other = str(attempt.condition[first]), str(attempt.condition[second])
-            won, lost = (one, other) if attempt.answer == first else (other, one)
-            wins[methods.index(won), methods.index(lost)] += 1
-        drawn = Chance(plan.seed, plan.participant, plan.slot, "pairs", batch)
-        # Shuffled: a batch may have one method in many of its pairs.
-        pairs = drawn.shuffled(next_batch(wins, drawn))
-        i, j = pairs[len(past) % len(pairs)]
-        cell = task.cell(study, trial.condition, (methods[i], methods[j]))
-        if cell is None:
-            raise StudyError(
-                f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
-                f" {dict(trial.condition)}"
-            )
-        return cell.arranged(len(past) + place_of(study, plan.slot))
-
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
-        """Yield a problem where a scene lacks a stimulus that others have."""
-        yield from super().problems(study)
-        task = _pair_task(study)
-        if task.pairings != "all":
-            yield Problem("task.pairings", "must be left out where sampling chooses the pairs")
-        methods = len(study.stimuli.values(task.compare))
-        groups = study.stimuli.groups(study.main_scenes(), task.compare)
-        if any(len(stimuli) < methods for _, _, stimuli, _ in groups):
-            yield Problem(
-                "task.sampling",
-                "every scene and size must have stimuli of every method, so that any pair can be"
-                " shown anywhere; leave scenes without a reference out",
-            )
-
-    def sentence(self, study: StudyProtocol) -> str:
-        """Return how pairs are chosen."""
-        methods = len(study.stimuli.values(_pair_task(study).compare))
-        return (
-            f"{self.trials} pairs of {methods} methods, chosen in batches by the information that"
-            " their answers are expected to give"
-        )
-
-    def _groups(self, study: StudyProtocol) -> list[Condition]:
-        """Return the scenes and sizes in which methods are compared."""
-        task = _pair_task(study)
-        groups = study.stimuli.groups(study.main_scenes(), task.compare)
-        return [condition for _, _, stimuli, condition in groups if len(stimuli) > 1]
-
-
-def _pair_task(study: StudyProtocol) -> PairTask:
-    from protocols.tasks.pairs import PairTask
-
-    assert isinstance(study.task, PairTask)
-    return study.task

@@ -15,6 +15,7 @@ from protocols.errors import Problem, StudyError
 from protocols.limits import check_cells
 from protocols.outside import check_within
 from protocols.prose import Block
+from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
 from protocols.units import NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
@@ -167,8 +168,6 @@ def read_table(path: Path) -> list[dict[str, object]]:
     StudyError
         If the file cannot be read, lacks a column, or a row lacks a value or has a bad name.
     """
-    from protocols.load import decode_utf8, read_bytes
-
     text = decode_utf8(read_bytes(path, "the table of stimuli", "table"), path)
     check_cells(path, text)
     check_within("files", text.count("\n"), StudyError, path, "lines")

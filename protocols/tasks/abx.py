@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from protocols.columns import Column
 from protocols.phases import Phase
-from protocols.session_schema import Analysis
-from protocols.tasks.base import Arrangement, blank_phase, shown_phase
+from protocols.pool import Pool
+from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
 from protocols.tasks.compared import Compared, Pair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition
 
 if TYPE_CHECKING:
     from protocols.display import Display
-    from protocols.schema import StudyProtocol
 
 
 class AbxAnalysis(RatesAnalysis):
@@ -55,23 +54,23 @@ class Abx(Compared):
             )
         ]
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return A, gap, B, gap, X."""
         shown = [
-            shown_phase(study, display, self, name, [(index, 0.0)])
+            shown_phase(pool, display, self, name, [(index, 0.0)])
             for index, name in enumerate("abx")
         ]
         gaps = [blank_phase(display, f"gap-{number}", self.gap_s) for number in (1, 2)]
         return shown[0], gaps[0], shown[1], gaps[1], shown[2]
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return the length of the three stimuli and their gaps."""
-        return 3 * self.single_s(study) + 2 * self.gap_s
+        return 3 * self.single_s(pool) + 2 * self.gap_s
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
         return (
-            f"A, B and X ({self.single_s(study):g} s each), blanks of {self.gap_s:g} s between,"
+            f"A, B and X ({self.single_s(pool):g} s each), blanks of {self.gap_s:g} s between,"
             " answer"
         )
 
@@ -79,9 +78,9 @@ class Abx(Compared):
         """Return what the three are, and which answer is right."""
         return f"{self.pair_sentence('A', 'B')}; X is one of the two again, and right is which."
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and which came as A, B and X."""
         return (
-            *super().condition_columns(study),
+            *super().condition_columns(pool),
             *(Column(name, "text", "", f"What was shown as {name.upper()}") for name in "abx"),
         )

@@ -9,20 +9,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
+from pydantic import Field
+
+from protocols.chance import Chance
 from protocols.columns import Column
 from protocols.errors import Problem, StudyError
-from protocols.phases import Clip, Fixation, Image, Phase, Text
-from protocols.session_schema import Analysis
-from protocols.suggest import did_you_mean
-from protocols.units import Condition, Model, Name, Positive, Scalar, Seconds
+from protocols.hashing import Json
+from protocols.phases import Clip, Fixation, Image, Phase
+from protocols.pool import Pool
+from protocols.sequential import Sequential
+from protocols.session_schema import Exclusions
+from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
 
 if TYPE_CHECKING:
-    from protocols.adaptive.section import Adaptive
     from protocols.display import Display
     from protocols.journal import Attempt
-    from protocols.schema import StudyProtocol
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,97 @@ class Cell:
     def arranged(self, turn: int) -> Arrangement:
         """Return the arrangement of a repeat at a place: `turn` is the sum of both."""
         return self.arrangements[(self.parity + turn) % len(self.arrangements)]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One trial whose stimuli are chosen when it comes."""
+
+    track: str
+    """The trials of a track are chosen from each other's answers."""
+    condition: Condition
+    """What is fixed beforehand."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One trial whose stimuli are chosen now, and all that decides the choice."""
+
+    condition: Condition
+    """What was fixed beforehand."""
+    past: Sequence[Attempt]
+    """Completed attempts of its track, oldest first."""
+    place: int
+    """The slot's place in the counterbalancing."""
+    person: tuple[int, str, int]
+    """Seed, participant and slot."""
+    trial: str
+    tries: int
+    """Attempts at this trial so far."""
+
+    def chance(self, *purpose: Json) -> Chance:
+        """Return what chance gives the participant for a purpose."""
+        return Chance(*self.person, *purpose)
+
+
+class Adaptive(Model):
+    """What every rule has."""
+
+    rule: str
+    """How the next level or pair follows from the answers."""
+    trials: Positive
+    """Trials per track."""
+
+    def slots(self, task: Task, pool: Pool, chance: Chance) -> list[Slot]:
+        """Return the trials of a participant in order."""
+        raise NotImplementedError
+
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
+        """Return what a trial shows."""
+        raise NotImplementedError
+
+    def problems(self, _task: Task, pool: Pool) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        if pool.repeats != 1:
+            yield Problem(
+                "design.repeats",
+                f"must be 1 where a rule chooses what is shown and has trials = {self.trials} of"
+                f" its own (got {pool.repeats})",
+            )
+
+    def sentence(self, task: Task, pool: Pool) -> str:
+        """Return what a participant meets, for a preregistration."""
+        raise NotImplementedError
+
+    def trials_of(self, task: Task, pool: Pool) -> int:
+        """Return how many trials all tracks have."""
+        return len(self.slots(task, pool, Chance("count")))
+
+
+class Analysis(Grown):
+    """What will be tested, fixed before the data: what every kind of analysis has."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
+
+    kind: str
+    """The analysis that belongs to the task."""
+    alpha: Annotated[float, Field(ge=1e-9, lt=0.5)] = 0.05
+    """Significance level."""
+    exclusions: Exclusions = Exclusions()
+    """Default: the defaults of Exclusions."""
+    sequential: Sequential | None = None
+    """Planned looks before data collection ends. Default: one test, at the end."""
+    reaction: Literal["summary", "models"] = "summary"
+    """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model and,
+    for two answers that are right or wrong, EZ diffusion."""
+
+    def problems(self, _task: Task, _pool: Pool, /) -> Iterator[Problem]:
+        """Yield what does not fit the rest of the study."""
+        yield from ()
+
+    def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
+        """Return the analysis in sentences, for a preregistration."""
+        raise NotImplementedError
 
 
 class CatchTrials(Model):
@@ -79,11 +173,11 @@ class Task(Model):
         """Return the names of the answers, from left to right where keys are not swapped."""
         raise NotImplementedError
 
-    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
-        """Return every condition that the design repeats, in these scenes."""
+    def cells(self, pool: Pool) -> list[Cell]:
+        """Return every condition that the design repeats, in the scenes of the pool."""
         raise NotImplementedError
 
-    def catch_cells(self, _study: StudyProtocol) -> list[Cell]:
+    def catch_cells(self, _pool: Pool) -> list[Cell]:
         """Return the conditions of catch trials."""
         return []
 
@@ -92,9 +186,9 @@ class Task(Model):
         """How many catch trials there are."""
         return 0
 
-    def practice_cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
-        """Return the conditions of practice trials."""
-        return self.cells(study, scenes)
+    def judged_cells(self, pool: Pool) -> list[Cell]:
+        """Return the conditions of practice in which answers must be right or wrong."""
+        return self.cells(pool)
 
     @property
     def adaptation(self) -> Adaptive | None:
@@ -103,7 +197,7 @@ class Task(Model):
 
     # The trial.
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return what is shown between fixation and answer."""
         raise NotImplementedError
 
@@ -111,25 +205,25 @@ class Task(Model):
         """Return the task's times by key, in seconds: each must be whole frames."""
         return {} if self.stimulus_s is None else {"stimulus_s": self.stimulus_s}
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return how long a trial shows stimuli, gaps included."""
         raise NotImplementedError
 
-    def single_s(self, study: StudyProtocol) -> float:
+    def single_s(self, pool: Pool) -> float:
         """Return how long one stimulus is shown."""
-        return study.stimuli.clip_s or self.stimulus_s or 0.0
+        return pool.stimuli.clip_s or self.stimulus_s or 0.0
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence, from fixation to answer, for a preregistration."""
         raise NotImplementedError
 
-    def design_sentence(self, study: StudyProtocol) -> str:
+    def design_sentence(self, pool: Pool) -> str:
         """Return what a participant meets how often, for a preregistration."""
         rule = self.adaptation
         if rule is not None:
-            return rule.sentence(study)
-        cells = len(self.cells(study, study.main_scenes()))
-        return f"{cells} conditions, each {times(study.design.repeats)}"
+            return rule.sentence(self, pool)
+        cells = len(self.cells(pool))
+        return f"{cells} conditions, each {times(pool.repeats)}"
 
     def right_answer(self) -> str:
         """Return which answer is right, in a sentence; empty where none is."""
@@ -141,7 +235,7 @@ class Task(Model):
 
     # The tables.
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of a table that say what was shown."""
         raise NotImplementedError
 
@@ -153,13 +247,13 @@ class Task(Model):
         """Return what an attempt says in the columns of condition and answer."""
         raise NotImplementedError
 
-    def arranged_columns(self, study: StudyProtocol) -> frozenset[str]:
+    def arranged_columns(self, pool: Pool) -> frozenset[str]:
         """Return the columns of a table that tell how a condition was arranged.
 
         A task whose `row` gives columns of the condition other names says them itself.
         """
         found: set[str] = set()
-        for cell in self.cells(study, study.main_scenes()):
+        for cell in self.cells(pool):
             first, *others = cell.arrangements
             for other in others:
                 found |= {k for k, v in other.condition.items() if first.condition.get(k) != v}
@@ -169,14 +263,14 @@ class Task(Model):
 
     # Mistakes.
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        if study.stimuli.clip_s is None and self.stimulus_s is None:
+        if pool.stimuli.clip_s is None and self.stimulus_s is None:
             yield Problem("task.stimulus_s", "missing: the stimuli are stills, say how long")
-        if study.stimuli.clip_s is not None and self.stimulus_s is not None:
+        if pool.stimuli.clip_s is not None and self.stimulus_s is not None:
             yield Problem(
                 "task.stimulus_s",
-                f"must be left out: the stimuli are clips of {study.stimuli.clip_s:g} s",
+                f"must be left out: the stimuli are clips of {pool.stimuli.clip_s:g} s",
             )
 
     def own_columns(self) -> Mapping[str, tuple[Scalar, ...]]:
@@ -188,46 +282,14 @@ class Task(Model):
         """Return what reports print for values of its own columns."""
         return {}
 
-    def check_shown(
-        self, study: StudyProtocol, place: str, names: Iterable[str]
-    ) -> Iterator[Problem]:
+    def check_shown(self, pool: Pool, place: str, names: Iterable[str]) -> Iterator[Problem]:
         """Yield a problem for every name that is no column of a trial's condition."""
         own = self.own_columns()
-        yield from self.check_columns(study, place, [name for name in names if name not in own])
-
-    def check_columns(
-        self, study: StudyProtocol, place: str, names: Iterable[str]
-    ) -> Iterator[Problem]:
-        """Yield a problem for every name that is no column of the stimuli's conditions."""
-        known = study.stimuli.columns()
-        for name in names:
-            if name not in known:
-                yield Problem(
-                    place,
-                    f"must name a column of the stimuli ({', '.join(known)}) (got {name!r})"
-                    f"{did_you_mean(name, known)}",
-                )
-
-    def check_where(
-        self, study: StudyProtocol, place: str, where: Mapping[str, Scalar]
-    ) -> Iterator[Problem]:
-        """Yield a problem for every column or value that no stimulus has."""
-        yield from self.check_columns(study, place, where)
-        for column, value in where.items():
-            known = study.stimuli.values(column)
-            if isinstance(value, int | float) and str(value) in map(str, known):
-                continue  # a column of texts that should be one of numbers: told where it is used
-            if known and value not in known:
-                listed = ", ".join(map(str, known[:12])) + (", ..." if len(known) > 12 else "")
-                yield Problem(
-                    f"{place}.{column}",
-                    f"must be a value that the stimuli have ({listed}) (got {value!r})"
-                    + (did_you_mean(value, map(str, known)) if isinstance(value, str) else ""),
-                )
+        yield from pool.check_columns(place, [name for name in names if name not in own])
 
 
 def shown_phase(
-    study: StudyProtocol,
+    pool: Pool,
     display: Display,
     task: Task,
     name: str,
@@ -241,14 +303,14 @@ def shown_phase(
         Which of the trial's stimuli, and where its middle is, right of the screen's centre in
         degrees.
     """
-    clip_s = study.stimuli.clip_s
+    clip_s = pool.stimuli.clip_s
     shown: list[Clip | Image]
     if clip_s is None:
         shown = [Image(index, x_deg) for index, x_deg in places]
     else:
-        each = whole_frames(display, 1 / study.stimuli.frame_hz)
+        each = whole_frames(display, 1 / pool.stimuli.frame_hz)
         shown = [Clip(index, each, x_deg) for index, x_deg in places]
-    frames = whole_frames(display, task.single_s(study))
+    frames = whole_frames(display, task.single_s(pool))
     return Phase(name, frames, (*shown, Fixation()), watched=True)
 
 
@@ -272,33 +334,6 @@ def whole_frames(display: Display, duration_s: float) -> int:
             " run 'metamerlab protocol check'"
         )
     return frames
-
-
-def trial_phases(study: StudyProtocol, display: Display, *, practice: bool) -> tuple[Phase, ...]:
-    """Return all phases of a trial: fixation, the task's own, answer, feedback."""
-    timing, response, task = study.trial, study.response, study.task
-    timeout_s = response.timeout_s
-    phases = [
-        Phase(
-            "fixate",
-            whole_frames(display, timing.fixation_s),
-            (Fixation(),),
-            gate_frames=whole_frames(display, timing.fixation_timeout_s),
-        ),
-        *task.phases(study, display),
-        Phase(
-            "respond",
-            None,
-            (Text("answer"),),
-            ends_on=frozenset(task.answers()),
-            timeout_frames=None if timeout_s is None else whole_frames(display, timeout_s),
-        ),
-    ]
-    rounds = study.design.practice
-    if practice and rounds is not None and rounds.feedback:
-        feedback = whole_frames(display, timing.feedback_s)
-        phases.append(Phase("feedback", feedback, (Text("feedback"),)))
-    return tuple(phases)
 
 
 def times(count: int) -> str:

@@ -6,17 +6,15 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, combinations
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from protocols.columns import Column
 from protocols.errors import Problem
+from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
 from protocols.tasks.base import Arrangement, Cell, matches
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Condition, Name, Scalar, Seconds
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
 
 AGAINST, STANDARD, ANOTHER = "against", "standard", "another"
 
@@ -48,15 +46,15 @@ class Compared(RightOrWrong):
     def arrangements(self, condition: Condition, pair: Pair) -> Sequence[Arrangement]:
         """Return the ways to show a pair; right answers alternate."""
 
-    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+    def cells(self, pool: Pool) -> list[Cell]:
         """Return every pair that is compared."""
-        rank = {scene: place for place, scene in enumerate(scenes)}
+        rank = {scene: place for place, scene in enumerate(pool.scenes)}
         seen: Counter[str] = Counter()
         found = []
         both = self.own_columns()
         compared = chain(
-            self._against_standard(study, scenes) if self.standard is not None else (),
-            self._between(study, scenes) if self.compare is not None else (),
+            self._against_standard(pool) if self.standard is not None else (),
+            self._between(pool) if self.compare is not None else (),
         )
         for scene, told, against, pairs in compared:
             condition: Condition = {**told, AGAINST: against} if both else told
@@ -83,25 +81,20 @@ class Compared(RightOrWrong):
             return {}
         return {STANDARD: "against the standard", ANOTHER: "against another"}
 
-    def _between(
-        self, study: StudyProtocol, scenes: Sequence[str]
-    ) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
-        for scene, _, stimuli, condition in study.stimuli.groups(scenes, self.compare or ""):
+    def _between(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+        for scene, _, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare or ""):
             names = {value: stimulus.name for value, stimulus in stimuli.items()}
             for pair in combinations(names.items(), 2):
                 yield scene, condition, ANOTHER, [Pair(*pair)]
 
-    def _against_standard(
-        self, study: StudyProtocol, scenes: Sequence[str]
-    ) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
-        pool = study.stimuli.pool()
-        where = self.standard or {}
-        standards = {self._key(s): s for s in pool if matches(s.condition, where)}
+    def _against_standard(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+        stimuli, where = pool.stimuli.pool(), self.standard or {}
+        standards = {self._key(s): s for s in stimuli if matches(s.condition, where)}
         found: dict[object, tuple[str, Condition, list[Pair]]] = {}
-        for stimulus in pool:
+        for stimulus in stimuli:
             standard = standards.get(self._key(stimulus))
             if (
-                stimulus.scene not in scenes
+                stimulus.scene not in pool.scenes
                 or standard is None
                 or matches(stimulus.condition, where)
             ):
@@ -133,12 +126,12 @@ class Compared(RightOrWrong):
             found.append(f"{one} and {other} differ in {self.compare} alone")
         return "; or ".join(found)
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and what they were compared with."""
         return (
             *(
                 Column(name, "value", "", "Column of the stimuli's conditions")
-                for name in study.stimuli.columns()
+                for name in pool.stimuli.columns()
                 if name != self.compare
             ),
             *(
@@ -147,23 +140,23 @@ class Compared(RightOrWrong):
             ),
         )
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
+        yield from super().problems(pool)
         if self.standard is None and self.compare is None:
             yield Problem("task", "must have standard, compare or both")
         if self.standard is not None:
-            yield from self.check_where(study, "task.standard", self.standard)
-            yield from self.check_columns(study, "task.matched", self.matched)
-            yield from self._standard_problems(study)
+            yield from pool.check_where("task.standard", self.standard)
+            yield from pool.check_columns("task.matched", self.matched)
+            yield from self._standard_problems(pool)
         if self.compare is not None:
-            yield from self.check_columns(study, "task.compare", (self.compare,))
+            yield from pool.check_columns("task.compare", (self.compare,))
 
-    def _standard_problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def _standard_problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield a problem where a stimulus has no standard, or more than one."""
-        pool, where = study.stimuli.pool(), self.standard or {}
+        stimuli, where = pool.stimuli.pool(), self.standard or {}
         standards: dict[tuple[Scalar | None, ...], list[str]] = {}
-        for stimulus in pool:
+        for stimulus in stimuli:
             if matches(stimulus.condition, where):
                 standards.setdefault(self._key(stimulus), []).append(stimulus.name)
         for key, names in standards.items():
@@ -174,7 +167,7 @@ class Compared(RightOrWrong):
                     f"there must be one standard where {said} (got {' and '.join(names[:3])});"
                     " name the column in which they differ too",
                 )
-        for stimulus in pool:
+        for stimulus in stimuli:
             if not matches(stimulus.condition, where) and self._key(stimulus) not in standards:
                 yield Problem(
                     "task.matched",

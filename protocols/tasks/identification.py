@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from protocols.errors import Problem
+from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
-from protocols.session_schema import Analysis
+from protocols.tasks.base import Analysis
 from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.single import SingleStimulus
 from protocols.units import Name
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
 
 
 class IdentificationAnalysis(RatesAnalysis):
@@ -48,16 +46,16 @@ class Identification(SingleStimulus):
         """Return what names the right answer."""
         return f"The right answer is the {self.named_by} of the stimulus."
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
-        yield from self.check_columns(study, "task.named_by", (self.named_by,))
+        yield from super().problems(pool)
+        yield from pool.check_columns("task.named_by", (self.named_by,))
         if len(set(self.alternatives)) < len(self.alternatives):
             yield Problem(
                 "task.alternatives",
                 f"every answer must be given once (got {', '.join(self.alternatives)})",
             )
-        for value in study.stimuli.values(self.named_by):
+        for value in pool.stimuli.values(self.named_by):
             if str(value) not in self.alternatives:
                 yield Problem(
                     "task.alternatives",

@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from protocols.adaptive.section import ActivePairs, Adaptive
+from protocols.chance import Chance
 from protocols.columns import Column
-from protocols.errors import Problem
+from protocols.errors import Problem, StudyError
+from protocols.pool import Pool
 from protocols.recipes.base import SCENE
-from protocols.session_schema import Analysis
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import (
+    Adaptive,
+    Analysis,
     Arrangement,
     Cell,
+    Slot,
     Task,
+    Turn,
     all_pairs,
     matches,
     times,
@@ -25,7 +29,6 @@ from protocols.units import Condition, Model, Name, Positive, Scalar
 
 if TYPE_CHECKING:
     from protocols.journal import Attempt
-    from protocols.schema import StudyProtocol
 
 
 SCENE_COLUMNS = (
@@ -85,16 +88,16 @@ class PreferenceAnalysis(Analysis):
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield names that do not exist, and a primary comparison that is not shown."""
-        task, primary = study.task, self.primary
+        primary = self.primary
         if not isinstance(task, PairTask):
             return
-        known = [str(value) for value in study.stimuli.values(task.compare)]
+        known = [str(value) for value in pool.stimuli.values(task.compare)]
         for key, name in (("method", primary.method), ("against", primary.against)):
             if name not in known:
                 yield _unknown(f"analysis.primary.{key}", name, known, task.compare)
-        sizes = [str(value) for value in study.stimuli.values("size")]
+        sizes = [str(value) for value in pool.stimuli.values("size")]
         if primary.size is not None and primary.size not in sizes:
             yield _unknown("analysis.primary.size", primary.size, sizes, "size")
         pairing = {primary.method, primary.against}
@@ -113,7 +116,7 @@ class PreferenceAnalysis(Analysis):
                 f" {primary.against!r}); add the pairing, or choose another comparison",
             )
 
-    def plain_sentences(self, _study: StudyProtocol) -> list[str]:
+    def plain_sentences(self, _task: Task, _pool: Pool) -> list[str]:
         """Return the analysis in sentences."""
         primary = self.primary
         where = f"at size {primary.size}" if primary.size else "over all sizes"
@@ -129,6 +132,76 @@ class PreferenceAnalysis(Analysis):
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
         ]
+
+
+class ActivePairs(Adaptive):
+    """The pairs whose answers are expected to tell most, chosen in batches (ASAP)."""
+
+    rule: Literal["active-pairs"]
+
+    def slots(self, task: Task, pool: Pool, chance: Chance) -> list[Slot]:
+        """Return scenes and sizes in random order, each as often as the others."""
+        groups = self._groups(task, pool)
+        slots: list[Slot] = []
+        while len(slots) < self.trials:
+            slots += chance.shuffled([Slot("pairs", condition) for condition in groups])
+        return slots[: self.trials]
+
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
+        """Return the next pair of the present batch, in the trial's scene and size."""
+        from protocols.adaptive.active_pairs import next_batch
+
+        assert isinstance(task, PairTask)
+        past = turn.past
+        methods = [str(value) for value in pool.stimuli.values(task.compare)]
+        first, second = task.answers()
+        batch = len(past) // (len(methods) - 1)
+        wins = [[0.0] * len(methods) for _ in methods]
+        for attempt in past[: batch * (len(methods) - 1)]:
+            one, other = str(attempt.condition[first]), str(attempt.condition[second])
+            won, lost = (one, other) if attempt.answer == first else (other, one)
+            wins[methods.index(won)][methods.index(lost)] += 1
+        drawn = turn.chance("pairs", batch)
+        # Shuffled: a batch may have one method in many of its pairs.
+        pairs = drawn.shuffled(next_batch(wins, drawn))
+        i, j = pairs[len(past) % len(pairs)]
+        cell = task.cell(pool, turn.condition, (methods[i], methods[j]))
+        if cell is None:
+            raise StudyError(
+                f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
+                f" {dict(turn.condition)}"
+            )
+        return cell.arranged(len(past) + turn.place)
+
+    def problems(self, task: Task, pool: Pool) -> Iterator[Problem]:
+        """Yield a problem where a scene lacks a stimulus that others have."""
+        yield from super().problems(task, pool)
+        assert isinstance(task, PairTask)
+        if task.pairings != "all":
+            yield Problem("task.pairings", "must be left out where sampling chooses the pairs")
+        methods = len(pool.stimuli.values(task.compare))
+        groups = pool.stimuli.groups(pool.scenes, task.compare)
+        if any(len(stimuli) < methods for _, _, stimuli, _ in groups):
+            yield Problem(
+                "task.sampling",
+                "every scene and size must have stimuli of every method, so that any pair can be"
+                " shown anywhere; leave scenes without a reference out",
+            )
+
+    def sentence(self, task: Task, pool: Pool) -> str:
+        """Return how pairs are chosen."""
+        assert isinstance(task, PairTask)
+        methods = len(pool.stimuli.values(task.compare))
+        return (
+            f"{self.trials} pairs of {methods} methods, chosen in batches by the information that"
+            " their answers are expected to give"
+        )
+
+    def _groups(self, task: Task, pool: Pool) -> list[Condition]:
+        """Return the scenes and sizes in which methods are compared."""
+        assert isinstance(task, PairTask)
+        groups = pool.stimuli.groups(pool.scenes, task.compare)
+        return [condition for _, _, stimuli, condition in groups if len(stimuli) > 1]
 
 
 class PairTask(Task):
@@ -147,17 +220,17 @@ class PairTask(Task):
     analysis: ClassVar[type[Analysis]] = PreferenceAnalysis
     stimuli_per_trial: ClassVar[int] = 2
 
-    def paired(self, study: StudyProtocol) -> tuple[tuple[str, str], ...]:
+    def paired(self, pool: Pool) -> tuple[tuple[str, str], ...]:
         """Return the compared pairs, each once."""
         if self.pairings == "all":
-            return all_pairs(study.stimuli.values(self.compare))
+            return all_pairs(pool.stimuli.values(self.compare))
         return self.pairings
 
-    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+    def cells(self, pool: Pool) -> list[Cell]:
         """Return every pair in every scene and size that has stimuli for both."""
         found = []
-        for scene, parity, stimuli, condition in study.stimuli.groups(scenes, self.compare):
-            for place, pairing in enumerate(self.paired(study)):
+        for scene, parity, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare):
+            for place, pairing in enumerate(self.paired(pool)):
                 if set(pairing) <= set(stimuli):
                     names = {value: stimuli[value].name for value in pairing}
                     found.append(
@@ -165,26 +238,22 @@ class PairTask(Task):
                     )
         return found
 
-    def cell(
-        self, study: StudyProtocol, condition: Condition, pairing: tuple[str, str]
-    ) -> Cell | None:
+    def cell(self, pool: Pool, condition: Condition, pairing: tuple[str, str]) -> Cell | None:
         """Return one pair in a scene and size; None where a stimulus is missing."""
         scene = str(condition.get(SCENE, ""))
-        for _, parity, stimuli, found in study.stimuli.groups([scene], self.compare):
+        for _, parity, stimuli, found in pool.stimuli.groups([scene], self.compare):
             if found == condition and set(pairing) <= set(stimuli):
                 names = {value: stimuli[value].name for value in pairing}
                 return Cell(scene, self._both_orders(found, pairing, names), parity)
         return None
 
-    def catch_cells(self, study: StudyProtocol, scenes: Sequence[str] | None = None) -> list[Cell]:
-        """Return the catch pair in every scene that has it; left out: the main ones."""
+    def catch_cells(self, pool: Pool) -> list[Cell]:
+        """Return the catch pair in every scene that has it."""
         if self.catch is None:
             return []
         found = []
         pairing = (self.catch.better, self.catch.worse)
-        for scene, _, stimuli, condition in study.stimuli.groups(
-            study.main_scenes() if scenes is None else scenes, self.compare
-        ):
+        for scene, _, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare):
             if matches(condition, self.catch.where) and set(pairing) <= set(stimuli):
                 names = {value: stimuli[value].name for value in pairing}
                 found.append(
@@ -197,12 +266,9 @@ class PairTask(Task):
         """How many catch trials there are."""
         return 0 if self.catch is None else self.catch.trials
 
-    def practice_cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
-        """Return all pairs, or those whose answer is known where feedback asks for it."""
-        practice = study.design.practice
-        if practice is not None and (practice.feedback or practice.criterion_share is not None):
-            return self.catch_cells(study, scenes)
-        return self.cells(study, scenes)
+    def judged_cells(self, pool: Pool) -> list[Cell]:
+        """Return the catch pairs: their answer is known."""
+        return self.catch_cells(pool)
 
     @property
     def adaptation(self) -> Adaptive | None:
@@ -226,13 +292,13 @@ class PairTask(Task):
             for one, other in (pairing, pairing[::-1])
         )
 
-    def design_sentence(self, study: StudyProtocol) -> str:
+    def design_sentence(self, pool: Pool) -> str:
         """Return which pairs are shown how often."""
         if self.sampling is not None:
-            return self.sampling.sentence(study)
-        pairs = ", ".join(f"{a} / {b}" for a, b in self.paired(study))
-        where = "scene and size" if "size" in study.stimuli.columns() else "scene"
-        often = times(study.design.repeats)
+            return self.sampling.sentence(self, pool)
+        pairs = ", ".join(f"{a} / {b}" for a, b in self.paired(pool))
+        where = "scene and size" if "size" in pool.stimuli.columns() else "scene"
+        often = times(pool.repeats)
         return f"pairings {pairs}, each in every {where} {often}, in both orders"
 
     def catch_sentence(self) -> str:
@@ -241,10 +307,10 @@ class PairTask(Task):
         where = ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
         return f"{self.catch.better} against {self.catch.worse}, {where}"
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return scene, size, any other column, and the two values compared."""
         others = [
-            name for name in study.stimuli.columns() if name not in ("scene", "size", self.compare)
+            name for name in pool.stimuli.columns() if name not in ("scene", "size", self.compare)
         ]
         added = [Column(name, "value", "", "Column of the stimuli's table") for name in others]
         return (*SCENE_COLUMNS, *added, *PAIR_COLUMNS)
@@ -278,20 +344,20 @@ class PairTask(Task):
             "correct": None if attempt.correct is None else int(attempt.correct),
         }
 
-    def arranged_columns(self, _study: StudyProtocol) -> frozenset[str]:
+    def arranged_columns(self, _pool: Pool) -> frozenset[str]:
         """Return what was first and second: what was picked and what was not tell no order."""
         return frozenset({"first", "second", "choice", "chose_first"})
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
-        yield from self.check_columns(study, "task.compare", (self.compare,))
-        for name in set(self.answers()) & set(study.stimuli.columns()):
+        yield from super().problems(pool)
+        yield from pool.check_columns("task.compare", (self.compare,))
+        for name in set(self.answers()) & set(pool.stimuli.columns()):
             yield Problem(
                 "stimuli", f"a column must not be called {name!r}, as an answer is; rename it"
             )
         first: dict[frozenset[tuple[str, Scalar]], str] = {}
-        for stimulus in study.stimuli.pool():
+        for stimulus in pool.stimuli.pool():
             other = first.setdefault(frozenset(stimulus.condition.items()), stimulus.name)
             if other != stimulus.name:
                 yield Problem(
@@ -300,7 +366,7 @@ class PairTask(Task):
                     f" {stimulus.name!r}), or it is not known which to show; add a column",
                 )
                 return
-        known = [str(value) for value in study.stimuli.values(self.compare)]
+        known = [str(value) for value in pool.stimuli.values(self.compare)]
         if not known:
             return
         if self.pairings != "all":
@@ -314,7 +380,7 @@ class PairTask(Task):
                     "task.catch.worse",
                     f"must differ from better (got {self.catch.worse!r} for both)",
                 )
-            yield from self.check_where(study, "task.catch.where", self.catch.where)
+            yield from pool.check_where("task.catch.where", self.catch.where)
 
     def _pairing_problems(self, known: list[str]) -> Iterator[Problem]:
         seen: dict[frozenset[str], int] = {}

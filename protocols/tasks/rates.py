@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from protocols.errors import Problem
-from protocols.session_schema import Analysis
+from protocols.pool import Pool
 from protocols.suggest import did_you_mean
+from protocols.tasks.base import Analysis, Task
 from protocols.units import Condition, Name, Scalar
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
 
 BETWEEN = ", "
 """Between the values of several columns that are compared together."""
@@ -52,12 +50,11 @@ class RatesAnalysis(Analysis):
     correction: Literal["holm", "none"] = "holm"
     """Over all comparisons with the baseline."""
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield columns and values that the stimuli do not have."""
-        task = study.task
-        wrong = list(task.check_shown(study, "analysis.by", self.by_columns))
+        wrong = list(task.check_shown(pool, "analysis.by", self.by_columns))
         yield from wrong
-        known = () if wrong else self.known(study)
+        known = () if wrong else self.known(task, pool)
         if self.baseline is not None and known and self.baseline not in known:
             listed = ", ".join(map(str, known))
             yield Problem(
@@ -74,11 +71,11 @@ class RatesAnalysis(Analysis):
             )
         if self.level is None:
             return
-        yield from task.check_columns(study, "analysis.level", (self.level,))
+        yield from pool.check_columns("analysis.level", (self.level,))
         if self.level == TAKEN:
             must = f"must not be {TAKEN!r}, as reports call what `by` compares; rename the column"
             yield Problem("analysis.level", must)
-        texts = [v for v in study.stimuli.values(self.level) if isinstance(v, bool | str)]
+        texts = [v for v in pool.stimuli.values(self.level) if isinstance(v, bool | str)]
         if texts:  # one text makes a column of a table a column of texts
             found = next((text for text in texts if not _reads_as_number(text)), texts[0])
             yield Problem(
@@ -96,26 +93,26 @@ class RatesAnalysis(Analysis):
         """What `by` is called in a sentence."""
         return BETWEEN.join(self.by_columns)
 
-    def known(self, study: StudyProtocol) -> tuple[Scalar, ...]:
+    def known(self, task: Task, pool: Pool) -> tuple[Scalar, ...]:
         """Return the values of `by`, or every combination that a trial shows, as declared."""
-        own = study.task.own_columns()
+        own = task.own_columns()
         if len(self.by_columns) == 1:
             (column,) = self.by_columns
-            return own.get(column) or study.stimuli.values(column)
-        cells = study.task.cells(study, study.main_scenes())
+            return own.get(column) or pool.stimuli.values(column)
+        cells = task.cells(pool)
         shown = (cell.arrangements[0].condition for cell in cells)
         return tuple(dict.fromkeys(value_of(condition, self.by_columns) for condition in shown))
 
-    def compared(self, study: StudyProtocol) -> tuple[str, ...]:
+    def compared(self, task: Task, pool: Pool) -> tuple[str, ...]:
         """Return the values of `by`, the baseline first."""
-        values = list(dict.fromkeys(map(str, self.known(study))))
+        values = list(dict.fromkeys(map(str, self.known(task, pool))))
         if self.baseline is not None:
             values.sort(key=lambda value: value != str(self.baseline))
         return tuple(values)
 
-    def plain_sentences(self, study: StudyProtocol) -> list[str]:
+    def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
         """Return the analysis in sentences."""
-        baseline, *others = self.compared(study)
+        baseline, *others = self.compared(task, pool)
         respected = {
             "participant-scene": "participants and of scenes",
             "participant": "participants",

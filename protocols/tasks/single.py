@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from protocols.adaptive.section import Adaptive, QuestPlusLevels, UpDownLevels
+from protocols.adaptive.section import QuestPlusLevels, UpDownLevels
 from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.phases import Phase
+from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
-from protocols.tasks.base import Arrangement, CatchTrials, Cell, Task, matches, shown_phase
+from protocols.tasks.base import (
+    Adaptive,
+    Arrangement,
+    CatchTrials,
+    Cell,
+    Task,
+    matches,
+    shown_phase,
+)
 
 if TYPE_CHECKING:
     from protocols.display import Display
     from protocols.journal import Attempt
-    from protocols.schema import StudyProtocol
 
 Levels = Annotated[QuestPlusLevels | UpDownLevels, Field(discriminator="rule")]
 
@@ -43,12 +51,12 @@ class RightOrWrong(Task):
         """The rule that chooses levels from the answers."""
         return self.adaptive
 
-    def catch_cells(self, study: StudyProtocol) -> list[Cell]:
+    def catch_cells(self, pool: Pool) -> list[Cell]:
         """Return the conditions in which the answer is plain."""
         if self.catch is None:
             return []
         where = self.catch.where
-        cells = self.cells(study, study.main_scenes())
+        cells = self.cells(pool)
         return [cell for cell in cells if matches(cell.arrangements[0].condition, where)]
 
     @property
@@ -75,13 +83,13 @@ class RightOrWrong(Task):
             "track": attempt.track,
         }
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
+        yield from super().problems(pool)
         if self.catch is not None:
-            wrong = list(self.check_where(study, "task.catch.where", self.catch.where))
+            wrong = list(pool.check_where("task.catch.where", self.catch.where))
             yield from wrong
-            if not wrong and not self.catch_cells(study):
+            if not wrong and not self.catch_cells(pool):
                 said = ", ".join(f"{name} = {value}" for name, value in self.catch.where.items())
                 yield Problem(
                     "task.catch.where",
@@ -89,7 +97,7 @@ class RightOrWrong(Task):
                     " differs within a trial",
                 )
         if self.adaptive is not None:
-            yield from self.adaptive.problems(study)
+            yield from self.adaptive.problems(self, pool)
 
 
 class SingleStimulus(RightOrWrong):
@@ -99,30 +107,30 @@ class SingleStimulus(RightOrWrong):
         """Return the right answer to a stimulus; None where it belongs to no answer."""
         raise NotImplementedError
 
-    def cells(self, study: StudyProtocol, scenes: Sequence[str]) -> list[Cell]:
+    def cells(self, pool: Pool) -> list[Cell]:
         """Return every stimulus in these scenes that has a right answer."""
-        rank = {scene: place for place, scene in enumerate(scenes)}
-        shown = [s for s in study.stimuli.pool() if s.scene in rank and self.expected(s)]
+        rank = {scene: place for place, scene in enumerate(pool.scenes)}
+        shown = [s for s in pool.stimuli.pool() if s.scene in rank and self.expected(s)]
         return [
             Cell(s.scene, (Arrangement(s.condition, (s.name,), self.expected(s)),))
             for s in sorted(shown, key=lambda s: rank[s.scene])
         ]
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return the one phase that shows the stimulus."""
-        return (shown_phase(study, display, self, "stimulus", [(0, 0.0)]),)
+        return (shown_phase(pool, display, self, "stimulus", [(0, 0.0)]),)
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return how long the stimulus is shown."""
-        return self.single_s(study)
+        return self.single_s(pool)
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
-        return f"one stimulus ({self.single_s(study):g} s), answer"
+        return f"one stimulus ({self.single_s(pool):g} s), answer"
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli."""
         return tuple(
             Column(name, "value", "", "Column of the stimuli's conditions")
-            for name in study.stimuli.columns()
+            for name in pool.stimuli.columns()
         )

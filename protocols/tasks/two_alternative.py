@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from protocols.phases import Phase
+from protocols.pool import Pool
 from protocols.tasks.base import shown_phase
 from protocols.tasks.pairs import PairTask
 from protocols.units import Degrees
 
 if TYPE_CHECKING:
     from protocols.display import Display
-    from protocols.schema import StudyProtocol
 
 
 class TwoAlternative(PairTask):
@@ -27,19 +27,19 @@ class TwoAlternative(PairTask):
         """Return the two sides."""
         return "left", "right"
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return the one phase that shows both."""
         half_deg = self.separation_deg / 2
-        return (shown_phase(study, display, self, "both", [(0, -half_deg), (1, half_deg)]),)
+        return (shown_phase(pool, display, self, "both", [(0, -half_deg), (1, half_deg)]),)
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return how long both are shown."""
-        return self.single_s(study)
+        return self.single_s(pool)
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
-        what = "stills" if study.stimuli.clip_s is None else "clips"
+        what = "stills" if pool.stimuli.clip_s is None else "clips"
         return (
             f"two {what} side by side, {self.separation_deg:g} deg apart, for"
-            f" {self.single_s(study):g} s, answer"
+            f" {self.single_s(pool):g} s, answer"
         )

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 from protocols.phases import Phase
+from protocols.pool import Pool
 from protocols.tasks.base import blank_phase, shown_phase
 from protocols.tasks.pairs import PairTask
 from protocols.units import Seconds
 
 if TYPE_CHECKING:
     from protocols.display import Display
-    from protocols.schema import StudyProtocol
 
 
 class TwoInterval(PairTask):
@@ -26,26 +26,26 @@ class TwoInterval(PairTask):
         """Return the two intervals."""
         return "first", "second"
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return interval 1, gap, interval 2."""
         return (
-            shown_phase(study, display, self, "first", [(0, 0.0)]),
+            shown_phase(pool, display, self, "first", [(0, 0.0)]),
             blank_phase(display, "gap", self.gap_s),
-            shown_phase(study, display, self, "second", [(1, 0.0)]),
+            shown_phase(pool, display, self, "second", [(1, 0.0)]),
         )
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key."""
         return {**super().durations(), "gap_s": self.gap_s}
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return the length of both intervals and the gap."""
-        return 2 * self.single_s(study) + self.gap_s
+        return 2 * self.single_s(pool) + self.gap_s
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
-        what = "still" if study.stimuli.clip_s is None else "clip"
+        what = "still" if pool.stimuli.clip_s is None else "clip"
         return (
-            f"first {what} ({self.single_s(study):g} s), blank {self.gap_s:g} s, second {what},"
+            f"first {what} ({self.single_s(pool):g} s), blank {self.gap_s:g} s, second {what},"
             " answer"
         )

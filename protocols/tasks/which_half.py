@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
-from protocols.session_schema import Analysis
-from protocols.tasks.base import Arrangement, blank_phase, whole_frames
+from protocols.pool import Pool
+from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frames
 from protocols.tasks.compared import Compared, Pair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition, Degrees
 
 if TYPE_CHECKING:
     from protocols.display import Display
-    from protocols.schema import StudyProtocol
 
 
 class WhichHalfAnalysis(RatesAnalysis):
@@ -51,9 +50,9 @@ class WhichHalf(Compared):
                 found.append(Arrangement(told, (first[1], first[1], *second), half))
         return found
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return interval 1, gap, interval 2: of each its two halves."""
-        frames = whole_frames(display, self.single_s(study))
+        frames = whole_frames(display, self.single_s(pool))
         bar = (Bar(self.bar_deg),) if self.bar_deg else ()
 
         def interval(name: str, left: int) -> Phase:
@@ -62,15 +61,15 @@ class WhichHalf(Compared):
 
         return interval("first", 0), blank_phase(display, "gap", self.gap_s), interval("second", 2)
 
-    def shown_s(self, study: StudyProtocol) -> float:
+    def shown_s(self, pool: Pool) -> float:
         """Return the length of both intervals and the gap."""
-        return 2 * self.single_s(study) + self.gap_s
+        return 2 * self.single_s(pool) + self.gap_s
 
-    def description(self, study: StudyProtocol) -> str:
+    def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
         bar = f", a bar of {self.bar_deg:g} deg between its halves" if self.bar_deg else ""
         return (
-            f"a picture ({self.single_s(study):g} s){bar}, blank {self.gap_s:g} s, the picture"
+            f"a picture ({self.single_s(pool):g} s){bar}, blank {self.gap_s:g} s, the picture"
             " again with its left or its right half changed, answer"
         )
 
@@ -78,16 +77,16 @@ class WhichHalf(Compared):
         """Return what changes, and which answer is right."""
         return f"{self.pair_sentence('What is shown first', 'what it changes to')}; right is where."
 
-    def condition_columns(self, study: StudyProtocol) -> tuple[Column, ...]:
+    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and which was shown first and which came in."""
         return (
-            *super().condition_columns(study),
+            *super().condition_columns(pool),
             Column("first", "text", "", "What was shown whole in the first interval"),
             Column("changed_to", "text", "", "What one half of the second interval was"),
         )
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
-        if study.stimuli.clip_s is not None:
+        yield from super().problems(pool)
+        if pool.stimuli.clip_s is not None:
             yield Problem("task.kind", "must be another one: which-half shows stills, no clips")

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from protocols.errors import Problem
+from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
-from protocols.session_schema import Analysis
+from protocols.tasks.base import Analysis
 from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.single import SingleStimulus
 from protocols.units import Name, Scalar
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
 
 
 class DetectionAnalysis(RatesAnalysis):
@@ -50,15 +48,15 @@ class YesNo(SingleStimulus):
         )
         return f"Yes is right where {where}, else no."
 
-    def problems(self, study: StudyProtocol) -> Iterator[Problem]:
+    def problems(self, pool: Pool) -> Iterator[Problem]:
         """Yield what does not fit the rest of the study."""
-        yield from super().problems(study)
+        yield from super().problems(pool)
         for column, values in self.signal.items():
             for index, value in enumerate(values):
-                for problem in self.check_where(study, "task.signal", {column: value}):
+                for problem in pool.check_where("task.signal", {column: value}):
                     place = f"{problem.place}[{index}]" if problem.place.count(".") > 1 else None
                     yield Problem(place or problem.place, problem.message)
-        answers = {self.expected(stimulus) for stimulus in study.stimuli.pool()}
+        answers = {self.expected(stimulus) for stimulus in pool.stimuli.pool()}
         if len(answers) == 1:
             yield Problem(
                 "task.signal",

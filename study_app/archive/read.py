@@ -18,9 +18,10 @@ from typing import Any, BinaryIO, ClassVar
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.journal_file import find_journals, read_journal
-from protocols.load import SECRET_SUFFIX, load_protocol, open_new, read_bytes
+from protocols.load import SECRET_SUFFIX, load_protocol, open_new
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import LIMITS_VARIABLE, check_within, check_zip, limit, reading
+from protocols.read_file import read_bytes
 from protocols.result_folder import whole_folder
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.archive.seal import is_sealed, unseal

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from protocols.errors import StudyError
-from protocols.load import decode_utf8, read_bytes
 from protocols.outside import limit
+from protocols.read_file import decode_utf8, read_bytes
 
 MAGIC = b"age-encryption.org/v1\n"
 _BY_PASSPHRASE = MAGIC + b"-> scrypt "

@@ -16,8 +16,9 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.journal import SessionResume, SessionStart
 from protocols.left_behind import clear_files
-from protocols.load import SECRET_SUFFIX, load_protocol, read_bytes, shipped
+from protocols.load import SECRET_SUFFIX, load_protocol, shipped
 from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
+from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Entry, Index

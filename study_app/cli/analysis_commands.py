@@ -15,7 +15,7 @@ from rich.table import Table
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from protocols.tasks import TASKS
+from protocols.tasks.registry import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register

@@ -20,15 +20,7 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.load import (
-    decode_utf8,
-    is_display,
-    load_display,
-    load_study,
-    read_bytes,
-    read_toml,
-    shipped,
-)
+from protocols.load import is_display, load_display, load_study, read_toml, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
@@ -36,6 +28,7 @@ from protocols.plausible import display_notes, study_notes
 from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.prose import count_of
 from protocols.publish import publish, schema_names, schema_text
+from protocols.read_file import decode_utf8, read_bytes
 from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
@@ -289,8 +282,8 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
         ("protocol hash", study.sha256),
         ("participants", str(study.study.participants)),
         ("decisions", f"{plan.main_trials} each, + {practice} practice, + {catch} catch trials"),
-        ("task", f"{study.task.kind}: {study.task.description(study)}"),
-        ("conditions", study.task.design_sentence(study)),
+        ("task", f"{study.task.kind}: {study.task.description(study.pool)}"),
+        ("conditions", study.task.design_sentence(study.pool)),
         ("blocks", str(study.design.blocks)),
         ("duration", f"about {minutes:.0f} min, answers in 1.5 s"),
         ("stimuli", f"{len(study.shown())}{frames}, {width} x {height} px"),

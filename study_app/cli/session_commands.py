@@ -267,8 +267,8 @@ def _model(
         options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", utilities, known)
     for name, named in (("strength", strength), ("critical", critical)):
         if named:
-            analysis = study.analysis
-            known = analysis.known(study) if isinstance(analysis, RatesAnalysis) else ()
+            analysis, task = study.analysis, study.task
+            known = analysis.known(task, study.pool) if isinstance(analysis, RatesAnalysis) else ()
             options[name] = _numbers(f"--{name}", named, known)
     if (options.keys() & {"strength", "slope"}) and hasattr(model, "critical"):
         options.setdefault("critical", {})  # they are for what has no critical level

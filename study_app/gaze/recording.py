@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from protocols.limits import check_rows, unpacked
-from protocols.load import read_bytes
 from protocols.outside import lines_of, reading
+from protocols.read_file import read_bytes
 
 Eye = Literal["left", "right"]
 Box = tuple[float, float, float, float]

@@ -116,7 +116,7 @@ def test_a_frame_that_a_network_disk_fails_to_give_is_one_message(monkeypatch, n
     from pathlib import Path
 
     from protocols.errors import StudyError
-    from protocols.load import read_bytes
+    from protocols.read_file import read_bytes
 
     def failing(_path: Path, _mode: str) -> bytes:
         raise OSError(number, f"{reason} of a network disk")

@@ -124,7 +124,7 @@ def test_catch_trials_and_practice_are_turned_by_the_place(tmp_path):
             if trial.role == "main":
                 continue
             number = int(trial.id[-4:])
-            cells = len(study.task.practice_cells(study, study.practice_scenes()))
+            cells = len(study.practice_cells())
             turn = number if trial.role == "catch" else number // cells
             assert trial.correct == study.task.answers()[(turn + place) % 2]
 

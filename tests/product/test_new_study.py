@@ -15,8 +15,8 @@ from protocols.new_study import clip_fps, explained, study_files
 from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Exclusions, Practice, Question, Texts
-from protocols.tasks import TASKS
 from protocols.tasks.pairs import CatchPair, PrimaryComparison
+from protocols.tasks.registry import TASKS
 from study_app.cli.new_study import slug
 
 

@@ -16,7 +16,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import PARTS, study_files
 from protocols.schema import StudyProtocol
-from protocols.tasks import TASKS
+from protocols.tasks.registry import TASKS
 
 RIGHT_OR_WRONG = [task for task, (recipe, _) in PARTS.items() if recipe == "files"]
 
@@ -145,7 +145,7 @@ def test_the_examples_of_adaptive_levels_are_valid_and_run(
     attempts = read_journal(tmp_path / "s" / task / "S001" / "journal.jsonl").attempts
     decided = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
     study = load_protocol(path)
-    assert len(decided) == study.task.adaptation.trials_of(study)
+    assert len(decided) == study.task.adaptation.trials_of(study.task, study.pool)
     assert all(attempt.track for attempt in decided)
 
 

@@ -170,7 +170,7 @@ def _sitting(
         for repeat in range(protocol.design.repeats)
         for scene in protocol.main_scenes()
         for size in protocol.stimuli.values("size")
-        for pair in protocol.task.paired(protocol)
+        for pair in protocol.task.paired(protocol.pool)
     ]
     order = rng.permutation(len(trials))
     events: list[AnyEvent] = []

@@ -31,9 +31,7 @@ def p_values_of_rates(name: str, studies: int, rng: np.random.Generator, **more:
     study, _ = load_study(Path(name), None)
     analysis = analysis_of(study.analysis.kind)
     settings = analysis.settings(study)
-    design = cell_design(
-        study.task.cells(study, study.main_scenes()), settings, study.design.repeats
-    )
+    design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
     draw, judge, people = analysis.draw(settings), analysis.judge(), PEOPLE[name]
     assumed = {"d_prime": 1.22, **NOTHING, **more}
     return np.array(
@@ -48,7 +46,7 @@ def p_values_of_rates(name: str, studies: int, rng: np.random.Generator, **more:
 def test_the_planned_test_respects_participants_and_scenes(name):
     study, _ = load_study(Path(name), None)
     assert study.analysis.test == "participant-scene"
-    said = " ".join(study.analysis.plain_sentences(study))
+    said = " ".join(study.analysis.plain_sentences(study.task, study.pool))
     assert "respecting variation of participants and of scenes" in said
 
 
@@ -143,7 +141,7 @@ def test_bias_is_judged_as_the_report_judges_it(rng):
     study, _ = load_study(Path("beyond-blur-detection"), None)
     analysis = analysis_of("detection")
     settings = analysis.settings(study)
-    design = cell_design(study.task.cells(study, study.main_scenes()), settings, 1)
+    design = cell_design(study.task.cells(study.pool), settings, 1)
     assumed = {"d_prime": 0.5, **NOTHING, "criterion_difference": -0.5, "criterion_sd": 0.4}
     events = _events(design, assumed, 10, analysis.draw(settings), rng)
     rows = [

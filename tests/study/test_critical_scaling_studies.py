@@ -82,7 +82,7 @@ def test_which_half_changes_is_the_right_answer_and_nothing_else_changes():
         assert first_left == first_right
         assert trial.correct == ("left" if left != first_left else "right")
         assert (left == first_left) != (right == first_right)
-    first, gap, second = study.task.phases(study, display)
+    first, gap, second = study.task.phases(study.pool, display)
     assert [(e.stimulus, e.half) for e in first.show if isinstance(e, Image)] == [
         (0, "left"), (1, "right"),
     ]  # fmt: skip
@@ -96,7 +96,7 @@ def test_which_half_changes_is_the_right_answer_and_nothing_else_changes():
 
 def test_abx_shows_for_200_ms_with_blanks_of_500():
     study, display = load_study(Path("critical-scaling"), None)
-    assert [p.frames for p in study.task.phases(study, display)] == [12, 30, 12, 30, 12]
+    assert [p.frames for p in study.task.phases(study.pool, display)] == [12, 30, 12, 30, 12]
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -32,7 +32,7 @@ from protocols.recipes.warped_clips import ClipName, WarpedClips
 from protocols.reference import reference_text
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Design, Gaze, Practice, Response, TrialTiming
-from protocols.tasks import TASKS
+from protocols.tasks.registry import TASKS
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]
 EVENTS = [

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study, shipped
-from protocols.tasks import TASKS
+from protocols.tasks.registry import TASKS
 from stimuli.pictures import save_picture
 from study_app.cli import app
 from study_app.preview import MARK, preview_page

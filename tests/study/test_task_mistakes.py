@@ -206,7 +206,7 @@ def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
         path = tmp_path / "pilot.toml"
         path.write_text(TEXTS[task], encoding="utf-8")
         study = load_protocol(path)
-        own = {c.name for c in study.task.condition_columns(study)}
+        own = {c.name for c in study.task.condition_columns(study.pool)}
         own |= {c.name for c in study.task.answer_columns()}
         tables = tables_of(study)
         names = [c.name for table in ("attempts", "decisions") for c in tables[table]]

@@ -84,8 +84,8 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
     references = {"reference"}
     if isinstance(recipe, WarpedClips):
         references = {method.name for method in recipe.methods if method.is_reference}
-    pairings = task.paired(protocol)
-    cells = task.cells(protocol, protocol.main_scenes())
+    pairings = task.paired(protocol.pool)
+    cells = task.cells(protocol.pool)
     sizes = tuple(map(str, recipe.values("size"))) or ("",)
     turned = _turned(pairings, primary.method, primary.against, references)
     comparisons = tuple(

@@ -257,9 +257,7 @@ def rate_power(
             " observers' psychometric functions are cumulative normal distributions"
         )
     else:
-        design = cell_design(
-            study.task.cells(study, study.main_scenes()), settings, study.design.repeats
-        )
+        design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
         scenes = np.unique(design.scene).size
         if 1 < scenes < 5 and assumed.get("scene_sd", 0.0) > 0:
             notes.append(
@@ -356,9 +354,7 @@ def looked_p_values(
     if settings.adaptive:
         simulate = _adaptive_studies(study, settings, assumed, participants, rng)
     else:
-        design = cell_design(
-            study.task.cells(study, study.main_scenes()), settings, study.design.repeats
-        )
+        design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
         values = {**assumed, **(_nothing(settings, assumed) if null else {})}
 
         def simulate(_null: bool) -> Floats:
@@ -533,7 +529,7 @@ def _track_errors(
     rule = study.task.adaptation
     if not isinstance(rule, AdaptiveLevels):
         raise StudyError(f"task.adaptive: no simulation of power is known for {rule!r}")
-    levels = np.array(rule.levels(study))
+    levels = rule.levels(study.task, study.pool)
     low, span = float(levels[0]), float(np.ptp(levels))
     width = (-1.0 if settings.falling else 1.0) * assumed["width"]
     candidates = np.linspace(-0.5, 1.5, 401)
@@ -548,14 +544,14 @@ def _track_errors(
         history: list[tuple[float, bool]] = []
         likelihood = np.zeros(candidates.size)
         for _ in range(rule.trials):
-            level = rule.next_level(study, history)
+            level = rule.next_level(levels, history)
             place = (level - low) / span
             right = bool(rng.random() < float(chance(place, true)))
             history.append((level, right))
             share = chance(place, candidates)
             likelihood += np.log(share if right else 1.0 - share)
         errors.append(float(candidates[int(np.argmax(likelihood))]) - true)
-    each = max(1, rule.trials_of(study) // (rule.trials * len(settings.values)))
+    each = max(1, rule.trials_of(study.task, study.pool) // (rule.trials * len(settings.values)))
     return np.array(errors) / float(np.sqrt(each))
 
 

@@ -128,15 +128,15 @@ def common_settings(study: StudyProtocol) -> RateSettings:
 
     Values of `by` that no trial shows, such as a standard, are left out.
     """
-    analysis, task = study.analysis, study.task
+    analysis, task, pool = study.analysis, study.task, study.pool
     if not (isinstance(analysis, RatesAnalysis) and isinstance(task, RightOrWrong)):
         raise TypeError(f"a task with right answers is needed (got task {task.kind!r})")
-    cells = task.cells(study, study.main_scenes())
+    cells = task.cells(pool)
     columns = analysis.by_columns
     conditions = [cell.arrangements[0].condition for cell in cells]
     shown = [combined(one.get(column) for column in columns) for one in conditions]
     # As declared; combinations as trials show them.
-    declared = map(name_of, analysis.known(study)) if len(columns) == 1 else shown
+    declared = map(name_of, analysis.known(task, pool)) if len(columns) == 1 else shown
     values = list(dict.fromkeys(declared))
     if analysis.baseline is not None:
         values.sort(key=lambda value: value != name_of(analysis.baseline))
@@ -165,7 +165,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         correction=analysis.correction,
         alpha=analysis.alpha,
         planned_participants=study.study.participants,
-        planned_trials=rule.trials_of(study) if rule else len(cells) * study.design.repeats,
+        planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         protocol_sha256=study.sha256,
         shape=shape,
         reaction=analysis.reaction,

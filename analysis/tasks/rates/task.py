@@ -322,7 +322,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
 
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return d' of the baseline, what the others have more, and how people differ."""
-        scenes = {cell.scene for cell in study.task.cells(study, study.main_scenes())}
+        scenes = {cell.scene for cell in study.task.cells(study.pool)}
         return assumptions(self.settings(study), len(scenes))
 
     def from_pilot(
@@ -338,7 +338,8 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         if own.adaptive:
             levels = study.task.adaptation
             assert isinstance(levels, AdaptiveLevels)
-            return threshold_deviations(decisions, settings, float(np.ptp(levels.levels(study))))
+            span = float(np.ptp(levels.levels(study.task, study.pool)))
+            return threshold_deviations(decisions, settings, span)
         return sensitivity_deviations(decisions, settings, self.share_of(settings))
 
     def share_of(self, _settings: RateSettings) -> Callable[[Floats], Floats] | None:

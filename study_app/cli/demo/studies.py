@@ -17,10 +17,9 @@ from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.phases import Bar, Clip, Image, Phase
-from protocols.plan import PlannedTrial, make_plan
+from protocols.plan import PlannedTrial, make_plan, trial_phases
 from protocols.recipes.foveated_images import REFERENCE, FoveatedImages
 from protocols.schema import StudyProtocol
-from protocols.tasks.base import trial_phases
 from protocols.tasks.two_alternative import TwoAlternative
 from protocols.units import Scalar
 from stimuli.choice import Choice

@@ -4,8 +4,7 @@ from typing import ClassVar, Literal
 
 from protocols.phases import Fixation, Image, Phase
 from protocols.recipes.base import Recipe, Stimulus
-from protocols.session_schema import Analysis
-from protocols.tasks.base import shown_phase
+from protocols.tasks.base import Analysis, shown_phase
 from protocols.tasks.pairs import PairTask, PreferenceAnalysis
 from protocols.units import Degrees, Pixels
 
@@ -58,14 +57,14 @@ class Above(PairTask):
     def answers(self):
         return "upper", "lower"
 
-    def phases(self, study, display):
-        phase = shown_phase(study, display, self, "both", [(0, 0.0), (1, 0.0)])
+    def phases(self, pool, display):
+        phase = shown_phase(pool, display, self, "both", [(0, 0.0), (1, 0.0)])
         half_deg = self.separation_deg / 2
         show = (Image(0, 0.0, -half_deg), Image(1, 0.0, half_deg), Fixation())
         return (Phase(phase.name, phase.frames, show, watched=True),)
 
-    def shown_s(self, study):
-        return self.single_s(study)
+    def shown_s(self, pool):
+        return self.single_s(pool)
 
-    def description(self, study):
-        return f"one above the other for {self.single_s(study):g} s, answer"
+    def description(self, pool):
+        return f"one above the other for {self.single_s(pool):g} s, answer"

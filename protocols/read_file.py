@@ -1,0 +1,32 @@
+"""Reads files whole; one message says why one is not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from protocols.errors import StudyError
+from protocols.outside import bounded_bytes
+
+
+def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
+    """Read a file, if the limit `name` allows its size; `StudyError` says why it is not read."""
+    try:
+        return bounded_bytes(path, StudyError, name)
+    except FileNotFoundError:
+        raise StudyError(f"{path}: {what} must exist (there is no such file)") from None
+    except IsADirectoryError:
+        raise StudyError(f"{path}: {what} must be a file (this is a folder)") from None
+    except OSError as error:
+        raise StudyError(f"{path}: {what} must be readable ({error.strerror})") from None
+
+
+def decode_utf8(data: bytes, path: Path) -> str:
+    """Decode; `StudyError` names the line and the byte that are not UTF-8."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise StudyError(
+            f"{path}: line {line}: must be UTF-8 text (got byte 0x{data[error.start]:02x});"
+            " save the file as UTF-8"
+        ) from None
