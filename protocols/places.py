@@ -7,12 +7,9 @@ scenes. Places come round: every so many of them, a round has balanced everythin
 from __future__ import annotations
 
 from math import lcm
-from typing import TYPE_CHECKING
 
 from protocols.chance import Chance
-
-if TYPE_CHECKING:
-    from protocols.schema import StudyProtocol
+from protocols.schema import StudyProtocol
 
 _MOST = 2**32
 """A longer round is cut here: no study has as many participants."""

@@ -153,9 +153,10 @@ def chosen(
         if attempt.track == trial.track and attempt.outcome == "completed"
     ]
     tries = sum(attempt.trial == trial.id for attempt in attempts)
-    person, place = (plan.seed, plan.participant, plan.slot), place_of(protocol, plan.slot)
-    turn = Turn(trial.condition, past, place, person, trial.id, tries)
-    arrangement = rule.choose(protocol.task, protocol.pool, turn)
+    turn = Turn(trial.condition, past, (plan.seed, plan.participant, plan.slot), trial.id, tries)
+    cell = rule.choose(protocol.task, protocol.pool, turn)
+    several = len(cell.arrangements) > 1
+    arrangement = cell.arranged(len(past) + place_of(protocol, plan.slot) if several else 0)
     return trial.model_copy(
         update={
             "condition": dict(arrangement.condition),

@@ -6,7 +6,7 @@ goes on as it would have.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -14,7 +14,8 @@ from pydantic import Field
 from protocols.chance import Chance
 from protocols.errors import Problem, StudyError
 from protocols.pool import Pool
-from protocols.tasks.base import Adaptive, Arrangement, Slot, Task, Turn
+from protocols.recipes.base import SCENE
+from protocols.tasks.base import Adaptive, Cell, Slot, Task, Turn
 from protocols.units import Condition, Few, Name, Number, Share
 
 
@@ -28,10 +29,7 @@ class AdaptiveLevels(Adaptive):
 
     def levels(self, task: Task, pool: Pool) -> tuple[float, ...]:
         """Return the levels that the task's conditions have, rising."""
-        values = (cell.arrangements[0].condition.get(self.column) for cell in task.cells(pool))
-        return tuple(
-            sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
-        )
+        return self._levels(task.cells(pool))
 
     def next_level(self, levels: tuple[float, ...], history: Sequence[tuple[float, bool]]) -> float:
         """Return the level after these answers."""
@@ -42,15 +40,16 @@ class AdaptiveLevels(Adaptive):
         tracks = [Slot(track, condition) for track, condition in self._tracks(task, pool).items()]
         return [slot for _ in range(self.trials) for slot in chance.shuffled(tracks)]
 
-    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Cell:
         """Return a stimulus of the next level: each right answer is equally likely."""
         history = [
             (float(attempt.condition[self.column]), bool(attempt.correct)) for attempt in turn.past
         ]
-        level = self.next_level(self.levels(task, pool), history)
+        cells = task.cells(pool)
+        level = self.next_level(self._levels(cells), history)
         options = [
             arrangement
-            for cell in task.cells(pool)
+            for cell in cells
             for arrangement in cell.arrangements
             if arrangement.condition.get(self.column) == level
             and all(arrangement.condition.get(name) == turn.condition[name] for name in self.by)
@@ -62,7 +61,8 @@ class AdaptiveLevels(Adaptive):
         fit = [option for option in options if str(option.correct) == answer]
         last = set(turn.past[-1].stimulus_names) if turn.past else set()
         fresh = [option for option in fit if set(option.stimuli) != last] or fit
-        return fresh[chance.below(len(fresh))]
+        chosen = fresh[chance.below(len(fresh))]
+        return Cell(str(chosen.condition.get(SCENE, "")), (chosen,))
 
     def problems(self, task: Task, pool: Pool) -> Iterator[Problem]:
         """Yield columns that are not there, and levels that are no numbers or lack stimuli."""
@@ -122,6 +122,12 @@ class AdaptiveLevels(Adaptive):
             f"{len(self._tracks(task, pool))} interleaved tracks of {self.trials} trials, one for"
             f" each {' x '.join(self.by) or 'participant'}; {self.column} is chosen from"
             f" {len(levels)} levels between {levels[0]:g} and {levels[-1]:g} by {self.rule}"
+        )
+
+    def _levels(self, cells: Iterable[Cell]) -> tuple[float, ...]:
+        values = (cell.arrangements[0].condition.get(self.column) for cell in cells)
+        return tuple(
+            sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
         )
 
     def _tracks(self, task: Task, pool: Pool) -> dict[str, Condition]:

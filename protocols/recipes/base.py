@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
+from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block
 from protocols.units import Condition, Model, Parameters, Scalar
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 SCENE = "scene"
 """The column of a condition that says what is to be seen: statistics cluster on it."""

@@ -7,10 +7,11 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError, model_validator
 
+from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.limits import check_cells
 from protocols.outside import check_within
@@ -19,9 +20,6 @@ from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
 from protocols.units import NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 COLUMNS = ("stimulus", "file")
 _FIRST_LINE = 2  # of the rows: the header is before it

@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Required, TypedDict
+from typing import Annotated, Literal, Required, TypedDict
 
 from pydantic import Field, model_validator
 
 from protocols.chance import Chance
+from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block, count_of
@@ -30,9 +31,6 @@ from protocols.units import (
     SignedDegrees,
     Text,
 )
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 REFERENCE = "reference"
 CLOSED, OPEN = "closed", "open"

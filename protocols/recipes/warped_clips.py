@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from glob import escape
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, StringConstraints, model_validator
 
+from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block, Table, labelled, shortest
@@ -44,9 +45,6 @@ from protocols.units import (
     Text,
     Vector3,
 )
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 PHOTOGRAPH_RIM_PX = 1
 """Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""

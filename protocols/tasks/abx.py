@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from protocols.columns import Column
+from protocols.display import Display
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
 from protocols.tasks.compared import Compared, Pair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 
 class AbxAnalysis(RatesAnalysis):

@@ -9,23 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from protocols.chance import Chance
 from protocols.columns import Column
+from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import Json
+from protocols.journal import Attempt
 from protocols.phases import Clip, Fixation, Image, Phase
 from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
 from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
-
-if TYPE_CHECKING:
-    from protocols.display import Display
-    from protocols.journal import Attempt
 
 
 @dataclass(frozen=True)
@@ -71,8 +69,6 @@ class Turn:
     """What was fixed beforehand."""
     past: Sequence[Attempt]
     """Completed attempts of its track, oldest first."""
-    place: int
-    """The slot's place in the counterbalancing."""
     person: tuple[int, str, int]
     """Seed, participant and slot."""
     trial: str
@@ -96,8 +92,8 @@ class Adaptive(Model):
         """Return the trials of a participant in order."""
         raise NotImplementedError
 
-    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
-        """Return what a trial shows."""
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Cell:
+        """Return the condition that a trial shows; several arrangements take turns."""
         raise NotImplementedError
 
     def problems(self, _task: Task, pool: Pool) -> Iterator[Problem]:

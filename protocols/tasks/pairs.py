@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from protocols.chance import Chance
 from protocols.columns import Column
 from protocols.errors import Problem, StudyError
+from protocols.journal import Attempt
 from protocols.pool import Pool
 from protocols.recipes.base import SCENE
 from protocols.suggest import did_you_mean
@@ -26,10 +27,6 @@ from protocols.tasks.base import (
     times,
 )
 from protocols.units import Condition, Model, Name, Positive, Scalar
-
-if TYPE_CHECKING:
-    from protocols.journal import Attempt
-
 
 SCENE_COLUMNS = (
     Column("scene", "text", "", "Scene of both stimuli"),
@@ -147,7 +144,7 @@ class ActivePairs(Adaptive):
             slots += chance.shuffled([Slot("pairs", condition) for condition in groups])
         return slots[: self.trials]
 
-    def choose(self, task: Task, pool: Pool, turn: Turn) -> Arrangement:
+    def choose(self, task: Task, pool: Pool, turn: Turn) -> Cell:
         """Return the next pair of the present batch, in the trial's scene and size."""
         from protocols.adaptive.active_pairs import next_batch
 
@@ -171,7 +168,7 @@ class ActivePairs(Adaptive):
                 f"task.sampling: there must be stimuli of {methods[i]!r} and {methods[j]!r} in"
                 f" {dict(turn.condition)}"
             )
-        return cell.arranged(len(past) + turn.place)
+        return cell
 
     def problems(self, task: Task, pool: Pool) -> Iterator[Problem]:
         """Yield a problem where a scene lacks a stimulus that others have."""

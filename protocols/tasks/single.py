@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from protocols.adaptive.section import QuestPlusLevels, UpDownLevels
 from protocols.columns import Column
+from protocols.display import Display
 from protocols.errors import Problem
+from protocols.journal import Attempt
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
@@ -22,10 +24,6 @@ from protocols.tasks.base import (
     matches,
     shown_phase,
 )
-
-if TYPE_CHECKING:
-    from protocols.display import Display
-    from protocols.journal import Attempt
 
 Levels = Annotated[QuestPlusLevels | UpDownLevels, Field(discriminator="rule")]
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
+from protocols.display import Display
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import shown_phase
 from protocols.tasks.pairs import PairTask
 from protocols.units import Degrees
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 
 class TwoAlternative(PairTask):

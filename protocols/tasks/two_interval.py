@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from protocols.display import Display
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import blank_phase, shown_phase
 from protocols.tasks.pairs import PairTask
 from protocols.units import Seconds
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 
 class TwoInterval(PairTask):

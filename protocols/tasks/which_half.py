@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from protocols.columns import Column
+from protocols.display import Display
 from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
 from protocols.pool import Pool
@@ -13,9 +14,6 @@ from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frame
 from protocols.tasks.compared import Compared, Pair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition, Degrees
-
-if TYPE_CHECKING:
-    from protocols.display import Display
 
 
 class WhichHalfAnalysis(RatesAnalysis):
