@@ -36,23 +36,24 @@ def reaction_times(
     rows = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)]
     if rows.empty:
         return ()
-    groups = rows.groupby(list(by), sort=True) if by else [((), rows)]
-    return tuple(
-        _summary(" · ".join(map(str, key)) if by else "all trials", part, level)
-        for key, part in groups
-    )
+    return tuple(_summary(name, part, level) for name, part in _groups(rows, by))
 
 
 def participant_medians(
-    decisions: pd.DataFrame, column: str | None, times: Sequence[ReactionTimes]
-) -> dict[str, list[float]]:
-    """Return participants' medians of ``rt_s`` in the conditions of `times`, values of a column."""
+    decisions: pd.DataFrame, by: Sequence[str] = ()
+) -> dict[str, tuple[float, ...]]:
+    """Return participants' medians of ``rt_s`` in each condition, as `reaction_times` names it."""
     rows = decisions[decisions["rt_s"] > 0]
-    found = {}
-    for one in times:
-        own = rows if column is None else rows[rows[column].astype(str) == one.condition]
-        found[one.condition] = own.groupby("participant")["rt_s"].median().tolist()
-    return found
+    return {
+        name: tuple(map(float, part.groupby("participant")["rt_s"].median()))
+        for name, part in _groups(rows, by)
+    }
+
+
+def _groups(rows: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFrame]]:
+    if not by:
+        return [("all trials", rows)]
+    return [(" · ".join(map(str, key)), part) for key, part in rows.groupby(list(by), sort=True)]
 
 
 def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:

@@ -19,7 +19,8 @@ T = TypeVar("T")
 Fits = Callable[[str, Any], bool]
 """Whether what a plug-in of that name names is what its group needs."""
 GROUPS = (
-    "tasks", "recipes", "observers", "analyses", "builders", "methods", "metrics", "trackers",
+    "tasks", "recipes", "observers", "analyses", "parts", "builders", "methods", "metrics",
+    "trackers",
 )  # fmt: skip
 _PREFIX = "metamerlab."
 

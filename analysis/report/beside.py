@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range, p_number
 from analysis.tasks.base import Estimate
-from analysis.tasks.blocks import Block, Paragraph, Table
 
 USUAL_ALPHA = 0.05
 """Of an analysis whose settings name none."""

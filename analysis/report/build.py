@@ -1,5 +1,6 @@
 """Builds the report folder: HTML, JSON, tables, figures; whole or not at all."""
 
+import dataclasses
 import json
 import warnings as python_warnings
 from collections.abc import Sequence
@@ -13,12 +14,13 @@ from markupsafe import Markup
 from analysis.columns import dictionary
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
+from analysis.report.blocks import ReportFigure
+from analysis.report.content import Content, content_of
 from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write import write_table
-from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.outside import inline_svg, json_bytes, page_bytes
@@ -38,8 +40,18 @@ class ReportPaths:
 
     html: Path
     json: Path
-    warnings: tuple[str, ...]
-    headline: str
+    content: Content
+    simulated: bool
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is odd about the data as a whole."""
+        return self.content.warnings
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence."""
+        return "SIMULATED data. " * self.simulated + self.content.headline
 
 
 def report_sessions(
@@ -60,7 +72,9 @@ def report_sessions(
         something else.
     """
     source = from_sessions(folder, protocol, progress)
-    return _write(source, folder, out, replace, figure_files, progress)
+    return write_report(
+        source, folder, out, replace=replace, figure_files=figure_files, progress=progress
+    )
 
 
 def report_decisions(
@@ -83,58 +97,55 @@ def report_decisions(
     are conditions that rows must fulfil.
     """
     source = from_table(path, protocol, title, where)
-    return _write(source, path, out, replace, figure_files, progress)
+    return write_report(
+        source, path, out, replace=replace, figure_files=figure_files, progress=progress
+    )
 
 
-def _write(
+def write_report(
     source: Source,
     read: Path,
     out: Path,
-    replace: bool,
-    figure_files: bool,
-    progress: Progress | None,
+    *,
+    replace: bool = False,
+    figure_files: bool = True,
+    progress: Progress | None = None,
 ) -> ReportPaths:
+    """Write the report of a source into `out`; `read` is where the source lies."""
     say = progress or (lambda _name, _done, _total: None)
-    analysis, settings = source.analysis, source.settings
     with whole_folder(out, replace=replace, reads=[read]) as work:
         say("analysing", 0, 0)
-        results = analysis.analyse(
-            source.decisions, settings, lambda name: say(f"analysing: {name}", 0, 0)
-        )
-        warnings = (*source.warnings, *analysis.warnings(results))
-        stand = look_of(source, results)
-        figures = (
-            *analysis.figures(source.decisions, results, settings, simulated=source.simulated),
-            *look_figures(stand, simulated=source.simulated),
-        )
+        content = content_of(source, lambda name: say(f"analysing: {name}", 0, 0))
+        stand = look_of(source, content.planned_p)
+        figures = (*content.figures, *look_figures(stand, simulated=source.simulated))
         provenance = source.provenance | {
             "analysed_with": f"{package_version()} ({code_revision()})",
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
-            **analysis.constants,
+            **source.analysis.constants,
         }
         with python_warnings.catch_warnings(record=True) as caught:
             python_warnings.simplefilter("always")
             drawn = _draw(figures, work, files=figure_files, say=say)
-        warnings = (*warnings, *_font_notes(caught))
+        content = dataclasses.replace(content, warnings=(*content.warnings, *_font_notes(caught)))
         say("writing", 0, 0)
         tables = work / "tables"
         tables.mkdir()
-        _write_csv(source, results, tables)
+        _write_csv(source, content, tables)
         both = beside(source)
         numbers: dict[str, Json] = {
-            "format": 1,
+            "format": 2,
             "simulated": source.simulated,
-            "settings": as_json(settings),
-            "results": as_json(results),
+            "settings": as_json(source.settings),
+            "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "without_exclusions": as_json(both),
             "sequential": as_json(stand),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],
-            "warnings": list(warnings),
+            "warnings": list(content.warnings),
             "provenance": provenance,
         }
         html = report_page(
-            source, results, drawn, warnings, provenance, beside_blocks(both), looks_blocks(stand)
+            source, content, drawn, provenance, beside_blocks(both), looks_blocks(stand)
         )
         (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
@@ -142,8 +153,8 @@ def _write(
     return ReportPaths(
         html=out / HTML_NAME,
         json=out / JSON_NAME,
-        warnings=warnings,
-        headline="SIMULATED data. " * source.simulated + analysis.headline(results, settings),
+        content=content,
+        simulated=source.simulated,
     )
 
 
@@ -187,7 +198,7 @@ def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]
     )
 
 
-def _write_csv(source: Source, results: object, folder: Path) -> None:
+def _write_csv(source: Source, content: Content, folder: Path) -> None:
     tables: dict[str, pd.DataFrame] = {}
     if source.tidy is not None and source.protocol is not None:
         write_tables(source.tidy, source.protocol, folder)
@@ -196,6 +207,6 @@ def _write_csv(source: Source, results: object, folder: Path) -> None:
         columns = source.analysis.columns_of(source.decisions)
         tables["decisions.csv"] = source.decisions
         tables["dictionary.csv"] = dictionary({"decisions": columns})
-    tables |= source.analysis.tables(source.decisions, results)
+    tables |= content.tables
     for name, table in tables.items():
         write_table(table, folder / name)

@@ -6,11 +6,11 @@ from typing import Any
 
 from analysis.plots import sized
 from analysis.plots.sequential import bounds_plot
+from analysis.report.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
 from analysis.tasks.base import Estimate
-from analysis.tasks.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
 
 LEAST = 1e-9
 """Of a bound: limits that leave out less than that are all that can be."""
@@ -31,14 +31,14 @@ class Look:
     limits: tuple[Estimate, ...] = ()
 
 
-def look_of(source: Source, results: object) -> Look | None:
+def look_of(source: Source, planned_p: float | None) -> Look | None:
     """Return where the study stands; None where it plans no looks, or there is no protocol."""
     protocol = source.protocol
     if protocol is None or protocol.analysis.sequential is None:
         return None
     plan = plan_of(protocol.analysis.sequential, protocol.analysis.alpha)
     people = int(source.decisions["participant"].nunique())
-    now = standing(plan, people, source.analysis.planned_p(results))
+    now = standing(plan, people, planned_p)
     if now.reject_p is None or now.reject_p < LEAST or plan.rule == "bayes-factor":
         return Look(plan, now)
     settings: Any = source.settings

@@ -8,20 +8,19 @@ from markupsafe import Markup
 
 from analysis.exclusions import FlowStep
 from analysis.report import wording
+from analysis.report.blocks import Block
+from analysis.report.content import Content
 from analysis.report.source import Source
 from analysis.report.values import rows_as_json
-from analysis.tasks.blocks import Block
 from protocols.hashing import Json
-from protocols.revision import package_version
 
 _TEMPLATES = Path(__file__).parent
 
 
 def report_page(
     source: Source,
-    results: object,
+    content: Content,
     figures: list[dict[str, str | Markup]],
-    warnings: tuple[str, ...],
     provenance: dict[str, Json],
     quality: Sequence[Block] = (),
     first: Sequence[Block] = (),
@@ -38,33 +37,19 @@ def report_page(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    analysis, settings, tidy = source.analysis, source.settings, source.tidy
+    tidy = source.tidy
     flow: tuple[FlowStep, ...] = tidy.flow if tidy else ()
-    people = source.decisions["participant"].nunique()
     return environment.get_template("template.html").render(
         css=Markup((_TEMPLATES / "report.css").read_text(encoding="utf-8")),
-        s=settings,
+        s=source.settings,
         w=wording,
-        counted=analysis.counted(settings),
-        lead=[*first, *analysis.lead(results, settings)],
-        sections=analysis.sections(results, settings),
+        content=content,
+        first=first,
         figures={str(figure["name"]): figure for figure in figures},
         simulated=source.simulated,
-        warnings=warnings,
         provenance=provenance,
         flow=flow,
         quality=quality,
         sessions=rows_as_json(tidy.sessions) if tidy else [],
         answers=rows_as_json(tidy.answers) if tidy else [],
-        people=people,
-        decisions=len(source.decisions),
-        methods_text=analysis.methods(
-            results,
-            settings,
-            people=people,
-            decisions=len(source.decisions),
-            flow=flow,
-            version=package_version(),
-        ),
-        sentences=analysis.sentences(results, settings),
     )

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.parts import Plan
 from analysis.recording import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
-from analysis.tasks.base import AnyAnalysis, CommonSettings, TableOptions
+from analysis.tasks.base import AnyAnalysis, TableOptions
 from analysis.tasks.note import note_path, read_note
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError
@@ -27,7 +28,7 @@ class Source:
     decisions: pd.DataFrame
     tidy: Tidy | None
     protocol: StudyProtocol | None
-    settings: CommonSettings
+    settings: Plan
     simulated: bool
     provenance: dict[str, Json]
     warnings: tuple[str, ...]
@@ -118,10 +119,36 @@ def from_table(
         None,
         protocol,
         settings,
-        "simulated" in decisions and bool(decisions["simulated"].fillna(0).max()),
+        _simulated(decisions),
         {"table_sha256": sha256_file(path), "protocol_sha256": settings.protocol_sha256},
         (*table.notes, *notes),
     )
+
+
+def from_question(analysis: AnyAnalysis, table: Table, options: TableOptions) -> Source:
+    """Read a table for one question: a kind of analysis, and its options as a command has them.
+
+    Raises
+    ------
+    StudyError
+        If the table lacks a column, or holds what cannot be.
+    """
+    decisions = analysis.read(table, {}, options)
+    settings = analysis.settings_of_table(decisions, table.path.stem, options)
+    return Source(
+        analysis,
+        decisions,
+        None,
+        None,
+        settings,
+        _simulated(decisions),
+        {"table_sha256": sha256_file(table.path) if table.path.is_file() else None},
+        (*table.notes, *analysis.table_notes(decisions, settings)),
+    )
+
+
+def _simulated(decisions: pd.DataFrame) -> bool:
+    return "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:

@@ -8,6 +8,7 @@ import pandas as pd
 from analysis.tables.table import Source, Table, opened
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+from protocols.tasks.rates import name_of
 
 OURS = ("participant", "scene", "order", "expected", "answer", "correct", "rt_s")
 _SHOWN_VALUES = 12
@@ -100,6 +101,51 @@ def read_trials(
             _other_answer(table, rows, one[0], answers)
     rows["rt_s"] = table.take("rt_s", np.nan)
     return rows.reset_index(drop=True)
+
+
+def read_times(
+    source: Source, mapping: Mapping[str, str] | None = None, *, by: str | None = None
+) -> pd.DataFrame:
+    """Read reaction times of any task; rows without one are left out and noted.
+
+    Parameters
+    ----------
+    by : str, optional
+        Column of conditions.
+
+    Returns
+    -------
+    DataFrame
+        ``participant``, ``rt_s`` (seconds), ``order``; ``scene`` and `by` as text if given;
+        ``expected`` and ``answer`` as `read_trials` returns them and ``correct`` (0/1), where the
+        table says which answers were right; ``simulated`` (0/1), if given.
+
+    Raises
+    ------
+    StudyError
+        With the column, line and value at fault, and the cure.
+    """
+    table = opened(source, mapping)
+    conditions = () if by is None else (by,)
+    table.known((*OURS, *conditions), own=False)
+    table.need([name for name in ("rt_s", *conditions) if name not in table.rows])
+    table.only_main()
+    judged = "correct" in table.rows or {"expected", "answer"} <= set(table.rows)
+    table.answered(("rt_s", *(["correct"] if "correct" in table.rows else [])), each=True)
+    kept = ["participant", "scene", *conditions, "order", "rt_s", "simulated"]
+    if judged:
+        rows = read_trials(table, conditions=conditions, own=False)
+        kept += ["expected", "answer", "correct"]
+    else:
+        rows = pd.DataFrame({name: table.take(name) for name in ("participant", "rt_s")})
+        rows["order"] = table.order(rows["participant"])
+        for column in {"scene", *conditions} & set(table.rows):
+            rows[column] = table.text(column)
+        if "simulated" in table.rows:
+            rows["simulated"] = _numeric_if_all(table.rows["simulated"])
+    for column in conditions:
+        rows[column] = rows[column].map(name_of)
+    return rows[[name for name in dict.fromkeys(kept) if name in rows]].reset_index(drop=True)
 
 
 def _require(table: Table, conditions: Sequence[str], levels: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -16,33 +16,19 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.exclusions import FlowStep
+from analysis.parts import AnyPart, Plan
+from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from analysis.tables.table import Source
-from analysis.tasks.blocks import Block, ReportFigure, Section
 from protocols.columns import Column
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.units import Model
 
 Step = Callable[[str], None]
 Counted = Callable[[int, int], None]
-
-
-class CommonSettings(Protocol):
-    """What every report needs to know of a study."""
-
-    @property
-    def study(self) -> str:
-        """Name of the study."""
-
-    @property
-    def title(self) -> str:
-        """What stands at the top of the page."""
-
-    @property
-    def protocol_sha256(self) -> str | None:
-        """Hash of the protocol; None for a plain table."""
 
 
 class TableOptions(Model):
@@ -139,19 +125,23 @@ class Estimate:
     decisions: int
 
 
-S = TypeVar("S", bound=CommonSettings)
+S = TypeVar("S", bound=Plan)
 R = TypeVar("R")
 
 
 class TaskAnalysis(ABC, Generic[S, R]):
-    """The analysis of a kind of task: from decisions to results, and to what is said of them.
+    """The analysis of a kind of task: how its tables are read, its parts, its power.
 
-    `S` are its settings, `R` its results: frozen dataclasses of numbers and texts, which
-    `results.json` holds field by field.
+    `S` are its settings. `R` are results that no part holds yet, with what is said of them: a
+    frozen dataclass of numbers and texts, which `results.json` holds field by field.
     """
 
     kind: ClassVar[str]
     """As in the section `[analysis]` of a study."""
+    task: ClassVar[str] = "decisions"
+    """What several trials are called in a sentence."""
+    parts: ClassVar[tuple[AnyPart, ...]] = ()
+    """Its statistics, in reading order."""
     options: ClassVar[type[TableOptions]] = TableOptions
     """What a table without a protocol must be told."""
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
@@ -159,9 +149,17 @@ class TaskAnalysis(ABC, Generic[S, R]):
 
     # Where settings and decisions come from.
 
-    @abstractmethod
-    def settings(self, study: StudyProtocol) -> S:
-        """Return the settings that a protocol fixes."""
+    def settings(self, _study: StudyProtocol) -> S:
+        """Return the settings that a protocol fixes.
+
+        Raises
+        ------
+        StudyError
+            If these are of tables only.
+        """
+        raise StudyError(
+            f"analysis.kind: {self.kind} come from tables only; no study shows them yet"
+        )
 
     @abstractmethod
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> S:
@@ -211,9 +209,13 @@ class TaskAnalysis(ABC, Generic[S, R]):
 
     # Results.
 
-    @abstractmethod
-    def analyse(self, decisions: pd.DataFrame, settings: S, step: Step) -> R:
-        """Return every result that a report shows; `step` is told the name of each part."""
+    def table(self, decisions: pd.DataFrame, _settings: S) -> pd.DataFrame:
+        """Return decisions as the parts take them."""
+        return decisions
+
+    def analyse(self, _decisions: pd.DataFrame, _settings: S, _step: Step) -> R | None:
+        """Return what no part holds yet; `step` is told the name of each."""
+        return None
 
     def estimates(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[Estimate]:
         """Return the main numbers of these decisions, quickly; none: not said.
@@ -263,9 +265,9 @@ class TaskAnalysis(ABC, Generic[S, R]):
             " any p"
         )
 
-    @abstractmethod
-    def warnings(self, results: R) -> tuple[str, ...]:
+    def warnings(self, _results: R) -> tuple[str, ...]:
         """Return what is odd about the data as a whole."""
+        return ()
 
     def tables(self, _decisions: pd.DataFrame, _results: R) -> Mapping[str, pd.DataFrame]:
         """Return tables by file name, beside those of every study."""
@@ -275,52 +277,57 @@ class TaskAnalysis(ABC, Generic[S, R]):
         """Return the decisions in forms that other programs read, by file name."""
         return {}
 
-    # The page.
+    # The page, beside the parts.
 
     @abstractmethod
     def counted(self, settings: S) -> str:
         """Return what is compared, in two or three words for the top of the page."""
 
-    @abstractmethod
-    def lead(self, results: R, settings: S) -> Sequence[Block]:
+    def lead(self, _results: R, _settings: S) -> Sequence[Block]:
         """Return what stands before all sections: the result in short."""
+        return ()
 
-    @abstractmethod
-    def sections(self, results: R, settings: S) -> Sequence[Section]:
+    def sections(self, _results: R, _settings: S) -> Sequence[Section]:
         """Return the task's sections of the page, in reading order."""
+        return ()
 
-    @abstractmethod
     def figures(
-        self, decisions: pd.DataFrame, results: R, settings: S, *, simulated: bool
+        self,
+        _decisions: pd.DataFrame,
+        _results: R,
+        _settings: S,
+        *,
+        simulated: bool,  # noqa: ARG002
     ) -> Sequence[ReportFigure]:
         """Return every figure that these results allow; sections name them."""
+        return ()
 
-    @abstractmethod
     def methods(
         self,
-        results: R,
-        settings: S,
+        _results: R,
+        _settings: S,
         *,
         people: int,
         decisions: int,
-        flow: Sequence[FlowStep],
-        version: str,
+        flow: Sequence[FlowStep],  # noqa: ARG002
     ) -> str:
-        """Return the statistical methods as a paragraph ready to paste."""
+        """Return the statistical methods as a paragraph ready to paste, without the program."""
+        return f"We analysed {decisions} {self.task} of {count_of(people, 'participant')}."
 
-    @abstractmethod
-    def sentences(self, results: R, settings: S) -> Sequence[str]:
+    def sentences(self, _results: R, _settings: S) -> Sequence[str]:
         """Return the results as sentences ready to paste."""
+        return ()
 
-    @abstractmethod
-    def headline(self, results: R, settings: S) -> str:
-        """Return the result in one sentence."""
+    def headline(self, _results: R, _settings: S) -> str:
+        """Return the result in one sentence; none: the first of the parts' sentences."""
+        return ""
 
     # Power.
 
-    @abstractmethod
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return what a simulation of power takes for true, with values that fit the study."""
+        self.settings(study)
+        return ()
 
     def from_pilot(
         self,
@@ -344,15 +351,14 @@ class TaskAnalysis(ABC, Generic[S, R]):
             "--from: deviations cannot be taken from a pilot of this task; give them by --set"
         )
 
-    @abstractmethod
     def power(
         self,
         study: StudyProtocol,
-        assumed: Mapping[str, float],
+        _assumed: Mapping[str, float],
         *,
-        rng: np.random.Generator,
-        studies: int | None = None,
-        progress: Counted | None = None,
+        rng: np.random.Generator,  # noqa: ARG002
+        studies: int | None = None,  # noqa: ARG002
+        progress: Counted | None = None,  # noqa: ARG002
     ) -> PowerReport:
         """Simulate the study's own design and test for growing numbers of participants.
 
@@ -366,8 +372,9 @@ class TaskAnalysis(ABC, Generic[S, R]):
         Raises
         ------
         StudyError
-            If the study compares nothing.
+            If the study compares nothing, or this analysis simulates nothing.
         """
+        raise StudyError(f"analysis.kind: power of {study.analysis.kind!r} cannot be simulated")
 
 
 AnyAnalysis: TypeAlias = TaskAnalysis[Any, Any]

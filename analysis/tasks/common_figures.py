@@ -1,13 +1,11 @@
-"""Figures that several tasks have: shares by participant or scene, reaction times."""
+"""Figures that several tasks have: shares by participant or scene."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import pandas as pd
 
-from analysis.plots import heat_map, reaction_plot, sized
-from analysis.reaction import ReactionTimes, participant_medians
-from analysis.tasks.blocks import ReportFigure
+from analysis.plots import heat_map, sized
+from analysis.report.blocks import ReportFigure
 
 
 def shares_figure(
@@ -31,21 +29,3 @@ def shares_figure(
     names, title = [label(row) for row in rows], name.removesuffix("s").capitalize()
     drawn = sized(heat_map, table, names, columns, row_title=title, simulated=simulated)
     return ReportFigure(name, caption, drawn)
-
-
-def reaction_figure(
-    decisions: pd.DataFrame,
-    column: str | None,
-    times: Sequence[ReactionTimes],
-    limits: str,
-    *,
-    label: Callable[[str], str] = str,
-    simulated: bool,
-) -> ReportFigure:
-    """Return participants' medians by the values of a column; `limits` names the coverage."""
-    medians = participant_medians(decisions, column, times)
-    return ReportFigure(
-        "reaction",
-        f"Participants' median reaction times, and their mean with {limits} limits.",
-        sized(reaction_plot, times, medians, label=label, simulated=simulated),
-    )

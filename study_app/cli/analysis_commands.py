@@ -35,9 +35,10 @@ from study_app.cli.terminal import PlainConsole, say
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     import pandas as pd
 
+    from analysis.parts import Plan
     from analysis.report.build import ReportPaths
     from analysis.report.source import Progress
-    from analysis.tasks.base import CommonSettings, PowerReport
+    from analysis.tasks.base import PowerReport
     from protocols.schema import StudyProtocol
 
 app = typer.Typer(
@@ -313,7 +314,8 @@ def import_(
     task: Annotated[
         str,
         typer.Option(
-            metavar="|".join((*TASKS, "ratings")), help="What participants did in a trial."
+            metavar="|".join((*TASKS, "ratings", "reaction")),
+            help="What participants did in a trial.",
         ),
     ] = "two-interval",
     columns: Annotated[
@@ -414,9 +416,7 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
     return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
-def _pilot(
-    path: Path, study: StudyProtocol, progress: Progress
-) -> tuple[pd.DataFrame, CommonSettings]:
+def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> tuple[pd.DataFrame, Plan]:
     """Return decisions and settings of a pilot: of sessions, or of a table."""
     from analysis.report.source import from_sessions, from_table
 

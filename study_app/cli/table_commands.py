@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
@@ -20,6 +21,8 @@ from study_app.cli.terminal import PlainConsole, say
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.from_csv.found import Found
     from analysis.ordinal import OrdinalLink
+    from analysis.report.blocks import Table as Rows
+    from analysis.report.content import Content
     from analysis.tables.table import Table as AnyTable
 
 TrialsArgument = Annotated[
@@ -175,20 +178,14 @@ def reaction(
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
 
     Needs the columns participant and rt_s (seconds), of any task, and scene if there are several.
-    With correct (1/0) of a task with two answers, EZ diffusion splits times and errors into how
-    fast evidence arrives, caution, and the time for seeing and pressing.
+    With correct (1/0; or expected and answer) of a task with two answers, EZ diffusion splits
+    times and errors into how fast evidence arrives, caution, and the time for seeing and pressing.
 
     Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
     """
-    from analysis.from_csv.reaction import reaction_of_csv
-
+    options = {"by": by, "baseline": baseline, "alpha": round(1.0 - confidence, 12)}
     with user_errors():
-        found = found_in(
-            table,
-            (columns, where, answer),
-            lambda rows: reaction_of_csv(rows, by=by, baseline=baseline, level=confidence),
-        )
-        hand_over(found, out, replace=replace, reads=[table])
+        ask("reaction", table, (columns, where, answer), options, out, replace=replace)
 
 
 def ratings(
@@ -318,6 +315,70 @@ def table_told(path: Path, told: Told, command: str = "") -> AnyTable:
         pairs("--answer", [] if answer is None else answer.split(",")),
         command=command,
     )
+
+
+def ask(
+    kind: str,
+    path: Path,
+    told: Told,
+    options: Mapping[str, object],
+    out: Path | None,
+    *,
+    replace: bool,
+) -> None:
+    """Print what an analysis says of a table, and write its report where a folder is named."""
+    from analysis.report.build import write_report
+    from analysis.report.content import content_of
+    from analysis.report.source import from_question
+    from analysis.tasks import analysis_of
+
+    analysis = analysis_of(kind)
+    with one_line() as progress:
+        source = from_question(analysis, table_told(path, told), analysis.options(**options))
+        if out is None:
+            content = content_of(source, lambda name: progress(name, 0, 0))
+        else:
+            content = write_report(source, path, out, replace=replace, progress=progress).content
+    print_content(content, simulated=source.simulated)
+    if out is not None:
+        say(f"page, tables, figures, numbers: {out}")
+
+
+def print_content(content: Content, *, simulated: bool) -> None:
+    """Print what a page says, without its figures."""
+    from analysis.report.blocks import Cautions, Heading, Paragraph
+    from analysis.report.blocks import Table as Rows
+
+    console = PlainConsole()
+    console.print(content.counted + " (SIMULATED)" * simulated)
+    notes = list(content.warnings)
+    for block in (*content.lead, *(b for section in content.sections for b in section.blocks)):
+        match block:
+            case Rows():
+                console.print(_printed(block))
+            case Heading(text=text) | Paragraph(text=text):
+                console.print(_plain(text))
+            case Cautions(notes=found):
+                notes += found
+    for sentence in content.sentences:
+        console.print(sentence)
+    for note in dict.fromkeys(notes):
+        say(f"note: {note}")
+
+
+def _printed(rows: Rows) -> Table:
+    """Return a table for a terminal; a narrow one breaks lines within cells, and drops no digit."""
+    table = Table(title=rows.caption, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for column in rows.columns:
+        left = column.head_style == "l"
+        table.add_column(_plain(column.title), justify="left" if left else "right", overflow="fold")
+    for row in rows.rows:
+        table.add_row(*map(_plain, row))
+    return table
+
+
+def _plain(text: str) -> str:
+    return str(text.striptags()) if isinstance(text, Markup) else text
 
 
 def found_in(path: Path, told: Told, question: Callable[[AnyTable], Found]) -> Found:

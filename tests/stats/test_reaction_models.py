@@ -191,11 +191,14 @@ def test_the_command_tells_and_writes_both(times, tmp_path):
     assert result.exit_code == 0, result.output
     assert "405 reaction times of 9 participants" in result.output
     assert "Answers to c took 1.31 times as long as those to a" in result.output
-    assert len(pd.read_csv(out / "diffusion.csv")) == 27
-    assert set(pd.read_csv(out / "diffusion_comparisons.csv")["measure"]) == {
+    tables = out / "tables"
+    assert len(pd.read_csv(tables / "diffusion.csv")) == 27
+    assert set(pd.read_csv(tables / "diffusion_comparisons.csv")["measure"]) == {
         "drift", "boundary", "nondecision_s",
     }  # fmt: skip
-    assert (out / "reaction-2-column.svg").is_file()
+    assert (out / "figures" / "reaction-2-column.svg").is_file()
+    assert "How many times as long answers take" in result.output
+    assert "EZ diffusion: means over participants" in (out / "report.html").read_text()
 
 
 def test_a_baseline_that_is_none_is_refused(times, tmp_path):
@@ -216,16 +219,16 @@ def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, aske
     options = analysis_of("identification").options(by="cond", alternatives=2, reaction=asked)
     write_note(file, "identification", options)
     made = report_decisions(file, tmp_path / "r", figure_files=False)
-    found = json.loads(made.json.read_text())["results"]
+    found = json.loads(made.json.read_text())["results"]["times"]
 
     page = made.html.read_text()
     assert ("log-normal mixed model" in page) == (asked == "models")
     assert ("EZ diffusion" in page) == (asked == "models")
     if asked == "summary":
-        assert (found["times"], found["diffusion"]) == (None, None)
+        assert (found["model"], found["diffusion"]) == (None, None)
         return
     wanted = time_model(times, ("cond",), reference="a")
-    assert [one["ratio"] for one in found["times"]["ratios"]] == pytest.approx(
+    assert [one["ratio"] for one in found["model"]["ratios"]] == pytest.approx(
         [one.ratio for one in wanted.ratios], rel=1e-6
     )
     assert len(found["diffusion"]["people"]) > 0

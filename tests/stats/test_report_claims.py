@@ -35,9 +35,7 @@ def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     rows = analysis.read(folder / "t.csv", {}, chosen)
     settings = analysis.settings_of_table(rows, "t", chosen)
     results = analysis.analyse(rows, settings, lambda _name: None)
-    methods = analysis.methods(
-        results, settings, people=6, decisions=len(rows), flow=(), version="0"
-    )
+    methods = analysis.methods(results, settings, people=6, decisions=len(rows), flow=())
     captions = [one.caption for one in analysis.figures(rows, results, settings, simulated=True)]
     page = repr(sections(results, settings))
     return results, page, " ".join([methods, *analysis.sentences(results, settings), *captions])

@@ -13,13 +13,11 @@ import pytest
 from scipy.stats import norm
 from typer.testing import CliRunner, Result
 
-from analysis.from_csv.reaction import _read as read_times
-from analysis.from_csv.reaction import reaction_of_csv
 from analysis.guessing import below_guessing, curve_mistake
 from analysis.tables.decisions import read_decisions
 from analysis.tables.ratings import read_ratings
 from analysis.tables.table import Table
-from analysis.tables.trials import read_trials
+from analysis.tables.trials import read_times, read_trials
 from protocols.errors import StudyError
 from study_app.cli import app
 
@@ -213,7 +211,7 @@ def test_times_of_another_unit_are_refused_and_the_cure_makes_seconds_of_them(
     table, trials, factor, unit
 ):
     path = table(trials.assign(rt_s=trials["rt_s"] * factor))
-    for read in (read_trials, lambda one: reaction_of_csv(one, by="method")):
+    for read in (read_trials, lambda one: read_times(one, by="method")):
         with pytest.raises(StudyError, match=f"seconds .*: --map rt_s=rt_s:{unit}"):
             read(Table(path))
     found = read_trials(Table(path, {"rt_s": f"rt_s:{unit}"}))
@@ -491,7 +489,7 @@ def test_an_order_that_comes_twice_is_refused_by_every_reader(table):
         read_trials,
         read_decisions,
         lambda path: read_ratings(path, by="method"),
-        lambda path: read_times(Table(path), "method"),
+        lambda path: read_times(path, by="method"),
     )
     for read in readers:
         with pytest.raises(StudyError, match="line 3: order must not come twice"):

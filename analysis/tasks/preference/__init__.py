@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from analysis.exclusions import FlowStep
 from analysis.pairings import Comparisons, pairing_rows
+from analysis.parts import AnyPart
+from analysis.parts.times import TimesPart
 from analysis.plots import power_plot, sized
 from analysis.preference import Preference, preferences
+from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
 from analysis.tables.table import Source
@@ -25,7 +28,6 @@ from analysis.tasks.base import (
     TableOptions,
     TaskAnalysis,
 )
-from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.preference.figures import report_figures
 from analysis.tasks.preference.pilot import pilot_deviations
 from analysis.tasks.preference.power import (
@@ -58,6 +60,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     kind: ClassVar[str] = "preference"
     options: ClassVar[type[TableOptions]] = PreferenceOptions
+    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
     def settings(self, study: StudyProtocol) -> Settings:
@@ -184,12 +187,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         people: int,
         decisions: int,
         flow: Sequence[FlowStep],
-        version: str,
     ) -> str:
         """Return how preferences were analysed."""
-        return methods_paragraph(
-            settings, people=people, decisions=decisions, flow=flow, version=version
-        )
+        return methods_paragraph(settings, people=people, decisions=decisions, flow=flow)
 
     def sentences(self, results: StudyResults, settings: Settings) -> Sequence[str]:
         """Return the primary comparison, every comparison, every model."""

@@ -11,8 +11,8 @@ from analysis.plots import (
     preference_bars,
     sized,
 )
-from analysis.tasks.blocks import ReportFigure
-from analysis.tasks.common_figures import reaction_figure, shares_figure
+from analysis.report.blocks import ReportFigure
+from analysis.tasks.common_figures import shares_figure
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import StudyResults
 
@@ -94,11 +94,4 @@ def report_figures(
                     ),
                 )
             )
-    if results.reaction:
-        times = results.reaction
-        made.append(
-            reaction_figure(
-                decisions, "size", times, level, label=settings.size_label, simulated=simulated
-            )
-        )
     return tuple(made)

@@ -5,17 +5,7 @@ from markupsafe import Markup
 
 from analysis.models import ModelFit
 from analysis.preference import Preference
-from analysis.report.wording import (
-    big,
-    grouped,
-    number,
-    number_range,
-    p_number,
-    p_text,
-    share,
-    share_range,
-)
-from analysis.tasks.blocks import (
+from analysis.report.blocks import (
     Block,
     Box,
     Cautions,
@@ -26,7 +16,17 @@ from analysis.tasks.blocks import (
     Table,
     strong,
 )
-from analysis.tasks.common_blocks import learning_blocks, reaction_blocks, time_model_blocks
+from analysis.report.wording import (
+    big,
+    grouped,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
+from analysis.tasks.common_blocks import learning_blocks
 from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale, StudyResults
 from analysis.tasks.preference.wording import (
@@ -76,9 +76,7 @@ def sections(results: StudyResults, settings: Settings) -> tuple[Section, ...]:
             "Participants and scenes",
             (Picture("participants"), Picture("scenes")),
         ),
-        Section(
-            "checks", "Order, learning, speed", "Order, learning, speed", _checks(results, settings)
-        ),
+        Section("checks", "Order, learning, speed", "Order, learning, speed", _checks(results)),
     )
 
 
@@ -353,7 +351,7 @@ def _differences(one: SizeScale, settings: Settings) -> Table:
     )
 
 
-def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
+def _checks(results: StudyResults) -> tuple[Block, ...]:
     biases = [bias for bias in (results.order, results.side) if bias is not None]
     blocks: list[Block] = [
         Picture("bias"),
@@ -369,9 +367,5 @@ def _checks(results: StudyResults, settings: Settings) -> tuple[Block, ...]:
         ),
         Cautions("About these shares", grouped([(b.alternative, b.warnings) for b in biases])),
         *learning_blocks(results.learning),
-        *reaction_blocks(
-            results.reaction, "Size" if settings.sized else "Trials", settings.size_label
-        ),
-        *time_model_blocks(results.times, settings.size_label),
     ]
     return tuple(blocks)

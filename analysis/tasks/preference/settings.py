@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pandas as pd
 from pydantic import Field
@@ -57,14 +57,34 @@ class Settings:
     protocol_sha256: str | None
     reaction: Literal["summary", "models"] = "summary"
 
+    alternatives: ClassVar[None] = None
+
+    @property
+    def confidence(self) -> float:
+        """Coverage of limits."""
+        return 1.0 - self.alpha
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The column of sizes, where there are several."""
+        return ("size",) if self.sized else ()
+
+    @property
+    def compared_title(self) -> str:
+        """What heads sizes."""
+        return "Size" if self.sized else "Trials"
+
+    def in_order(self, names: Sequence[str]) -> list[str]:
+        """Return sizes as they came."""
+        return list(names)
+
+    def reference_in(self, _names: Sequence[str]) -> None:
+        """Return that all pairs of sizes are compared."""
+
     @property
     def sized(self) -> bool:
         """Whether the study has sizes of disocclusion."""
         return self.sizes not in (("all",), ("",))
-
-    def size_label(self, name: str) -> str:
-        """Return what reports print for a size; ``all`` where the study has none."""
-        return self.label(name) if self.sized else "all"
 
     def label(self, name: str) -> str:
         """Return what reports print for a method, size or scene."""

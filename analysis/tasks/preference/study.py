@@ -24,8 +24,6 @@ from analysis.observers import ObserverCheck, check_observers
 from analysis.paired_model import PairedModel, paired_model
 from analysis.pairings import ALL_SIZES, Comparisons, counts, numbered
 from analysis.preference import Preference, PreferenceTable, preference, preferences
-from analysis.reaction import ReactionTimes, reaction_times
-from analysis.reaction_model import TimeModel, time_model
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from analysis.tasks.base import Step
@@ -63,11 +61,9 @@ class StudyResults:
     order: Bias
     side: Bias | None
     learning: tuple[tuple[str, Trend], ...]
-    reaction: tuple[ReactionTimes, ...]
     participant_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     scene_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
-    times: TimeModel | None = None
 
 
 def analyse(
@@ -112,8 +108,7 @@ def analyse(
         made = _size_scale(decisions, settings, size, notes)
         if made is not None:
             scales.append(made)
-    say("bias, learning, reaction times")
-    times = _time_model(decisions, settings, notes)
+    say("bias, learning")
     return StudyResults(
         primary=primary,
         table=table,
@@ -123,23 +118,10 @@ def analyse(
         order=order_bias(decisions, alpha=settings.alpha),
         side=side_bias(decisions, alpha=settings.alpha),
         learning=tuple(_learning(grouped, settings)),
-        reaction=reaction_times(decisions, ("size",)),
         participant_shares=_shares(grouped, table, by_scene=False),
         scene_shares=_shares(grouped, table, by_scene=True),
         warnings=tuple(notes),
-        times=times,
     )
-
-
-def _time_model(decisions: pd.DataFrame, settings: Settings, notes: list[str]) -> TimeModel | None:
-    """Return the model of reaction times by size, where the study asks for it."""
-    if settings.reaction != "models":
-        return None
-    try:
-        return time_model(decisions[decisions["rt_s"] > 0], ("size",), level=1.0 - settings.alpha)
-    except ValueError as problem:
-        notes.append(f"no model of reaction times: {problem}")
-        return None
 
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:

@@ -117,7 +117,7 @@ def apa_model(method: str, against: str, fit: ModelFit, settings: Settings, size
 
 
 def methods_paragraph(
-    settings: Settings, *, people: int, decisions: int, flow: Sequence[FlowStep], version: str
+    settings: Settings, *, people: int, decisions: int, flow: Sequence[FlowStep]
 ) -> str:
     """Return the statistical methods as a paragraph ready to paste."""
     text = (
@@ -153,7 +153,7 @@ def methods_paragraph(
         " likelihood ratios. Quality in just"
         " objectionable differences (JOD; 1 JOD = 75% of choices) was estimated by maximum"
         " likelihood under Thurstone's Case V, with two-way bootstrap intervals over participants"
-        f" and scenes. Analyses were run with metamerlab {version}."
+        " and scenes."
     )
     return text
 

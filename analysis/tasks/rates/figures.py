@@ -14,8 +14,8 @@ from analysis.plots import (
     scaling_plot,
     sized,
 )
-from analysis.tasks.blocks import ReportFigure
-from analysis.tasks.common_figures import reaction_figure, shares_figure
+from analysis.report.blocks import ReportFigure
+from analysis.tasks.common_figures import shares_figure
 from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import column_in_words
@@ -84,11 +84,6 @@ def rate_figures(
                     simulated=simulated,
                 ),
             )
-        )
-    if results.reaction:
-        times = results.reaction
-        made.append(
-            reaction_figure(rows, "condition", times, limits, label=label, simulated=simulated)
         )
     return tuple(made)
 

@@ -7,6 +7,16 @@ from analysis.detection import DiscriminationResults, Measure, YesNoResults
 from analysis.models import ModelFit
 from analysis.psychometric import Psychometric
 from analysis.rates import Difference, Rate
+from analysis.report.blocks import (
+    Block,
+    Box,
+    Cautions,
+    Heading,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+)
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     big,
@@ -18,22 +28,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.tasks.blocks import (
-    Block,
-    Box,
-    Cautions,
-    Heading,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-)
-from analysis.tasks.common_blocks import (
-    diffusion_blocks,
-    learning_blocks,
-    reaction_blocks,
-    time_model_blocks,
-)
+from analysis.tasks.common_blocks import learning_blocks
 from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import column_in_words, sd_digits
@@ -124,9 +119,7 @@ def sections(results: RateResults, settings: RateSettings) -> tuple[Section, ...
             (Picture("participants"), Picture("scenes")),
         )
     )
-    found.append(
-        Section("checks", "Learning, speed", "Learning, speed", _checks(results, settings))
-    )
+    found.append(Section("checks", "Learning, speed", "Learning, speed", _checks(results)))
     return tuple(found)
 
 
@@ -559,14 +552,8 @@ def _models(results: RateResults) -> tuple[Block, ...]:
     )
 
 
-def _checks(results: RateResults, settings: RateSettings) -> tuple[Block, ...]:
-    blocks: list[Block] = []
-    if results.learning:
-        blocks += learning_blocks(results.learning)
-    blocks += reaction_blocks(results.reaction, "Condition", settings.label)
-    blocks += time_model_blocks(results.times, settings.label)
-    blocks += diffusion_blocks(results.diffusion, settings.label)
-    return tuple(blocks) or (Paragraph("The table holds neither order nor reaction times."),)
+def _checks(results: RateResults) -> tuple[Block, ...]:
+    return learning_blocks(results.learning) if results.learning else ()
 
 
 def _limits(settings: RateSettings) -> str:

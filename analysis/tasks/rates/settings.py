@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pandas as pd
 from pydantic import Field
@@ -105,6 +105,18 @@ class RateSettings:
     def confidence(self) -> float:
         """Coverage of limits."""
         return 1.0 - self.alpha
+
+    compared: ClassVar[tuple[str, ...]] = ("condition",)
+    compared_title: ClassVar[str] = "Condition"
+
+    def in_order(self, names: Sequence[str]) -> list[str]:
+        """Return conditions as the study declares them."""
+        place = {name: index for index, name in enumerate(self.values)}
+        return sorted(names, key=lambda name: place.get(name, len(place)))
+
+    def reference_in(self, names: Sequence[str]) -> str | None:
+        """Return the first of these conditions, where there are others to compare it with."""
+        return self.in_order(names)[0] if len(names) > 1 else None
 
     def label(self, name: str) -> str:
         """Return what reports print for a value of a condition."""
@@ -263,5 +275,4 @@ def shown_in(rows: pd.DataFrame, settings: RateSettings) -> list[str]:
 
 def baseline_in(rows: pd.DataFrame, settings: RateSettings) -> str | None:
     """Return the first condition of prepared rows, where there are others to compare it with."""
-    shown = shown_in(rows, settings)
-    return shown[0] if len(shown) > 1 else None
+    return settings.reference_in(shown_in(rows, settings))

@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 from analysis.cells import grid
 from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.detection import DiscriminationResults, YesNoResults
-from analysis.diffusion import DiffusionResults, diffusion_by_condition
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.ideal_observer import AbxRule
 from analysis.learning import Trend, trend
 from analysis.models import ModelFit, ModelsBeside, glmm_probit, models_beside
 from analysis.psychometric import Psychometric, fit_psychometric
 from analysis.rates import Difference, Rate, correct_rates, rate, rate_contrasts
-from analysis.reaction import ReactionTimes, reaction_times
-from analysis.reaction_model import TimeModel, time_model
 from analysis.tasks.base import Step
 from analysis.tasks.rates.settings import RateSettings, baseline_in, prepared, shown_in
 from analysis.thresholds import ThresholdModel, fit_thresholds
@@ -67,8 +64,6 @@ class RateResults:
         Of ABX by scaling.
     models : ModelsBeside or None
         ``logit(correct) ~ 1 + level + by``.
-    times, diffusion
-        Models of reaction times, where the study asks for them; EZ diffusion of two answers.
     """
 
     rates: tuple[Rate, ...]
@@ -85,12 +80,9 @@ class RateResults:
     critical_contrasts: tuple[Difference, ...]
     models: ModelsBeside | None
     learning: tuple[tuple[str, Trend], ...]
-    reaction: tuple[ReactionTimes, ...]
     participant_shares: Mapping[str, tuple[tuple[str, float], ...]]
     scene_shares: Mapping[str, tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
-    times: TimeModel | None = None
-    diffusion: DiffusionResults | None = None
 
     @property
     def by_scene(self) -> bool:
@@ -187,8 +179,7 @@ def analyse_rates(
     step("models")
     models = _tried(lambda: _models(rows, settings, reference), "no models", notes)
     typical = _typical(tabled, signal, shown, level, notes) if signal is not None else ()
-    step("learning, reaction times")
-    times, diffusion = _time_models(rows, settings, reference, notes)
+    step("learning")
     answered = None
     answers = _answers(rows, settings)
     if scaling is not None and answers:
@@ -226,12 +217,9 @@ def analyse_rates(
         critical_contrasts=critical_contrasts,
         models=models,
         learning=tuple(_learning(rows, settings)),
-        reaction=_in_order(reaction_times(rows, BY, level=level), shown, lambda one: one.condition),
         participant_shares=_shares(rows, shown, "participant"),
         scene_shares=_shares(rows, shown, "scene") if "scene" in rows else {},
         warnings=tuple(notes),
-        times=times,
-        diffusion=diffusion,
     )
 
 
@@ -249,27 +237,6 @@ def odd_answers(rows: pd.DataFrame, settings: RateSettings) -> list[str]:
         if low and not settings.adaptive:
             notes.append(f"{low}: were there more than {settings.alternatives} answers?")
     return notes
-
-
-def _time_models(
-    rows: pd.DataFrame, settings: RateSettings, reference: str | None, notes: list[str]
-) -> tuple[TimeModel | None, DiffusionResults | None]:
-    """Return the models of reaction times that a study asks for."""
-    if settings.reaction != "models":
-        return None, None
-    timed = rows[rows["rt_s"] > 0].reset_index(drop=True)
-    times = _tried(
-        lambda: time_model(timed, BY, reference=reference, level=settings.confidence),
-        "no model of reaction times",
-        notes,
-    )
-    if settings.alternatives != 2:
-        return times, None
-    return times, _tried(
-        lambda: diffusion_by_condition(timed, BY, reference=reference, level=settings.confidence),
-        "no diffusion model",
-        notes,
-    )
 
 
 def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:

@@ -36,6 +36,11 @@ def read_answers(
     rows = read_trials(table, conditions=wanted, levels=levels, own=own, two=two)
     # What was mapped is there under our name; it need not be there twice.
     rows = rows.drop(columns=table.renamed - {*wanted, options.level}, errors="ignore")
+    return as_decisions(rows)
+
+
+def as_decisions(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows of a table that was read with what tidy decisions have beside."""
     count = len(rows)
     defaults = pd.DataFrame(
         {

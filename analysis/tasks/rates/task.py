@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from analysis.detection import YesNoResults
 from analysis.exclusions import FlowStep
+from analysis.parts import AnyPart
+from analysis.parts.times import TimesPart
+from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.report.wording import leading, left_out_sentence
 from analysis.tables.table import Source, opened
 from analysis.tasks.base import (
@@ -23,7 +26,6 @@ from analysis.tasks.base import (
     TableOptions,
     TaskAnalysis,
 )
-from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.rates.estimates import rate_estimates
 from analysis.tasks.rates.figures import rate_figures
 from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
@@ -70,8 +72,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     options: ClassVar[type[TableOptions]] = RatesOptions
-    task: ClassVar[str]
-    """What a trial is called in a sentence."""
+    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
 
     # What differs between tasks.
 
@@ -185,6 +186,10 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
                     f" (got {', '.join(unknown)})"
                 )
 
+    def table(self, decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
+        """Return the decisions with their condition."""
+        return prepared(decisions, settings)
+
     def tables(self, _decisions: pd.DataFrame, results: RateResults) -> Mapping[str, pd.DataFrame]:
         """Return rates, comparisons, levels and thresholds."""
         return result_tables(results)
@@ -227,7 +232,6 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         people: int,
         decisions: int,
         flow: Sequence[FlowStep],
-        version: str,
     ) -> str:
         """Return how right and wrong answers were analysed."""
         text = f"We analysed {decisions} {self.task} of {people} participant{'s' * (people != 1)}"
@@ -277,10 +281,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
                 f" {len(results.comparisons)} comparisons with"
                 f" {settings.label(results.comparisons[0].second)} were planned{corrected}."
             )
-        return (
-            f"{text} Tests are two-sided, alpha = {leading(f'{settings.alpha:g}')}. Analyses were"
-            f" run with metamerlab {version}."
-        )
+        return f"{text} Tests are two-sided, alpha = {leading(f'{settings.alpha:g}')}."
 
     def sentences(self, results: RateResults, settings: RateSettings) -> Sequence[str]:
         """Return rates, sensitivities, comparisons, levels, models and trends as sentences."""

@@ -2,33 +2,31 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
 
 from analysis.exclusions import FlowStep
+from analysis.parts import AnyPart
+from analysis.parts.times import TimesPart
 from analysis.plots import learning_plot, sized
 from analysis.plots.ratings import ratings_plot
+from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.report.wording import leading
 from analysis.tables.ratings import read_ratings, scale_of
 from analysis.tables.table import RATING_COLUMNS, Source
 from analysis.tasks.base import (
-    Counted,
     Estimate,
     Step,
     TableOptions,
     TaskAnalysis,
 )
-from analysis.tasks.blocks import Block, ReportFigure, Section
-from analysis.tasks.common_figures import reaction_figure
 from analysis.tasks.ratings.sections import clearest, decisive_p, lead, sections
 from analysis.tasks.ratings.settings import RatingSettings, RatingsOptions, settings_of
 from analysis.tasks.ratings.study import RatingResults, analyse, category, fitted
 from analysis.tasks.ratings.wording import apa_rating, rating_tables
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
 
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
@@ -37,11 +35,9 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
     kind: ClassVar[str] = "ratings"
+    task: ClassVar[str] = "ratings"
+    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
     options: ClassVar[type[TableOptions]] = RatingsOptions
-
-    def settings(self, _study: StudyProtocol) -> NoReturn:
-        """Refuse a protocol: no study shows ratings yet."""
-        raise StudyError("analysis.kind: ratings come from tables only; no study shows them yet")
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RatingSettings:
         """Return what the options say."""
@@ -104,10 +100,6 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
         known = [one.p_adjusted for one in results.model.contrasts if one.p_adjusted >= 0]
         return min(known, default=None)
 
-    def warnings(self, results: RatingResults) -> tuple[str, ...]:
-        """Return what is odd about the table as a whole."""
-        return results.warnings
-
     def tables(self, decisions: pd.DataFrame, results: RatingResults) -> Mapping[str, pd.DataFrame]:
         """Return conditions, comparisons and thresholds."""
         return rating_tables(results.model, pairs="first" in decisions)
@@ -163,12 +155,6 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
                     ),
                 )
             )
-        if results.reaction:
-            made.append(
-                reaction_figure(
-                    decisions, settings.by, results.reaction, level, simulated=simulated
-                )
-            )
         return made
 
     def methods(
@@ -179,7 +165,6 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
         people: int,
         decisions: int,
         flow: Sequence[FlowStep],  # noqa: ARG002
-        version: str,
     ) -> str:
         """Return how ratings were analysed."""
         model = results.model
@@ -192,7 +177,7 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
             f" ({model.link}; McCullagh, 1980; Laplace approximation), random over {random}."
             f" Differences are Wald's with t of {people - 1} degrees of freedom, two-sided, alpha ="
             f" {leading(f'{settings.alpha:g}')}, {corrected} over {len(model.contrasts)}"
-            f" comparisons. Analyses were run with metamerlab {version}."
+            " comparisons."
         )
 
     def sentences(self, results: RatingResults, _settings: RatingSettings) -> Sequence[str]:
@@ -202,24 +187,6 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
     def headline(self, results: RatingResults, _settings: RatingSettings) -> str:
         """Return the comparison that is clearest."""
         return apa_rating(clearest(results), results.model)
-
-    # Power.
-
-    def assumptions(self, study: StudyProtocol) -> NoReturn:
-        """Refuse a protocol."""
-        self.settings(study)
-
-    def power(
-        self,
-        study: StudyProtocol,
-        _assumed: Mapping[str, float],
-        *,
-        rng: np.random.Generator,  # noqa: ARG002
-        studies: int | None = None,  # noqa: ARG002
-        progress: Counted | None = None,  # noqa: ARG002
-    ) -> NoReturn:
-        """Refuse a protocol."""
-        self.settings(study)
 
 
 def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:

@@ -3,8 +3,7 @@
 import math
 
 from analysis.ordinal import RatingDifference
-from analysis.report.wording import number, number_range, p_number, share
-from analysis.tasks.blocks import (
+from analysis.report.blocks import (
     Block,
     Box,
     Cautions,
@@ -13,7 +12,8 @@ from analysis.tasks.blocks import (
     Section,
     Table,
 )
-from analysis.tasks.common_blocks import learning_blocks, reaction_blocks, time_model_blocks
+from analysis.report.wording import number, number_range, p_number, share
+from analysis.tasks.common_blocks import learning_blocks
 from analysis.tasks.ratings.settings import RatingSettings
 from analysis.tasks.ratings.study import RatingResults
 from analysis.tasks.ratings.wording import apa_rating
@@ -49,7 +49,7 @@ def sections(results: RatingResults, settings: RatingSettings) -> tuple[Section,
     return (
         Section("ratings", "Ratings", "Ratings", _ratings(results, settings)),
         Section("people", "Participants", "Participants", _people(results)),
-        Section("checks", "Learning, speed", "Learning, speed", _checks(results, settings)),
+        Section("checks", "Learning, speed", "Learning, speed", _checks(results)),
     )
 
 
@@ -132,9 +132,5 @@ def _people(results: RatingResults) -> tuple[Block, ...]:
     )
 
 
-def _checks(results: RatingResults, settings: RatingSettings) -> tuple[Block, ...]:
-    return (
-        *learning_blocks(results.learning),
-        *reaction_blocks(results.reaction, settings.by or "Trials", str),
-        *time_model_blocks(results.times, str),
-    )
+def _checks(results: RatingResults) -> tuple[Block, ...]:
+    return learning_blocks(results.learning)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pandas as pd
 from pydantic import Field
@@ -49,6 +49,31 @@ class RatingSettings:
     def confidence(self) -> float:
         """Coverage of limits."""
         return 1.0 - self.alpha
+
+    alternatives: ClassVar[None] = None
+    reaction: ClassVar[Literal["models"]] = "models"
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The column of conditions; none where pairs are rated."""
+        return () if self.by is None else (self.by,)
+
+    @property
+    def compared_title(self) -> str:
+        """What heads conditions."""
+        return self.by or "Trials"
+
+    def label(self, name: str) -> str:
+        """Return a condition as the table names it."""
+        return name
+
+    def in_order(self, names: Sequence[str]) -> list[str]:
+        """Return conditions as they came."""
+        return list(names)
+
+    def reference_in(self, _names: Sequence[str]) -> str | None:
+        """Return the baseline."""
+        return self.baseline
 
     @property
     def columns(self) -> tuple[str, ...]:

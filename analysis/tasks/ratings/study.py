@@ -7,8 +7,6 @@ import pandas as pd
 
 from analysis.learning import Trend, trend
 from analysis.ordinal import RatingModel, paired_ratings, rating_model
-from analysis.reaction import ReactionTimes, reaction_times
-from analysis.reaction_model import TimeModel, time_model
 from analysis.tasks.base import Step
 from analysis.tasks.ratings.settings import RatingSettings
 
@@ -23,16 +21,11 @@ class RatingResults:
         Places of conditions on the latent axis, and their comparisons.
     levels : mapping
         How often each participant gave each rating, in the order of the model's categories.
-    times : TimeModel or None
-        Of the logarithms of reaction times; None without times, and for pairs.
     """
 
     model: RatingModel
     levels: Mapping[str, tuple[int, ...]]
     learning: tuple[tuple[str, Trend], ...]
-    reaction: tuple[ReactionTimes, ...]
-    times: TimeModel | None
-    warnings: tuple[str, ...]
 
 
 def analyse(decisions: pd.DataFrame, settings: RatingSettings, step: Step) -> RatingResults:
@@ -45,36 +38,20 @@ def analyse(decisions: pd.DataFrame, settings: RatingSettings, step: Step) -> Ra
     """
     step("ratings")
     model = fitted(decisions, settings)
-    step("learning, reaction times")
+    step("learning")
     given = decisions["rating"].map(category)
     codes = given.map(model.steps).astype(float)
     levels = pd.crosstab(decisions["participant"], given)
     levels = levels.reindex(columns=list(model.categories), fill_value=0)
-    by = () if settings.by is None else (settings.by,)
     learning = []
     if decisions["order"].notna().any():
         rows = decisions.assign(step=codes)
         found = trend(rows, "step", within=settings.columns, level=settings.confidence)
         learning.append(("rating, in steps of the scale", found))
-    notes: list[str] = []
-    times = None
-    if by and decisions["rt_s"].notna().any():
-        try:
-            times = time_model(
-                decisions[decisions["rt_s"] > 0],
-                by,
-                reference=settings.baseline,
-                level=settings.confidence,
-            )
-        except ValueError as problem:
-            notes.append(f"no model of reaction times: {problem}")
     return RatingResults(
         model=model,
         levels={str(who): tuple(map(int, row)) for who, row in levels.iterrows()},
         learning=tuple(learning),
-        reaction=reaction_times(decisions, by, level=settings.confidence),
-        times=times,
-        warnings=tuple(notes),
     )
 
 

@@ -1,6 +1,6 @@
 """An analysis: the numbers of the shipped one, a page of its own."""
 
-from analysis.tasks.blocks import Paragraph, Section
+from analysis.report.blocks import Paragraph, Section
 from analysis.tasks.preference import PreferenceOfPairs
 
 

@@ -1,0 +1,193 @@
+"""Parts of a report: one statistic, one file, from a table to all that readers see of it.
+
+A kind of task is a tuple of parts. Every door (a study's report, a command on one table, a
+plug-in) shows all of a part: section, sentences, methods, tables, figures.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.report.blocks import Block, ReportFigure
+from analysis.seed import SEED
+
+T = TypeVar("T")
+
+
+class Plan(Protocol):
+    """What every part may read of an analysis's settings; parts of one family read more."""
+
+    @property
+    def study(self) -> str:
+        """Name of the study, or of the table's file."""
+
+    @property
+    def title(self) -> str:
+        """What stands at the top of the page."""
+
+    @property
+    def protocol_sha256(self) -> str | None:
+        """Hash of the protocol; None for a plain table."""
+
+    @property
+    def confidence(self) -> float:
+        """Coverage of limits."""
+
+    @property
+    def reaction(self) -> Literal["summary", "models"]:
+        """Of reaction times: medians and means, or models of them too."""
+
+    @property
+    def alternatives(self) -> int | None:
+        """How many answers there are, one of them right; None: not said, or none is right."""
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Columns of the table whose values are compared, with a word for all below."""
+
+    @property
+    def compared_title(self) -> str:
+        """Head of a table's column that names these values."""
+
+    def label(self, name: str, /) -> str:
+        """Return what reports print for a value."""
+
+    def in_order(self, names: Sequence[str], /) -> list[str]:
+        """Return values of the table in the order of the report."""
+
+    def reference_in(self, names: Sequence[str], /) -> str | None:
+        """Return which of these values the others are compared with; None: all pairs are."""
+
+
+class Found(Protocol):
+    """Every number of a part: a frozen dataclass, which `results.json` holds by field."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the data as a whole, or why a number is not there."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One statistic as readers see it, whichever door they came by.
+
+    Attributes
+    ----------
+    blocks : sequence of Block
+        Of the part's section of the page, in reading order; a `Picture` names a figure.
+    sentences : sequence of str
+        Results ready to paste.
+    methods : str
+        How they were made, ready to paste: whole sentences.
+    tables : mapping of file name to DataFrame
+    figures : sequence of ReportFigure
+        Whose `draw` takes ``width_in``, inches, and ``simulated``: to mark the figure.
+    """
+
+    blocks: Sequence[Block] = ()
+    sentences: Sequence[str] = ()
+    methods: str = ""
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    figures: Sequence[ReportFigure] = ()
+
+
+P = TypeVar("P", bound=Plan, contravariant=True)
+R = TypeVar("R", bound=Found)
+
+
+class Part(ABC, Generic[P, R]):
+    """A statistic: `P` are the settings that it reads, `R` its numbers."""
+
+    name: ClassVar[str]
+    """As in `results.json`."""
+    section: ClassVar[tuple[str, str]]
+    """Where it stands on the page: name and title. Parts of the same name share a section."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Parts whose numbers it reads, such as the comparisons of a Holm family."""
+
+    def wanted(self, _table: pd.DataFrame, _plan: P) -> bool:
+        """Return whether such a table holds what this is about, and the plan asks for it."""
+        return True
+
+    @abstractmethod
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: P,
+        found: Mapping[str, Any],
+        chance: np.random.Generator,
+    ) -> R:
+        """Return every number.
+
+        Parameters
+        ----------
+        table : DataFrame
+            Decisions, as the kind of analysis prepares them for its parts.
+        found : mapping of part to its numbers
+            Of those that this one needs; one that was not wanted, or failed, is not there.
+        chance : Generator
+            Of this part alone, so that others do not change what it draws.
+
+        Raises
+        ------
+        ValueError
+            If nothing can be said of such a table; the report then says why.
+        """
+
+    @abstractmethod
+    def show(self, found: R, plan: P) -> Shown:
+        """Return what readers see of these numbers."""
+
+
+AnyPart: TypeAlias = Part[Any, Any]
+
+
+def computed(
+    parts: Sequence[AnyPart],
+    table: pd.DataFrame,
+    plan: Plan,
+    step: Callable[[str], None] = lambda _name: None,
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Compute all parts that are wanted, each after those that it needs.
+
+    Returns
+    -------
+    found : mapping of part to numbers, in the order of `parts`
+    notes : why a part could not be had
+
+    Raises
+    ------
+    RuntimeError
+        If two parts have one name, or parts need each other in a circle.
+    """
+    wanted = {one.name: one for one in parts if one.wanted(table, plan)}
+    if len({one.name for one in parts}) < len(parts):
+        raise RuntimeError(f"parts must have names of their own (got {[p.name for p in parts]})")
+    found: dict[str, Any] = {}
+    notes: list[str] = []
+    waiting = dict(wanted)
+    while waiting:
+        part = next((p for p in waiting.values() if not waiting.keys() & {*p.needs}), None)
+        if part is None:
+            raise RuntimeError(f"parts must not need each other in a circle (got {[*waiting]})")
+        del waiting[part.name]
+        step(part.name.replace("_", " "))
+        own = {name: found[name] for name in part.needs if name in found}
+        try:
+            found[part.name] = part.compute(table, plan, own, np.random.default_rng(SEED))
+        except ValueError as problem:
+            notes.append(f"no {part.name.replace('_', ' ')}: {problem}")
+    return {name: found[name] for name in wanted if name in found}, tuple(notes)
+
+
+def tried(make: Callable[[], T], what: str, notes: list[str]) -> T | None:
+    """Return what can be made of the data, or None and a note that says why `what` is not."""
+    try:
+        return make()
+    except ValueError as problem:
+        notes.append(f"no {what}: {problem}")
+        return None

@@ -1,0 +1,131 @@
+"""What a report says, whichever door it came by: page, printed text, tables and figures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import pandas as pd
+
+from analysis.parts import computed
+from analysis.parts.added import ADDED
+from analysis.plots import sized
+from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
+from analysis.report.source import Source
+from analysis.report.values import as_json
+from protocols.hashing import Json
+from protocols.prose import count_of
+from protocols.revision import package_version
+
+_NOTHING = Paragraph("The table does not hold what this takes.")
+
+
+@dataclass(frozen=True)
+class Content:
+    """All that is said of a source.
+
+    Attributes
+    ----------
+    counted : str
+        What was analysed, in a line.
+    lead, sections
+        Blocks of the page.
+    methods : str
+        A paragraph; `sentences` are results, the most important one is `headline`.
+    tables : mapping of file name to DataFrame
+    numbers : mapping of part to its numbers
+    planned_p : float or None
+        Of the planned test, which looks at unfinished data test.
+    warnings : tuple of str
+        What is odd about the data as a whole.
+    """
+
+    counted: str
+    lead: tuple[Block, ...]
+    sections: tuple[Section, ...]
+    figures: tuple[ReportFigure, ...]
+    methods: str
+    sentences: tuple[str, ...]
+    headline: str
+    tables: Mapping[str, pd.DataFrame]
+    numbers: Mapping[str, Json]
+    planned_p: float | None
+    warnings: tuple[str, ...]
+
+
+def content_of(source: Source, step: Callable[[str], None] = lambda _name: None) -> Content:
+    """Analyse a source: what its kind of analysis says by itself, and each of its parts."""
+    analysis, plan, decisions = source.analysis, source.settings, source.decisions
+    own = analysis.analyse(decisions, plan, step)
+    parts = (*analysis.parts, *(make() for make in ADDED.values()))
+    found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
+    shown = {part.name: part.show(found[part.name], plan) for part in parts if part.name in found}
+    sections = list(analysis.sections(own, plan))
+    for part in parts:
+        if part.name in shown:
+            _append(sections, *part.section, shown[part.name].blocks)
+    sections = [one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections]
+    people = decisions["participant"].nunique()
+    tidy = source.tidy
+    methods = analysis.methods(
+        own,
+        plan,
+        people=people,
+        decisions=len(decisions),
+        flow=tidy.flow if tidy else (),
+    )
+    sentences = (
+        *analysis.sentences(own, plan),
+        *(sentence for one in shown.values() for sentence in one.sentences),
+    )
+    tables = dict(analysis.tables(decisions, own))
+    for one in shown.values():
+        tables |= one.tables
+    return Content(
+        counted=f"{len(decisions)} {analysis.task} of {count_of(people, 'participant')}"
+        f" · {analysis.counted(plan)}",
+        lead=tuple(analysis.lead(own, plan)),
+        sections=tuple(sections),
+        figures=(
+            *analysis.figures(decisions, own, plan, simulated=source.simulated),
+            *(
+                replace(figure, draw=sized(figure.draw, simulated=source.simulated))
+                for one in shown.values()
+                for figure in one.figures
+            ),
+        ),
+        methods=" ".join(
+            [
+                methods,
+                *(one.methods for one in shown.values() if one.methods),
+                f"Analyses were run with metamerlab {package_version()}.",
+            ]
+        ),
+        sentences=sentences,
+        headline=analysis.headline(own, plan) or next(iter(sentences), ""),
+        tables=tables,
+        numbers=_numbers(own, found),
+        planned_p=None if own is None else analysis.planned_p(own),
+        warnings=(
+            *source.warnings,
+            *(analysis.warnings(own) if own is not None else ()),
+            *notes,
+            *(note for one in found.values() for note in one.notes),
+        ),
+    )
+
+
+def _append(sections: list[Section], name: str, title: str, blocks: Sequence[Block]) -> None:
+    """Add blocks to the section of that name, or a new one at the end."""
+    for place, section in enumerate(sections):
+        if section.name == name:
+            sections[place] = replace(section, blocks=(*section.blocks, *blocks))
+            return
+    sections.append(Section(name, title, title, tuple(blocks)))
+
+
+def _numbers(own: object, found: Mapping[str, object]) -> dict[str, Json]:
+    """Return numbers by part; those that no part holds yet stand beside them."""
+    held = as_json(own)
+    assert held is None or isinstance(held, dict)
+    both = (held or {}).keys() & found.keys()
+    assert not both, f"results and parts must differ in name (got {both})"
+    return {**(held or {}), **{name: as_json(one) for name, one in found.items()}}
