@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from analysis.parts import computed
-from analysis.parts.added import ADDED
+from analysis.parts.added import added_parts
 from analysis.plots import sized
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
@@ -55,7 +55,11 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     """Analyse a source: what its kind of analysis says by itself, and each of its parts."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
     own = analysis.analyse(decisions, plan, step)
-    parts = (*analysis.parts, *(make() for make in ADDED.values()))
+    held = as_json(own)
+    assert held is None or isinstance(held, dict)
+    numbers = held or {}
+    taken = {*numbers, *(part.name for part in analysis.parts)}
+    parts = (*analysis.parts, *added_parts(taken))
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     shown = {part.name: part.show(found[part.name], plan) for part in parts if part.name in found}
     sections = list(analysis.sections(own, plan))
@@ -102,7 +106,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         sentences=sentences,
         headline=analysis.headline(own, plan) or next(iter(sentences), ""),
         tables=tables,
-        numbers=_numbers(own, found),
+        numbers=numbers | {name: as_json(one) for name, one in found.items()},
         planned_p=None if own is None else analysis.planned_p(own),
         warnings=(
             *source.warnings,
@@ -120,12 +124,3 @@ def _append(sections: list[Section], name: str, title: str, blocks: Sequence[Blo
             sections[place] = replace(section, blocks=(*section.blocks, *blocks))
             return
     sections.append(Section(name, title, title, tuple(blocks)))
-
-
-def _numbers(own: object, found: Mapping[str, object]) -> dict[str, Json]:
-    """Return numbers by part; those that no part holds yet stand beside them."""
-    held = as_json(own)
-    assert held is None or isinstance(held, dict)
-    both = (held or {}).keys() & found.keys()
-    assert not both, f"results and parts must differ in name (got {both})"
-    return {**(held or {}), **{name: as_json(one) for name, one in found.items()}}

@@ -355,6 +355,7 @@ def print_content(content: Content, *, simulated: bool) -> None:
     for block in (*content.lead, *(b for section in content.sections for b in section.blocks)):
         match block:
             case Rows():
+                console.print(_plain(block.caption))
                 console.print(_printed(block))
             case Heading(text=text) | Paragraph(text=text):
                 console.print(_plain(text))
@@ -368,7 +369,7 @@ def print_content(content: Content, *, simulated: bool) -> None:
 
 def _printed(rows: Rows) -> Table:
     """Return a table for a terminal; a narrow one breaks lines within cells, and drops no digit."""
-    table = Table(title=rows.caption, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for column in rows.columns:
         left = column.head_style == "l"
         table.add_column(_plain(column.title), justify="left" if left else "right", overflow="fold")

@@ -1,4 +1,4 @@
-"""A lab's own package brings task, recipe, fill method, metric, tracker and analysis; one study
+"""A lab's package brings task, recipe, fill method, metric, tracker, analysis, part; one study
 uses all of them, without a change of ours.
 
 `tests/lab` is the package, as it lies where it is installed.
@@ -122,6 +122,13 @@ def test_a_study_of_a_labs_own_parts_runs_from_check_to_report(
     assert (primary["trials"], primary["chosen"]) == (len(picked), sum(picked))
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "The lab found: " in page
+    # The lab's own statistic stands in section, sentences, methods, numbers and tables.
+    fast = results["results"]["lab_fast"]["share"]
+    assert page.count(f"{100 * fast:.0f} % of answers came within 0.5 s.") == 2
+    assert '<h2 id="lab-fast">Fast answers</h2>' in page
+    assert "The lab counted answers within 0.5 s." in page
+    table = (folder / "report" / "tables" / "lab-fast.csv").read_text()
+    assert table.splitlines()[0] == "share,median_s,notes"
 
 
 def journal_lines(path: Path):

@@ -6,8 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-
-from analysis.export.psychds_rules import broken_rules
+from psychds_rules import broken_rules
 
 STEM = "study-demo_description-trials_data"
 

@@ -20,12 +20,12 @@ from made_up_trials import (
     simulate_identification,
     simulate_yes_no,
 )
+from psychds_rules import broken_rules
 from scipy import stats
 from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.detection import YesNoResults
-from analysis.export.psychds_rules import broken_rules
 from analysis.export.write import export_study
 from analysis.ideal_observer import abx_share
 from analysis.report.build import report_decisions, report_sessions

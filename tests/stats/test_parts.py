@@ -1,0 +1,225 @@
+"""Parts of a report: each says all of itself at every door; the runner orders them by need."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from fixed_studies import TABLES, report_of
+from typer.testing import CliRunner
+from undrawn_reports import drawn_narrow, undrawn
+
+from analysis.parts import Part, Shown, computed
+from analysis.report.build import report_decisions
+from analysis.tables.table import Table
+from analysis.tables.trials import read_times
+from analysis.tasks import ANALYSES, analysis_of
+from analysis.tasks.note import write_note
+from analysis.tasks.times import TimesSettings
+from protocols.errors import StudyError
+from study_app.cli import app
+
+# The door: a report of a fixed table, or a command on one; the parts that it must show.
+REPORTS = {"two-answers": ("times",), "ratings": ("times",), "preference": ("times",)}
+COMMANDS = {("reaction", "--by", "method"): ("two-answers", ("times",))}
+SAID = {
+    "times": {
+        "section": "checks",
+        "caption": "Reaction times, s",
+        "sentence": "s (median)",
+        "methods": "Reaction times are summarised by",
+        "tables": {"reaction.csv", "times.csv", "ratios.csv"},
+        "figure": "reaction",
+    }
+}
+"""What shows that a part is all there, by its name."""
+
+
+def check(folder, parts, page: str) -> None:
+    numbers = json.loads((folder / "results.json").read_text())
+    assert numbers["format"] == 2
+    methods, sentences = page.split('id="methods"')[1].split('id="apa"')
+    for name in parts:
+        said = SAID[name]
+        assert numbers["results"][name]
+        section = page.split(f'<h2 id="{said["section"]}">')[1].split("<h2")[0]
+        assert f"<caption>{said['caption']}</caption>" in section
+        assert f'<figure id="fig-{said["figure"]}">' in section
+        assert said["sentence"] in sentences
+        assert said["methods"] in methods
+        assert said["tables"] <= {path.name for path in (folder / "tables").glob("*.csv")}
+
+
+def test_every_shipped_part_is_among_those_that_are_checked():
+    shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
+    assert shipped == set(SAID)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [one if one == "ratings" else pytest.param(one, marks=pytest.mark.slow) for one in REPORTS],
+)
+def test_a_report_shows_all_of_each_part(name, tmp_path):
+    with drawn_narrow():
+        folder = report_of(name, tmp_path)
+    check(folder, REPORTS[name], (folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_a_command_of_one_table_prints_and_writes_all_of_its_part(words, tmp_path):
+    study, parts = COMMANDS[words]
+    TABLES[study][2]().to_csv(tmp_path / "rows.csv", index=False)
+    command, *rest = words
+    arguments = ["analysis", command, str(tmp_path / "rows.csv"), *rest]
+    with drawn_narrow():
+        done = CliRunner().invoke(
+            app, [*arguments, "--out", str(tmp_path / "out")], env={"COLUMNS": "200"}
+        )
+
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    check(tmp_path / "out", parts, page)
+    for name in parts:
+        assert SAID[name]["caption"] in done.output
+        assert SAID[name]["sentence"] in done.output
+    assert (tmp_path / "out" / "figures" / "reaction-1-column.pdf").is_file()
+
+
+def test_simulated_times_are_marked_on_terminal_page_and_figure(tmp_path):
+    rows = TABLES["ratings"][2]().assign(simulated=1)
+    rows.to_csv(tmp_path / "rows.csv", index=False)
+    arguments = ["analysis", "reaction", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out")]
+    with drawn_narrow():
+        done = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+
+    assert "108 reaction times of 6 participants · all together (SIMULATED)" in done.output
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "SIMULATED DATA" in page
+    assert "SIMULATED" in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)[0]
+
+
+# Reading times.
+
+
+@pytest.fixture(scope="module")
+def trials() -> pd.DataFrame:
+    return TABLES["two-answers"][2]()
+
+
+def times_of(folder, rows: pd.DataFrame) -> Any:
+    rows.to_csv(folder / "rows.csv", index=False)
+    write_note(folder / "rows.csv", "reaction", analysis_of("reaction").options(by="method"))
+    with undrawn():
+        made = report_decisions(folder / "rows.csv", folder / "out", replace=True)
+    return json.loads(made.json.read_text())["results"]["times"]
+
+
+def test_reaction_reads_right_answers_as_all_other_readers_do(trials, tmp_path):
+    """Before, it wanted a column `correct`, and fitted no EZ diffusion without it."""
+    judged = times_of(tmp_path, trials.drop(columns=["expected", "answer"]))
+    named = times_of(tmp_path, trials.drop(columns="correct"))
+    assert judged["diffusion"]["people"]
+    assert named["diffusion"] == judged["diffusion"]
+    assert times_of(tmp_path, trials.drop(columns=["correct", "answer"]))["diffusion"] is None
+    wrong = trials.assign(correct=1)
+    wrong.to_csv(tmp_path / "wrong.csv", index=False)
+    with pytest.raises(StudyError, match="correct must agree with expected and answer"):
+        read_times(tmp_path / "wrong.csv", by="method")
+
+
+def test_ez_diffusion_is_not_fitted_to_four_answers(tmp_path):
+    rows = TABLES["four-answers"][2]()
+    rows.to_csv(tmp_path / "rows.csv", index=False)
+    done = CliRunner().invoke(
+        app, ["analysis", "reaction", str(tmp_path / "rows.csv")], env={"COLUMNS": "200"}
+    )
+    assert done.exit_code == 0, done.output
+    assert "note: EZ diffusion is of two answers (found 4)" in done.output
+    assert "EZ diffusion: means" not in done.output
+
+
+@pytest.mark.parametrize("lost", ["rt_s", "correct"])
+def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trials, tmp_path, lost):
+    rows = trials.drop(columns=["expected", "answer"]).astype({lost: object})
+    rows.loc[[3, 5], lost] = ""
+    rows.to_csv(tmp_path / "rows.csv", index=False)
+    table = Table(tmp_path / "rows.csv")
+    assert len(read_times(table, by="method")) == len(rows) - 2
+    assert "left out without an answer: 2 rows (line 5, 7)" in table.notes
+
+
+# The runner.
+
+
+@dataclass(frozen=True)
+class Number:
+    value: float
+    notes: tuple[str, ...] = ()
+
+
+class Draws(Part[Any, Number]):
+    name = "draws"
+    section = ("own", "Own")
+
+    def __init__(self, name: str = "draws", needs: tuple[str, ...] = (), problem: str = "") -> None:
+        self.name, self.needs, self.problem = name, needs, problem  # type: ignore[misc]
+
+    def compute(self, _table, _plan, found, chance):
+        if self.problem:
+            raise ValueError(self.problem)
+        return Number(sum(one.value for one in found.values()) or chance.random())
+
+    def show(self, found, _plan):
+        return Shown(sentences=(f"{found.value}",))
+
+
+PLAN = TimesSettings("s", "s", None, None, None, 0.05)
+NOTHING = pd.DataFrame({"participant": []})
+
+
+def test_a_part_sees_the_numbers_of_those_that_it_needs_whatever_their_order():
+    asked: list[str] = []
+    parts = (Draws("sum", needs=("a", "b", "absent")), Draws("b"), Draws("a"))
+    found, notes = computed(parts, NOTHING, PLAN, asked.append)
+
+    assert list(found) == ["sum", "b", "a"]
+    assert asked.index("sum") == 2
+    assert found["sum"].value == found["a"].value + found["b"].value
+    assert notes == ()
+
+
+def test_what_a_part_draws_does_not_hang_on_other_parts():
+    alone, _ = computed((Draws("a"),), NOTHING, PLAN)
+    both, _ = computed((Draws("b"), Draws("a")), NOTHING, PLAN)
+    assert alone["a"] == both["a"]
+
+
+def test_a_part_that_can_say_nothing_says_why_and_stops_no_other():
+    parts = (Draws("of_one", problem="found 1"), Draws("b"), Draws("c", needs=("of_one",)))
+    found, notes = computed(parts, NOTHING, PLAN)
+    assert set(found) == {"b", "c"}
+    assert notes == ("no of one: found 1",)
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [((Draws("a", ("b",)), Draws("b", ("a",))), "circle"), ((Draws("a"), Draws("a")), "names")],
+)
+def test_parts_in_a_circle_and_of_one_name_are_a_fault_of_the_program(parts, said):
+    with pytest.raises(RuntimeError, match=said):
+        computed(parts, NOTHING, PLAN)
+
+
+def test_medians_are_those_of_the_table(trials, tmp_path):
+    found = times_of(tmp_path, trials)
+    wanted = trials.groupby(["method", "participant"])["rt_s"].median()
+    for name, medians in found["medians"].items():
+        assert medians == pytest.approx(wanted[name].to_list())
+        assert np.exp(np.mean(np.log(medians))) == pytest.approx(
+            next(one["mean_of_medians"] for one in found["summary"] if one["condition"] == name)
+        )
