@@ -45,6 +45,34 @@ class Trend:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Course:
+    """An outcome over the session, cut into equal parts.
+
+    Attributes
+    ----------
+    places : ndarray (parts,)
+        Middles of the parts, from 0 (first trial) to 1.
+    people : ndarray (participants, parts)
+        Each participant's mean; NaN where there is none.
+    """
+
+    places: Floats
+    people: Floats
+
+
+def course(decisions: pd.DataFrame, outcome: str, *, parts: int = 6) -> Course:
+    """Return participants' means of a column in parts of the session, by their own ``order``."""
+    rows = decisions[["participant", "order", outcome]].dropna().astype({outcome: float})
+    rows["participant"] = rows["participant"].astype(str)
+    rank = rows.groupby("participant")["order"].rank(method="first")
+    size = rows.groupby("participant")["order"].transform("size")
+    rows["part"] = np.minimum((parts * (rank - 1) / size).astype(int), parts - 1)
+    each = rows.pivot_table(index="participant", columns="part", values=outcome, sort=True)
+    places = (np.asarray(each.columns, dtype=np.float64) + 0.5) / parts
+    return Course(places, each.to_numpy(dtype=np.float64))
+
+
 def trend(
     decisions: pd.DataFrame, outcome: str, *, within: tuple[str, ...] = (), level: float = 0.95
 ) -> Trend:

@@ -32,10 +32,10 @@ from analysis.learning import trend
 from analysis.observers import check_observers
 from analysis.paired_model import paired_model
 from analysis.pairs import Model, pair_index, probability
+from analysis.plans.preference import from_protocol
 from analysis.power import mean_logit
 from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
-from analysis.tasks.preference.settings import from_protocol
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record
 from protocols.load import load_protocol
@@ -533,7 +533,7 @@ _COST = """
 import resource, sys, time
 from pathlib import Path
 from analysis.tables.decisions import read_decisions
-from analysis.tasks.preference.settings import from_decisions
+from analysis.plans.preference import from_decisions
 from analysis.tasks.preference.study import analyse
 began = time.process_time()
 table = read_decisions(Path(sys.argv[1]))

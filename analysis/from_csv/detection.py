@@ -8,12 +8,12 @@ import pandas as pd
 from analysis.columns import frame_of
 from analysis.detection import YesNoResults
 from analysis.from_csv.found import Found, limits, number, unique
+from analysis.plans.rates import prepared
 from analysis.plots import d_prime_plot, detection_plot, sized
 from analysis.rates import Difference
 from analysis.report.wording import p_number
 from analysis.tables.table import Source, opened
 from analysis.tasks.detection import Detection, DetectionOptions, sensitivity
-from analysis.tasks.rates.settings import prepared
 from analysis.tasks.rates.study import with_shared_noise
 from analysis.tasks.rates.wording import apa_difference, apa_yes_no
 

@@ -11,9 +11,11 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from analysis.report.blocks import Block, ReportFigure
+from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
+from protocols.errors import StudyError
 
 T = TypeVar("T")
 
@@ -72,27 +74,55 @@ class Found(Protocol):
 
 
 @dataclass(frozen=True)
+class PartFigure:
+    """A figure by name, its caption, and how to draw it.
+
+    `draw` takes ``width_in``, inches, and ``simulated``: the report says so, and no part forgets.
+    """
+
+    name: str
+    caption: str
+    draw: Callable[..., Figure]
+
+    def marked(self, *, simulated: bool) -> ReportFigure:
+        """Return the figure of data that are simulated, or not."""
+        return ReportFigure(
+            self.name,
+            self.caption,
+            lambda width_in: self.draw(width_in=width_in, simulated=simulated),
+        )
+
+
+@dataclass(frozen=True)
 class Shown:
     """One statistic as readers see it, whichever door they came by.
 
     Attributes
     ----------
+    lead : sequence of Block
+        What stands before all sections: the result in short.
+    headline : str
+        The result in one sentence; of parts that have one the first counts.
     blocks : sequence of Block
         Of the part's section of the page, in reading order; a `Picture` names a figure.
+    further : sequence of Section
+        Other sections, such as of people.
     sentences : sequence of str
         Results ready to paste.
     methods : str
         How they were made, ready to paste: whole sentences.
     tables : mapping of file name to DataFrame
-    figures : sequence of ReportFigure
-        Whose `draw` takes ``width_in``, inches, and ``simulated``: to mark the figure.
+    figures : sequence of PartFigure
     """
 
+    lead: Sequence[Block] = ()
+    headline: str = ""
     blocks: Sequence[Block] = ()
+    further: Sequence[Section] = ()
     sentences: Sequence[str] = ()
     methods: str = ""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    figures: Sequence[ReportFigure] = ()
+    figures: Sequence[PartFigure] = ()
 
 
 P = TypeVar("P", bound=Plan, contravariant=True)
@@ -108,6 +138,8 @@ class Part(ABC, Generic[P, R]):
     """Where it stands on the page: name and title. Parts of the same name share a section."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Parts whose numbers it reads, such as the comparisons of a Holm family."""
+    essential: ClassVar[bool] = False
+    """What a report is about: where nothing can be said of it, there is no report."""
 
     def wanted(self, _table: pd.DataFrame, _plan: P) -> bool:
         """Return whether such a table holds what this is about, and the plan asks for it."""
@@ -138,6 +170,13 @@ class Part(ABC, Generic[P, R]):
             If nothing can be said of such a table; the report then says why.
         """
 
+    def planned_p(self, _found: R) -> float | None:
+        """Return p of the planned test, which looks at unfinished data test; None: there is none.
+
+        Of several planned comparisons it is the least, adjusted.
+        """
+        return None
+
     @abstractmethod
     def show(self, found: R, plan: P) -> Shown:
         """Return what readers see of these numbers."""
@@ -161,6 +200,8 @@ def computed(
 
     Raises
     ------
+    StudyError
+        If nothing can be said of what the report is about.
     RuntimeError
         If two parts have one name, or parts need each other in a circle.
     """
@@ -180,6 +221,8 @@ def computed(
         try:
             found[part.name] = part.compute(table, plan, own, np.random.default_rng(SEED))
         except ValueError as problem:
+            if part.essential:
+                raise StudyError(f"{plan.study}: {problem}") from None
             notes.append(f"no {part.name.replace('_', ' ')}: {problem}")
     return {name: found[name] for name in wanted if name in found}, tuple(notes)
 

@@ -11,12 +11,12 @@ import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
-from analysis.parts import Part, Plan, Shown, tried
+from analysis.parts import Part, PartFigure, Plan, Shown, tried
 from analysis.plots import reaction_plot
 from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
-from analysis.report.blocks import Block, Cautions, Paragraph, Picture, ReportFigure, Table
+from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     grouped,
@@ -106,7 +106,7 @@ class TimesPart(Part[Plan, Times]):
             sentences=tuple(_sentences(found, plan)),
             methods=" ".join(_methods(found)),
             tables=_tables(found),
-            figures=(ReportFigure("reaction", caption, draw),),
+            figures=(PartFigure("reaction", caption, draw),),
         )
 
 

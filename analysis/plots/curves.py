@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
+from analysis.learning import Course
 from analysis.plots.style import (
     BLUE,
     GREY,
@@ -91,11 +91,9 @@ def psychometric_plot(
 
 
 def learning_plot(
-    decisions: pd.DataFrame,
-    outcome: str,
+    course: Course,
     *,
     y_label: str,
-    bins: int = 6,
     bounds: tuple[float, float] | None = None,
     width_in: float = 3.33,
     simulated: bool = False,
@@ -107,18 +105,14 @@ def learning_plot(
     with style(width_in):
         figure = new_figure(width_in, 2.1 if width_in < 5 else 2.8, simulated=simulated)
         axes = figure.subplots()
-        rows = decisions[["participant", "order", outcome]].dropna().astype({outcome: float})
-        rank = rows.groupby("participant")["order"].rank(method="first")
-        size = rows.groupby("participant")["order"].transform("size")
-        rows["part"] = np.minimum((bins * (rank - 1) / size).astype(int), bins - 1)
-        each = rows.pivot_table(index="participant", columns="part", values=outcome, sort=True)
-        places = (np.asarray(each.columns, dtype=np.float64) + 0.5) / bins
-        for values in each.to_numpy():
+        places, each = course.places, course.people
+        for values in each:
             axes.plot(places, values, color=GREY, lw=0.4, alpha=0.5)
-        mean, count = each.mean().to_numpy(), each.count().to_numpy()
+        mean, count = np.nanmean(each, axis=0), np.isfinite(each).sum(axis=0)
         axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4)
         if count.min() > 1:
-            reach = each.std(ddof=1).to_numpy() / np.sqrt(count) * stats.t.ppf(0.975, count - 1)
+            error = np.nanstd(each, axis=0, ddof=1) / np.sqrt(count)
+            reach = error * stats.t.ppf(0.975, count - 1)
             low, high = bounds if bounds is not None else (-np.inf, np.inf)
             lower, upper = np.maximum(mean - reach, low), np.minimum(mean + reach, high)
             axes.fill_between(places, lower, upper, color=BLUE, alpha=0.2, lw=0)

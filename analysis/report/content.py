@@ -1,16 +1,16 @@
 """What a report says, whichever door it came by: page, printed text, tables and figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import pandas as pd
 
 from analysis.parts import computed
 from analysis.parts.added import added_parts
-from analysis.plots import sized
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
 from analysis.report.values import as_json
+from protocols.errors import StudyError
 from protocols.hashing import Json
 from protocols.prose import count_of
 from protocols.revision import package_version
@@ -54,19 +54,28 @@ class Content:
 def content_of(source: Source, step: Callable[[str], None] = lambda _name: None) -> Content:
     """Analyse a source: what its kind of analysis says by itself, and each of its parts."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
-    own = analysis.analyse(decisions, plan, step)
+    own = None if source.only else analysis.analyse(decisions, plan, step)
     held = as_json(own)
     assert held is None or isinstance(held, dict)
     numbers = held or {}
     taken = {*numbers, *(part.name for part in analysis.parts)}
     parts = (*analysis.parts, *added_parts(taken))
+    parts = tuple(one for one in parts if not source.only or one.name in source.only)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     shown = {part.name: part.show(found[part.name], plan) for part in parts if part.name in found}
     sections = list(analysis.sections(own, plan))
     for part in parts:
         if part.name in shown:
-            _append(sections, *part.section, shown[part.name].blocks)
+            name, title = part.section
+            own_section = Section(name, title, title, tuple(shown[part.name].blocks))
+            for section in (own_section, *shown[part.name].further):
+                _append(sections, section)
     sections = [one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections]
+    if own is None and not found:
+        raise StudyError(
+            f"{plan.study}: must hold what {analysis.kind} is about"
+            f" ({'; '.join(notes) or 'it does not'})"
+        )
     people = decisions["participant"].nunique()
     tidy = source.tidy
     methods = analysis.methods(
@@ -80,18 +89,30 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         *analysis.sentences(own, plan),
         *(sentence for one in shown.values() for sentence in one.sentences),
     )
+    said = (
+        analysis.headline(own, plan),
+        *(one.headline for one in shown.values()),
+        *sentences,
+    )
+    planned = (
+        None if own is None else analysis.planned_p(own),
+        *(part.planned_p(found[part.name]) for part in parts if part.name in found),
+    )
     tables = dict(analysis.tables(decisions, own))
     for one in shown.values():
         tables |= one.tables
     return Content(
         counted=f"{len(decisions)} {analysis.task} of {count_of(people, 'participant')}"
         f" · {analysis.counted(plan)}",
-        lead=tuple(analysis.lead(own, plan)),
+        lead=(
+            *analysis.lead(own, plan),
+            *(block for one in shown.values() for block in one.lead),
+        ),
         sections=tuple(sections),
         figures=(
             *analysis.figures(decisions, own, plan, simulated=source.simulated),
             *(
-                replace(figure, draw=sized(figure.draw, simulated=source.simulated))
+                figure.marked(simulated=source.simulated)
                 for one in shown.values()
                 for figure in one.figures
             ),
@@ -104,10 +125,10 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
             ]
         ),
         sentences=sentences,
-        headline=analysis.headline(own, plan) or next(iter(sentences), ""),
+        headline=next(filter(None, said), ""),
         tables=tables,
         numbers=numbers | {name: as_json(one) for name, one in found.items()},
-        planned_p=None if own is None else analysis.planned_p(own),
+        planned_p=next((p for p in planned if p is not None), None),
         warnings=(
             *source.warnings,
             *(analysis.warnings(own) if own is not None else ()),
@@ -117,10 +138,10 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     )
 
 
-def _append(sections: list[Section], name: str, title: str, blocks: Sequence[Block]) -> None:
+def _append(sections: list[Section], new: Section) -> None:
     """Add blocks to the section of that name, or a new one at the end."""
     for place, section in enumerate(sections):
-        if section.name == name:
-            sections[place] = replace(section, blocks=(*section.blocks, *blocks))
+        if section.name == new.name:
+            sections[place] = replace(section, blocks=(*section.blocks, *new.blocks))
             return
-    sections.append(Section(name, title, title, tuple(blocks)))
+    sections.append(new)

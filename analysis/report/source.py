@@ -1,6 +1,6 @@
 """What a report is made from: sessions, or a table of decisions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,6 +32,8 @@ class Source:
     simulated: bool
     provenance: dict[str, Json]
     warnings: tuple[str, ...]
+    only: tuple[str, ...] = ()
+    """Parts of the report; none: all."""
 
 
 def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | None) -> Source:
@@ -125,8 +127,12 @@ def from_table(
     )
 
 
-def from_question(analysis: AnyAnalysis, table: Table, options: TableOptions) -> Source:
+def from_question(
+    analysis: AnyAnalysis, table: Table, options: TableOptions, only: Collection[str] = ()
+) -> Source:
     """Read a table for one question: a kind of analysis, and its options as a command has them.
+
+    `only` are the parts that answer it; none: all.
 
     Raises
     ------
@@ -144,6 +150,7 @@ def from_question(analysis: AnyAnalysis, table: Table, options: TableOptions) ->
         _simulated(decisions),
         {"table_sha256": sha256_file(table.path) if table.path.is_file() else None},
         (*table.notes, *analysis.table_notes(decisions, settings)),
+        tuple(only),
     )
 
 

@@ -89,7 +89,7 @@ class TableOfTimes(TaskAnalysis[TimesSettings, None]):
         known = [value for value, _ in conditions(decisions, by)]
         if options.baseline is not None and options.baseline not in known:
             raise StudyError(
-                f"baseline {options.baseline}: must be a value of {options.by!r}"
+                f"--set baseline={options.baseline}: must be a value of {options.by!r}"
                 f" ({', '.join(known)}){did_you_mean(options.baseline, known)}"
             )
         alternatives = None

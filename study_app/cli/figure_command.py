@@ -162,6 +162,10 @@ def _scores(report: Path, kind: str, size: str | None) -> tuple[Mapping[str, str
         data = bounded_bytes(path, StudyError)
         read: dict[str, Any] = parsed_json(path, data, "a report of preferences", StudyError)
         simulated = bool(read["simulated"])
+        if read["format"] != 2:
+            raise StudyError(
+                f"{path}: format must be 2 (got {read['format']!r}); write the report anew"
+            )
         if kind == "jod":
             return _jods(read["results"]["scales"], size), simulated
         path = report / "tables" / "preferences.csv"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -219,19 +220,16 @@ def ratings(
 
         metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
     """
-    from analysis.from_csv.ratings import ratings_of_csv
-    from analysis.tables.ratings import scale_of
-
     with user_errors():
-        levels, model = scale_of(scale), one_of("--link", link, LINKS)
-        found = found_in(
-            table,
-            (columns, where, answer),
-            lambda rows: ratings_of_csv(
-                rows, by=by, scale=levels, baseline=baseline, link=model, level=confidence
-            ),
-        )
-        hand_over(found, out, replace=replace, reads=[table])
+        options = {
+            "by": by,
+            "scale": scale,
+            "baseline": baseline,
+            "link": one_of("--link", link, LINKS),
+            "alpha": round(1.0 - confidence, 12),
+        }
+        only = ("ratings",)
+        ask("ratings", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
 def bayes(
@@ -325,8 +323,12 @@ def ask(
     out: Path | None,
     *,
     replace: bool,
+    only: Collection[str] = (),
 ) -> None:
-    """Print what an analysis says of a table, and write its report where a folder is named."""
+    """Print what an analysis says of a table, and write its report where a folder is named.
+
+    `only` are the parts that answer the question; none: all of the analysis.
+    """
     from analysis.report.build import write_report
     from analysis.report.content import content_of
     from analysis.report.source import from_question
@@ -334,7 +336,11 @@ def ask(
 
     analysis = analysis_of(kind)
     with one_line() as progress:
-        source = from_question(analysis, table_told(path, told), analysis.options(**options))
+        rows = table_told(path, told)
+        try:
+            source = from_question(analysis, rows, analysis.options(**options), only)
+        except StudyError as problem:  # its keys are options here
+            raise StudyError(re.sub(r"--set (\w+)[= ]", r"--\1 ", str(problem))) from None
         if out is None:
             content = content_of(source, lambda name: progress(name, 0, 0))
         else:

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from analysis.plans.preference import from_decisions
 from analysis.report.blocks import Table
 from analysis.tasks.preference.sections import sections
-from analysis.tasks.preference.settings import from_decisions
 from analysis.tasks.preference.study import StudyResults, analyse
 
 

@@ -11,13 +11,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from analysis.plans.preference import PreferenceOptions, from_decisions
 from analysis.plots.preference import forest_plot
 from analysis.preference import preferences
 from analysis.report.wording import grouped
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from analysis.tasks.preference.sections import sections
-from analysis.tasks.preference.settings import PreferenceOptions, from_decisions
 from analysis.tasks.preference.study import analyse
 from protocols.errors import StudyError
 

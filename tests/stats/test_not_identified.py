@@ -22,14 +22,15 @@ from analysis.from_csv.bayes import apa_bayes
 from analysis.learning import trend
 from analysis.models import glm_logit, models_beside
 from analysis.ordinal import paired_ratings, rating_model
+from analysis.parts import computed
+from analysis.parts.learning import Learning, StepLearning, apa_trend
+from analysis.parts.ratings import RatingsPart
+from analysis.plans.ratings import RatingsOptions, settings_of
 from analysis.plots import reaction_plot
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.report.values import as_json
-from analysis.tasks.common_blocks import learning_blocks
-from analysis.tasks.rates.wording import apa_term, apa_trend
-from analysis.tasks.ratings.settings import RatingsOptions, settings_of
-from analysis.tasks.ratings.study import analyse
+from analysis.tasks.rates.wording import apa_term
 from study_app.cli import app
 
 SCALE = ["bad", "poor", "fair", "good", "excellent"]
@@ -84,7 +85,7 @@ def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
     scale = ",".join(SCALE) if rating == "words" else "1,2,3,4,5"
     result = run("ratings", tmp_path / "ratings.csv", "--by", "method", "--scale", scale,
                  "--out", tmp_path / "out")  # fmt: skip
-    written = pd.read_csv(tmp_path / "out" / "ratings.csv")
+    written = pd.read_csv(tmp_path / "out" / "tables" / "ratings.csv")
 
     assert result.exit_code == 0, result.output
     assert re.search(r"ours +70 +3\.64", result.output)
@@ -100,7 +101,8 @@ def test_change_over_the_session_counts_steps_of_the_declared_scale(words):
     for rows, scale in ((numbers, None), (numbers.replace(dict(enumerate(SCALE, 1))), STEPS)):
         rows = rows.assign(order=rows.groupby("participant").cumcount() + 1, rt_s=np.nan)
         settings = settings_of(rows, "table", RatingsOptions(by="method", scale=scale))
-        changes.append(analyse(rows, settings, lambda _: None).learning[0][1].change)
+        found, _ = computed((RatingsPart(), StepLearning()), rows, settings)
+        changes.append(found["learning"].trends[0].change)
 
     assert changes[0] == pytest.approx(changes[1])
     assert changes[0] > 1.5  # from the second step to the fourth, not to the next one in use
@@ -111,8 +113,8 @@ def test_ratings_all_at_the_top_have_a_mean_and_no_distance(top, tmp_path):
     result = run("ratings", tmp_path / "top.csv", "--by", "method", "--scale", ",".join(SCALE),
                  "--out", tmp_path / "out")  # fmt: skip
     out = tmp_path / "out"
-    gap = pd.read_csv(out / "comparisons.csv").iloc[0]
-    numbers = json.loads((out / "results.json").read_text())["result"]
+    gap = pd.read_csv(out / "tables" / "comparisons.csv").iloc[0]
+    numbers = json.loads((out / "results.json").read_text())["results"]["ratings"]["model"]
 
     assert result.exit_code == 0, result.output
     assert re.search(r"ours +70 +5\.00 +0 ", result.output)
@@ -245,7 +247,8 @@ def test_a_trend_without_a_test_has_no_p():
         assert apa_trend(found) == (
             "Whether right changed over the session is not identified by these data."
         )
-    (table,) = [part for part in learning_blocks([("right", flat)]) if hasattr(part, "rows")]
+    shown = StepLearning().show(Learning((flat,), None), None)
+    (table,) = [part for part in shown.blocks if hasattr(part, "rows")]
     assert {cell for row in table.rows for cell in row[1:]} == {"none"}
 
 

@@ -26,7 +26,9 @@ from analysis.bias import order_bias, side_bias
 from analysis.bootstrap import bootstrap_scale
 from analysis.critical_scaling import critical_scalings
 from analysis.detection import identification, yes_no
+from analysis.learning import course
 from analysis.pairings import counts, pairing_rows
+from analysis.plans.preference import from_protocol
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -51,7 +53,6 @@ from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
-from analysis.tasks.preference.settings import from_protocol
 from analysis.tasks.preference.study import vote_tensor
 from analysis.thresholds import fit_thresholds
 
@@ -168,7 +169,9 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
             levels, x_label="Size, deg", chance=0.25, logarithmic=True, **k
         ),
         "heat": lambda **k: heat_map(table, list(people), columns, row_title="Participant", **k),
-        "learning": lambda **k: learning_plot(chosen, "y", y_label="Share", bounds=(0, 1), **k),
+        "learning": lambda **k: learning_plot(
+            course(chosen, "y"), y_label="Share", bounds=(0, 1), **k
+        ),
         "reaction": lambda **k: reaction_plot(times, medians, label=label, **k),
         "bias": lambda **k: bias_bars([order_bias(rows), side], **k),
         "power": lambda **k: power_plot(curve.participants, lines, planned=curve.planned, **k),

@@ -10,10 +10,10 @@ import pytest
 from scipy.special import expit
 
 from analysis.clustered import two_way
+from analysis.plans.preference import Settings, from_decisions, from_protocol
 from analysis.power import default_participants, mean_logit
 from analysis.tasks.preference.pilot import pilot_deviations
 from analysis.tasks.preference.power import Assumptions, _prefix, power_curve
-from analysis.tasks.preference.settings import Settings, from_decisions, from_protocol
 from protocols.errors import StudyError
 
 SCENES = tuple(f"s{i}" for i in range(6))

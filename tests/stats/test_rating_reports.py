@@ -59,7 +59,7 @@ def test_a_report_of_imported_ratings_holds_the_model_of_the_original_table(vote
     rows = votes.rename(columns={"who": "participant", "vote": "rating"})
     wanted = rating_model(rows, ("method",), categories=SCALE, reference="blur")
 
-    found = numbers["results"]["model"]
+    found = numbers["results"]["ratings"]["model"]
     assert found["categories"] == list(SCALE)
     assert found["ratings"] == len(votes)
     for one, other in zip(found["contrasts"], wanted.contrasts, strict=True):
@@ -75,7 +75,9 @@ def test_the_page_shows_places_comparisons_people_and_times(votes, imported):
 
     for text in ("Places on the latent axis", "ours - blur", "log-normal mixed model", "Clearest"):
         assert text in page
-    levels = json.loads((imported / "out" / "results.json").read_text())["results"]["levels"]
+    levels = json.loads((imported / "out" / "results.json").read_text())["results"]["ratings"][
+        "levels"
+    ]
     assert levels["3"] == [int(counted.get(name, 0)) for name in SCALE]
     assert list(pd.read_csv(imported / "out" / "tables" / "ratings.csv")["condition"]) == [
         "blur", "fill", "ours",
@@ -102,7 +104,9 @@ def test_graded_pairs_with_ties_become_a_report_too(tmp_path):
     )
 
     assert (made.exit_code, shown.exit_code) == (0, 0), made.output + shown.output
-    model = json.loads((tmp_path / "out" / "results.json").read_text())["results"]["model"]
+    model = json.loads((tmp_path / "out" / "results.json").read_text())["results"]["ratings"][
+        "model"
+    ]
     assert model["categories"] == ["-1", "0", "1"]
     wanted = paired_ratings(table, reference="a").contrasts[0].difference
     assert model["contrasts"][0]["difference"] == pytest.approx(wanted, abs=1e-6)

@@ -89,7 +89,7 @@ def test_no_bias_and_no_learning_is_found_where_none_was_simulated(numbers):
     order = numbers["results"]["order"]
 
     assert order["lower"] <= 0.5 <= order["upper"]
-    assert all(trend["p"] > 0.001 for _, trend in numbers["results"]["learning"])
+    assert all(trend["p"] > 0.001 for trend in numbers["results"]["learning"]["trends"])
 
 
 def test_nobody_was_left_out(numbers):

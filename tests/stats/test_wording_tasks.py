@@ -18,6 +18,7 @@ from analysis.critical_scaling import critical_scaling, fit_person
 from analysis.detection import abx, identification, yes_no
 from analysis.learning import trend
 from analysis.models import glm_logit
+from analysis.parts.learning import apa_trend
 from analysis.rates import correct_rates
 from analysis.tasks.rates import wording as say
 from analysis.thresholds import fit_thresholds
@@ -119,6 +120,6 @@ def test_models_and_trends_are_sentences(told):
     fit = glm_logit("logit(correct) ~ 1 + method", told, cluster=["participant"])
     assert "t(9) = " in say.apa_term(fit, "method[T.ours]")
     assert "z = " in say.apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
-    text = say.apa_trend(trend(told, "correct"))
+    text = apa_trend(trend(told, "correct"))
     assert "Spearman's rho" in text
     assert "over 10 participants" in text

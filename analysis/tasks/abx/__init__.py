@@ -7,10 +7,10 @@ import pandas as pd
 
 from analysis.detection import DiscriminationResults, abx
 from analysis.ideal_observer import AbxRule, abx_share
+from analysis.plans.rates import RateSettings, RatesOptions, baseline_in, common_settings
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.power import Floats, tabulated
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in, common_settings
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
 from protocols.tasks.abx import AbxAnalysis

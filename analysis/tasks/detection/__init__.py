@@ -8,13 +8,13 @@ import pandas as pd
 from scipy.special import ndtr
 
 from analysis.detection import YesNoResults, d_prime_influence, yes_no
+from analysis.plans.rates import RateSettings, RatesOptions, baseline_in, prepared
 from analysis.rates import Influence, share_influence
 from analysis.tables.table import Source, opened
 from analysis.tasks.base import Estimate, Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in, prepared
 from analysis.tasks.rates.study import RateResults, analyse_rates, with_shared_noise
 from analysis.tasks.rates.tables import read_answers
 from protocols.errors import StudyError

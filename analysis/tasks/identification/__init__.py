@@ -8,10 +8,10 @@ from pydantic import Field
 
 from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
+from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
 from analysis.tasks.base import Step, TableOptions
 from analysis.tasks.rates import RatesTask
 from analysis.tasks.rates.power import Floats, tabulated
-from analysis.tasks.rates.settings import RateSettings, RatesOptions, baseline_in
 from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.errors import StudyError
 

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from analysis.exclusions import FlowStep
 from analysis.pairings import Comparisons, pairing_rows
 from analysis.parts import AnyPart
+from analysis.parts.learning import ChoiceLearning
 from analysis.parts.times import TimesPart
+from analysis.plans.preference import (
+    PreferenceOptions,
+    Settings,
+    from_decisions,
+    from_protocol,
+)
 from analysis.plots import power_plot, sized
 from analysis.preference import Preference, preferences
 from analysis.report.blocks import Block, ReportFigure, Section
@@ -39,12 +46,6 @@ from analysis.tasks.preference.power import (
     primary_p_values,
 )
 from analysis.tasks.preference.sections import lead, sections
-from analysis.tasks.preference.settings import (
-    PreferenceOptions,
-    Settings,
-    from_decisions,
-    from_protocol,
-)
 from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse, primary_of
 from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
 from analysis.tidy import pwcmp_table
@@ -60,7 +61,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
 
     kind: ClassVar[str] = "preference"
     options: ClassVar[type[TableOptions]] = PreferenceOptions
-    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
+    parts: ClassVar[tuple[AnyPart, ...]] = (ChoiceLearning(), TimesPart())
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
     def settings(self, study: StudyProtocol) -> Settings:
@@ -174,10 +175,15 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         return sections(results, settings)
 
     def figures(
-        self, decisions: pd.DataFrame, results: StudyResults, settings: Settings, *, simulated: bool
+        self,
+        _decisions: pd.DataFrame,
+        results: StudyResults,
+        settings: Settings,
+        *,
+        simulated: bool,
     ) -> Sequence[ReportFigure]:
         """Return the figures of all sections."""
-        return report_figures(decisions, results, settings, simulated=simulated)
+        return report_figures(results, settings, simulated=simulated)
 
     def methods(
         self,

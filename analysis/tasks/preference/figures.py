@@ -1,24 +1,20 @@
 """The figures of a report of preferences."""
 
-import pandas as pd
-
-from analysis.pairings import pairing_rows
+from analysis.plans.preference import Settings
 from analysis.plots import (
     bias_bars,
     forest_plot,
     jod_plot,
-    learning_plot,
     preference_bars,
     sized,
 )
 from analysis.report.blocks import ReportFigure
 from analysis.tasks.common_figures import shares_figure
-from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import StudyResults
 
 
 def report_figures(
-    decisions: pd.DataFrame, results: StudyResults, settings: Settings, *, simulated: bool
+    results: StudyResults, settings: Settings, *, simulated: bool
 ) -> tuple[ReportFigure, ...]:
     """Return every figure these results allow, in reading order."""
     cells, label = results.table.cells, settings.label
@@ -74,24 +70,4 @@ def report_figures(
             sized(bias_bars, biases, simulated=simulated),
         )
     )
-    if settings.primary is not None and decisions["order"].notna().any():
-        method, against, size = settings.primary
-        rows = pairing_rows(decisions, method, against, size).copy()
-        if not rows.empty:
-            rows["preferred"] = (rows["chosen"] == method).astype(float)
-            made.append(
-                ReportFigure(
-                    "learning",
-                    f"Choices of {label(method)} over {label(against)} along the session; thin"
-                    " lines: participants; band: 95 % t limits.",
-                    sized(
-                        learning_plot,
-                        rows,
-                        "preferred",
-                        y_label="Share of choices",
-                        bounds=(0.0, 1.0),
-                        simulated=simulated,
-                    ),
-                )
-            )
     return tuple(made)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from analysis.clustered import ClusteredShare, combine, holm
+from analysis.plans.preference import Comparison, Settings
 from analysis.power import default_participants, errs_too_often, first_reaching, mean_logit
-from analysis.tasks.preference.settings import Comparison, Settings
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

@@ -4,6 +4,7 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.models import ModelFit
+from analysis.plans.preference import Settings
 from analysis.preference import Preference
 from analysis.report.blocks import (
     Block,
@@ -26,8 +27,6 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.tasks.common_blocks import learning_blocks
-from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale, StudyResults
 from analysis.tasks.preference.wording import (
     TEST_NAMES,
@@ -366,6 +365,5 @@ def _checks(results: StudyResults) -> tuple[Block, ...]:
             ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
         ),
         Cautions("About these shares", grouped([(b.alternative, b.warnings) for b in biases])),
-        *learning_blocks(results.learning),
     ]
     return tuple(blocks)

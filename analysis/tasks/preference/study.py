@@ -18,16 +18,15 @@ from analysis.consistency import (
     majority,
     transitivity,
 )
-from analysis.learning import Trend, trend
 from analysis.models import ModelFit, glmm_logit
 from analysis.observers import ObserverCheck, check_observers
 from analysis.paired_model import PairedModel, paired_model
 from analysis.pairings import ALL_SIZES, Comparisons, counts, numbered
+from analysis.plans.preference import Settings
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from analysis.tasks.base import Step
-from analysis.tasks.preference.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +59,6 @@ class StudyResults:
     scales: tuple[SizeScale, ...]
     order: Bias
     side: Bias | None
-    learning: tuple[tuple[str, Trend], ...]
     participant_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     scene_shares: Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
@@ -108,7 +106,7 @@ def analyse(
         made = _size_scale(decisions, settings, size, notes)
         if made is not None:
             scales.append(made)
-    say("bias, learning")
+    say("bias")
     return StudyResults(
         primary=primary,
         table=table,
@@ -117,7 +115,6 @@ def analyse(
         scales=tuple(scales),
         order=order_bias(decisions, alpha=settings.alpha),
         side=side_bias(decisions, alpha=settings.alpha),
-        learning=tuple(_learning(grouped, settings)),
         participant_shares=_shares(grouped, table, by_scene=False),
         scene_shares=_shares(grouped, table, by_scene=True),
         warnings=tuple(notes),
@@ -267,28 +264,6 @@ def _clustered(
         clustered_p=float(intervals.difference_p[place]),
         clustered_p_adjusted=float(intervals.difference_p_adjusted[place]),
     )
-
-
-def _learning(grouped: Comparisons, settings: Settings) -> list[tuple[str, Trend]]:
-    found = []
-    for method, against in settings.pairings:
-        rows = grouped.rows(method, against).copy()
-        if rows.empty or rows["order"].isna().all():
-            continue
-        rows["preferred"] = (rows["chosen"] == method).astype(float)
-        name = f"choosing {settings.label(method)} over {settings.label(against)}"
-        found.append((name, trend(rows, "preferred", within=("size",), level=1 - settings.alpha)))
-    decisions = grouped.decisions
-    timed = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)].copy()
-    if not timed.empty and timed["order"].notna().any():
-        timed["log_rt"] = np.log(timed["rt_s"].astype(float))
-        found.append(
-            (
-                "logarithm of the reaction time",
-                trend(timed, "log_rt", within=("size",), level=1 - settings.alpha),
-            )
-        )
-    return found
 
 
 def _shares(

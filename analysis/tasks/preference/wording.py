@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from analysis.exclusions import FlowStep
 from analysis.models import ModelFit
+from analysis.plans.preference import Settings
 from analysis.preference import Preference
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -16,7 +17,6 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.tasks.preference.settings import Settings
 from analysis.tasks.preference.study import SizeScale
 from protocols.prose import count_of
 

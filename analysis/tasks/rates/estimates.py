@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from analysis.plans.rates import RateSettings, baseline_in, prepared, shown_in
 from analysis.rates import Difference, correct_rates, rate_contrasts
 from analysis.tasks.base import Estimate
-from analysis.tasks.rates.settings import RateSettings, baseline_in, prepared, shown_in
 from analysis.thresholds import fit_thresholds
 
 

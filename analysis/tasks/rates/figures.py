@@ -1,14 +1,13 @@
 """The figures of a report of right and wrong answers."""
 
 import numpy as np
-import pandas as pd
 
 from analysis.detection import YesNoResults
+from analysis.plans.rates import RateSettings
 from analysis.plots import (
     d_prime_plot,
     detection_plot,
     heat_map,
-    learning_plot,
     psychometric_plot,
     rates_plot,
     scaling_plot,
@@ -16,7 +15,6 @@ from analysis.plots import (
 )
 from analysis.report.blocks import ReportFigure
 from analysis.tasks.common_figures import shares_figure
-from analysis.tasks.rates.settings import RateSettings, prepared
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import column_in_words
 
@@ -25,7 +23,7 @@ WIDELY_SPACED = 8.0
 
 
 def rate_figures(
-    decisions: pd.DataFrame, results: RateResults, settings: RateSettings, *, simulated: bool
+    results: RateResults, settings: RateSettings, *, simulated: bool
 ) -> tuple[ReportFigure, ...]:
     """Return every figure these results allow, in reading order."""
     label, limits = settings.label, f"{100 * settings.confidence:g} %"
@@ -68,23 +66,6 @@ def rate_figures(
         )
     made += _levels(results, settings, simulated=simulated)
     made += _people(results, settings, simulated=simulated)
-    rows = prepared(decisions, settings)
-    if "order" in rows and rows["order"].notna().any() and not settings.adaptive:
-        rows["right"] = rows["correct"].astype(float)
-        made.append(
-            ReportFigure(
-                "learning",
-                "Right answers along the session; thin lines: participants; band: 95 % t limits.",
-                sized(
-                    learning_plot,
-                    rows,
-                    "right",
-                    y_label="Share of right answers",
-                    bounds=(0.0, 1.0),
-                    simulated=simulated,
-                ),
-            )
-        )
     return tuple(made)
 
 

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.clustered import holm
+from analysis.plans.rates import RateSettings, by_columns, combined
 from analysis.plots import power_plot, sized
 from analysis.power import default_participants, errs_too_often, first_reaching
 from analysis.psychometric import sigmoid
 from analysis.rates import Influence, contrasts, share_influence, share_limits
 from analysis.tasks.base import Assumption, Counted, PowerReport
-from analysis.tasks.rates.settings import RateSettings, by_columns, combined
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from analysis.critical_scaling import CriticalScaling
 from analysis.detection import DiscriminationResults, Measure, YesNoResults
 from analysis.models import ModelFit
+from analysis.plans.rates import RateSettings
 from analysis.psychometric import Psychometric
 from analysis.rates import Difference, Rate
 from analysis.report.blocks import (
@@ -28,8 +29,6 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.tasks.common_blocks import learning_blocks
-from analysis.tasks.rates.settings import RateSettings
 from analysis.tasks.rates.study import RateResults
 from analysis.tasks.rates.wording import column_in_words, sd_digits
 from analysis.thresholds import ThresholdModel
@@ -119,7 +118,6 @@ def sections(results: RateResults, settings: RateSettings) -> tuple[Section, ...
             (Picture("participants"), Picture("scenes")),
         )
     )
-    found.append(Section("checks", "Learning, speed", "Learning, speed", _checks(results)))
     return tuple(found)
 
 
@@ -550,10 +548,6 @@ def _models(results: RateResults) -> tuple[Block, ...]:
             grouped([(name, fit.warnings) for name, fit in fits]),
         ),
     )
-
-
-def _checks(results: RateResults) -> tuple[Block, ...]:
-    return learning_blocks(results.learning) if results.learning else ()
 
 
 def _limits(settings: RateSettings) -> str:

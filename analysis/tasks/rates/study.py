@@ -15,12 +15,11 @@ from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.detection import DiscriminationResults, YesNoResults
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.ideal_observer import AbxRule
-from analysis.learning import Trend, trend
 from analysis.models import ModelFit, ModelsBeside, glmm_probit, models_beside
+from analysis.plans.rates import RateSettings, baseline_in, prepared, shown_in
 from analysis.psychometric import Psychometric, fit_psychometric
 from analysis.rates import Difference, Rate, correct_rates, rate, rate_contrasts
 from analysis.tasks.base import Step
-from analysis.tasks.rates.settings import RateSettings, baseline_in, prepared, shown_in
 from analysis.thresholds import ThresholdModel, fit_thresholds
 
 Floats = NDArray[np.float64]
@@ -79,7 +78,6 @@ class RateResults:
     critical: tuple[CriticalScaling, ...]
     critical_contrasts: tuple[Difference, ...]
     models: ModelsBeside | None
-    learning: tuple[tuple[str, Trend], ...]
     participant_shares: Mapping[str, tuple[tuple[str, float], ...]]
     scene_shares: Mapping[str, tuple[tuple[str, float], ...]]
     warnings: tuple[str, ...]
@@ -179,7 +177,6 @@ def analyse_rates(
     step("models")
     models = _tried(lambda: _models(rows, settings, reference), "no models", notes)
     typical = _typical(tabled, signal, shown, level, notes) if signal is not None else ()
-    step("learning")
     answered = None
     answers = _answers(rows, settings)
     if scaling is not None and answers:
@@ -216,7 +213,6 @@ def analyse_rates(
         critical=_in_order(critical, shown, lambda one: one.condition),
         critical_contrasts=critical_contrasts,
         models=models,
-        learning=tuple(_learning(rows, settings)),
         participant_shares=_shares(rows, shown, "participant"),
         scene_shares=_shares(rows, shown, "scene") if "scene" in rows else {},
         warnings=tuple(notes),
@@ -411,22 +407,6 @@ def _typical(
         if fit is not None:
             found.append((name, fit))
     return tuple(found)
-
-
-def _learning(rows: pd.DataFrame, settings: RateSettings) -> list[tuple[str, Trend]]:
-    if "order" not in rows or rows["order"].isna().all():
-        return []
-    within = ("condition",) if settings.level is None else ("condition", settings.level)
-    found, level = [], settings.confidence
-    if not settings.adaptive:
-        table = rows.assign(right=rows["correct"].astype(float))
-        found.append(("right answers", trend(table, "right", within=within, level=level)))
-    timed = rows[rows["rt_s"].notna() & (rows["rt_s"] > 0)].copy()
-    if not timed.empty:
-        timed["log_rt"] = np.log(timed["rt_s"].astype(float))
-        change = trend(timed, "log_rt", within=within, level=level)
-        found.append(("logarithm of the reaction time", change))
-    return found
 
 
 def _shares(

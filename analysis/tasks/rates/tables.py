@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.plans.rates import RatesOptions, by_columns
 from analysis.rates import Difference
 from analysis.tables.table import Table
 from analysis.tables.trials import read_trials
-from analysis.tasks.rates.settings import RatesOptions, by_columns
 from analysis.tasks.rates.study import RateResults
 from protocols.columns import Column, decided
 from protocols.tasks.single import ANSWER_COLUMNS

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from analysis.detection import YesNoResults
 from analysis.exclusions import FlowStep
 from analysis.parts import AnyPart
+from analysis.parts.learning import RightLearning
 from analysis.parts.times import TimesPart
+from analysis.plans.rates import (
+    RateSettings,
+    RatesOptions,
+    common_settings,
+    common_settings_of_table,
+    prepared,
+)
 from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.report.wording import leading, left_out_sentence
 from analysis.tables.table import Source, opened
@@ -38,13 +46,6 @@ from analysis.tasks.rates.power import (
     rate_power,
 )
 from analysis.tasks.rates.sections import lead, sections
-from analysis.tasks.rates.settings import (
-    RateSettings,
-    RatesOptions,
-    common_settings,
-    common_settings_of_table,
-    prepared,
-)
 from analysis.tasks.rates.study import RateResults, odd_answers
 from analysis.tasks.rates.tables import answer_columns, read_answers, result_tables
 from analysis.tasks.rates.wording import (
@@ -54,7 +55,6 @@ from analysis.tasks.rates.wording import (
     apa_rate,
     apa_term,
     apa_thresholds,
-    apa_trend,
     apa_yes_no,
     methods_discrimination,
     methods_yes_no,
@@ -72,7 +72,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     options: ClassVar[type[TableOptions]] = RatesOptions
-    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
+    parts: ClassVar[tuple[AnyPart, ...]] = (RightLearning(), TimesPart())
 
     # What differs between tasks.
 
@@ -215,14 +215,14 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
 
     def figures(
         self,
-        decisions: pd.DataFrame,
+        _decisions: pd.DataFrame,
         results: RateResults,
         settings: RateSettings,
         *,
         simulated: bool,
     ) -> Sequence[ReportFigure]:
         """Return the figures of all sections."""
-        return rate_figures(decisions, results, settings, simulated=simulated)
+        return rate_figures(results, settings, simulated=simulated)
 
     def methods(
         self,
@@ -310,7 +310,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             found += [
                 apa_term(mixed, one.term) for one in mixed.coefficients if one.term != "Intercept"
             ]
-        return [*found, *(apa_trend(one) for _, one in results.learning)]
+        return found
 
     def headline(self, results: RateResults, settings: RateSettings) -> str:
         """Return the first planned comparison, or the first condition."""

@@ -11,7 +11,6 @@ from analysis.detection import (
     YesNo,
     YesNoResults,
 )
-from analysis.learning import Trend
 from analysis.models import ModelFit
 from analysis.rates import Difference, Rate
 from analysis.report.wording import NOT_IDENTIFIED, leading, number, p_text, share, share_range
@@ -145,18 +144,6 @@ def apa_term(fit: ModelFit, term: str) -> str:
     return (
         f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
         f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
-    )
-
-
-def apa_trend(found: Trend) -> str:
-    """Return whether an outcome changed over the session as a sentence."""
-    if math.isnan(found.p):
-        return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
-    return (
-        f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
-        f" [{number(found.lower)}, {number(found.upper)}], over {found.participants} participants,"
-        f" t({found.df:.0f}), {p_text(found.p)}; all trials pooled: Spearman's rho ="
-        f" {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
     )
 
 

@@ -1,0 +1,251 @@
+"""Ordered ratings, or graded comparisons of pairs: a cumulative-link mixed model."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.columns import frame_of
+from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
+from analysis.parts import Part, PartFigure, Shown
+from analysis.plans.ratings import RatingSettings
+from analysis.plots.ratings import ratings_plot
+from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    leading,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+)
+
+
+@dataclass(frozen=True)
+class Ratings:
+    """Every number.
+
+    Attributes
+    ----------
+    model : RatingModel
+        Places of conditions on the latent axis, and their comparisons.
+    levels : mapping
+        How often each participant gave each rating, in the order of the model's categories.
+    """
+
+    model: RatingModel
+    levels: Mapping[str, tuple[int, ...]]
+    notes: tuple[str, ...] = ()
+
+
+class RatingsPart(Part[RatingSettings, Ratings]):
+    """Where conditions lie on the latent axis that ratings cut, and what differs."""
+
+    name: ClassVar[str] = "ratings"
+    section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")
+    essential: ClassVar[bool] = True
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RatingSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Ratings:
+        """Fit the model; count each participant's ratings."""
+        how: dict[str, Any] = {"reference": plan.baseline, "link": plan.link}
+        if plan.by is None:
+            model = paired_ratings(table, level=plan.confidence, **how)
+        else:
+            blank = "scene" in table and (table["scene"] == "").all()
+            rows = table.drop(columns="scene") if blank else table
+            categories = plan.scale or None
+            model = rating_model(
+                rows, (plan.by,), categories=categories, level=plan.confidence, **how
+            )
+        levels = pd.crosstab(table["participant"], table["rating"].map(category))
+        levels = levels.reindex(columns=list(model.categories), fill_value=0)
+        return Ratings(model, {str(who): tuple(map(int, row)) for who, row in levels.iterrows()})
+
+    def planned_p(self, found: Ratings) -> float | None:
+        """Return the least adjusted p of the comparisons."""
+        known = [one.p_adjusted for one in found.model.contrasts if one.p_adjusted >= 0]
+        return min(known, default=None)
+
+    def show(self, found: Ratings, plan: RatingSettings) -> Shown:
+        """Return places, comparisons, people, and the clearest comparison before all."""
+        model, pairs = found.model, plan.by is None
+        first = min(model.contrasts, key=lambda one: (math.isnan(one.p), one.p))
+        count = sum(_decisive(one, plan) < plan.alpha for one in model.contrasts)
+        several = plan.correction == "holm" and len(model.contrasts) > 1
+        caption = (
+            f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
+            f" {100 * plan.confidence:g} % limits, from the first condition on."
+        )
+        return Shown(
+            lead=(
+                Box(
+                    "Clearest comparison",
+                    apa_rating(first, model),
+                    f"{count} of {len(model.contrasts)} comparisons differ,"
+                    f" two-sided{', Holm-adjusted' if several else ''}.",
+                ),
+            ),
+            headline=apa_rating(first, model),
+            blocks=_blocks(model, plan),
+            further=(Section("people", "Participants", "Participants", _people(found)),),
+            sentences=tuple(apa_rating(one, model) for one in model.contrasts),
+            methods=_methods(found, plan),
+            tables=_tables(model, pairs=pairs),
+            figures=(
+                PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
+            ),
+        )
+
+
+def category(value: object) -> str:
+    """Return a rating as the model names it."""
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def apa_rating(one: RatingDifference, model: RatingModel) -> str:
+    """Return how much higher one condition is rated as a sentence."""
+    if math.isnan(one.difference):
+        return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
+    return (
+        f"{one.first} was rated {one.difference:.2f} {_unit(model)} above {one.second},"
+        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.0f}),"
+        f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
+        f" {model.link} mixed model); one showing of it is rated higher with a chance of"
+        f" {leading(f'{one.superiority:.2f}')}."
+    )
+
+
+def _unit(model: RatingModel) -> str:
+    return "SD" if model.link == "probit" else "logits"
+
+
+def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
+    """Return the p that decides: adjusted where the table's options correct."""
+    return one.p_adjusted if plan.correction == "holm" else one.p
+
+
+def _methods(found: Ratings, plan: RatingSettings) -> str:
+    model = found.model
+    kind = "Graded comparisons of pairs" if plan.by is None else "Ratings"
+    corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
+    return (
+        f"{kind} on {len(model.categories)} ordered categories were analysed by a cumulative-link"
+        f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
+        f" {', '.join(model.sd)}. Differences are Wald's with t of {len(found.levels) - 1} degrees"
+        f" of freedom, two-sided, alpha = {leading(f'{plan.alpha:g}')}, {corrected} over"
+        f" {len(model.contrasts)} comparisons."
+    )
+
+
+def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
+    pairs, unit = plan.by is None, _unit(model)
+    level = f"{100 * model.level:g} % limits"
+    steps = [] if pairs else [(f"{name}", "") for name in model.categories]
+    places = Table.of(
+        f"Places on the latent axis, {unit} from the first",
+        (
+            ("Condition", "l c"),
+            ("Ratings", ""),
+            ("Place", "strong"),
+            (level, "n"),
+            *([] if pairs else [("Mean", "")]),
+            *steps,
+        ),
+        [
+            (
+                one.condition,
+                str(one.ratings),
+                number(one.place),
+                number_range(one.lower, one.upper),
+                *([] if pairs else [number(one.mean_rating)]),
+                *([] if pairs else map(share, one.shares)),
+            )
+            for one in model.conditions
+        ],
+    )
+    differences = Table.each(
+        "Comparisons",
+        model.contrasts,
+        ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
+        (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
+        (level, "n", lambda one: number_range(one.lower, one.upper)),
+        ("t(df)", "n", lambda one: f"({one.df:g})"),
+        ("p", "n", lambda one: p_number(one.p)),
+        ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+        ("Rated higher", "", lambda one: share(one.superiority)),
+    )
+    spread = ", ".join(f"{name} {number(sd)}" for name, sd in model.sd.items())
+    told = (
+        "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
+        f" condition lies on it. Random, SD: {spread}. Rated higher: the chance that one showing of"
+        " the first is rated above one of the second by the same person, on the axis, where"
+        " nothing ties."
+    )
+    if pairs:
+        told += (
+            f" Thresholds: {', '.join(map(number, model.thresholds))}; symmetric around 0 unless"
+            " the place in the pair sways the answer."
+        )
+    else:
+        told += (
+            " Mean: for orientation only, the steps of a scale have no unit; under the ratings"
+            " their shares."
+        )
+    return (
+        Picture("ratings"),
+        places,
+        differences,
+        Paragraph(told, muted=True),
+        Cautions("When not to trust these ratings", model.warnings),
+    )
+
+
+def _people(found: Ratings) -> tuple[Block, ...]:
+    return (
+        Table.of(
+            "How often each participant gave each rating",
+            (("Participant", "l"), *((name, "") for name in found.model.categories)),
+            [(who, *map(str, counts)) for who, counts in found.levels.items()],
+        ),
+        Paragraph(
+            "People use a scale in their own ways; the model takes a person who rates everything"
+            " higher as just that. One who gave a single rating tells nothing.",
+            muted=True,
+        ),
+    )
+
+
+def _tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]:
+    lines: list[dict[str, object]] = []
+    for one in model.conditions:
+        line: dict[str, object] = {"condition": one.condition, "ratings": one.ratings}
+        line |= {"place": one.place, "lower": one.lower, "upper": one.upper}
+        if not pairs:
+            line["mean_rating"] = one.mean_rating
+            line |= {
+                f"share_{name}": value
+                for name, value in zip(model.categories, one.shares, strict=True)
+            }
+        lines.append(line)
+    return {
+        "ratings.csv": pd.DataFrame(lines),
+        "comparisons.csv": frame_of(RatingDifference, model.contrasts),
+        "thresholds.csv": pd.DataFrame(
+            {
+                "below": model.used[:-1],
+                "above": model.used[1:],
+                "threshold": model.thresholds,
+            }
+        ),
+    }
