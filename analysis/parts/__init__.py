@@ -20,49 +20,48 @@ from protocols.errors import StudyError
 T = TypeVar("T")
 
 
-class Plan(Protocol):
+class Plan:
     """What every part may read of an analysis's settings; parts of one family read more."""
 
-    @property
-    def study(self) -> str:
-        """Name of the study, or of the table's file."""
-
-    @property
-    def title(self) -> str:
-        """What stands at the top of the page."""
-
-    @property
-    def protocol_sha256(self) -> str | None:
-        """Hash of the protocol; None for a plain table."""
+    study: str
+    """Name of the study, or of the table's file."""
+    title: str
+    """What stands at the top of the page."""
+    protocol_sha256: str | None
+    """Hash of the protocol; None for a plain table."""
+    alpha: float
+    """Level of every test."""
+    reaction: Literal["summary", "models"]
+    """Of reaction times: medians and means, or models of them too."""
+    alternatives: int | None
+    """How many answers there are, one of them right; None: not said, or none is right."""
 
     @property
     def confidence(self) -> float:
         """Coverage of limits."""
-
-    @property
-    def reaction(self) -> Literal["summary", "models"]:
-        """Of reaction times: medians and means, or models of them too."""
-
-    @property
-    def alternatives(self) -> int | None:
-        """How many answers there are, one of them right; None: not said, or none is right."""
+        return 1.0 - self.alpha
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Columns of the table whose values are compared, with a word for all below."""
+        """The columns of the parts' table whose values are compared; none: all rows together."""
+        return ()
 
     @property
     def compared_title(self) -> str:
-        """Head of a table's column that names these values."""
+        """What heads these values."""
+        return ", ".join(self.compared) or "Trials"
 
-    def label(self, name: str, /) -> str:
+    def label(self, name: str) -> str:
         """Return what reports print for a value."""
+        return name
 
-    def in_order(self, names: Sequence[str], /) -> list[str]:
+    def in_order(self, names: Sequence[str]) -> list[str]:
         """Return values of the table in the order of the report."""
+        return list(names)
 
-    def reference_in(self, names: Sequence[str], /) -> str | None:
+    def reference_in(self, _names: Sequence[str]) -> str | None:
         """Return which of these values the others are compared with; None: all pairs are."""
+        return None
 
 
 class Found(Protocol):

@@ -21,8 +21,6 @@ from analysis.plots import learning_plot
 from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.wording import NOT_IDENTIFIED, grouped, number, number_range, p_number, p_text
 
-SHARES = (0.0, 1.0)
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -33,32 +31,19 @@ class Outcome:
     name : str
         In a sentence: "right answers".
     rows : DataFrame
-        ``participant``, ``order``, ``outcome`` (a number), and the columns `within`.
-    within : tuple of str
-        Columns that define cells, in which the outcome is centred.
+        ``participant``, ``order``, ``outcome`` (a number), and the columns in which it is centred.
     """
 
     name: str
     rows: pd.DataFrame
-    within: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What the figure shows: an outcome in parts of the session."""
-
-    caption: str
-    axis: str
-    bounds: tuple[float, float] | None
-    course: Course
 
 
 @dataclass(frozen=True)
 class Learning:
-    """Every number."""
+    """Every number; `course` is that of the first outcome, None where there are times alone."""
 
     trends: tuple[Trend, ...]
-    drawn: Drawn | None
+    course: Course | None
     notes: tuple[str, ...] = ()
 
 
@@ -70,6 +55,10 @@ class LearningPart(Part[P, Learning]):
 
     name: ClassVar[str] = "learning"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
+    axis: ClassVar[str]
+    """Of the figure."""
+    bounds: ClassVar[tuple[float, float] | None] = (0.0, 1.0)
+    """Which values an answer can take."""
 
     def wanted(self, table: pd.DataFrame, _plan: P) -> bool:
         """Return whether the table says in which order trials came."""
@@ -77,14 +66,10 @@ class LearningPart(Part[P, Learning]):
 
     @abstractmethod
     def outcomes(self, table: pd.DataFrame, plan: P, found: Mapping[str, Any]) -> Iterator[Outcome]:
-        """Yield the answers that may change."""
-
-    @abstractmethod
-    def drawn(self, table: pd.DataFrame, plan: P, outcomes: list[Outcome]) -> Drawn | None:
-        """Return what the figure shows."""
+        """Yield the answers that may change; the first is drawn."""
 
     def cells(self, plan: P) -> tuple[str, ...]:
-        """Return the columns within which times are compared."""
+        """Return the columns that define cells, in which outcomes are centred."""
         return plan.compared
 
     def compute(
@@ -96,23 +81,18 @@ class LearningPart(Part[P, Learning]):
     ) -> Learning:
         """Return the trend of each outcome."""
         outcomes = list(self.outcomes(table, plan, found))
-        drawn = self.drawn(table, plan, outcomes)
+        drawn = course(outcomes[0].rows, "outcome") if outcomes else None
         if "rt_s" in table and (table["rt_s"] > 0).any():
             rows = table[table["rt_s"] > 0]
             rows = rows.assign(outcome=np.log(rows["rt_s"].astype(float)))
-            outcomes.append(Outcome("logarithm of the reaction time", rows, self.cells(plan)))
-        trends = [
-            replace(
-                trend(one.rows, "outcome", within=one.within, level=plan.confidence),
-                outcome=one.name,
-            )
-            for one in outcomes
-        ]
+            outcomes.append(Outcome("logarithm of the reaction time", rows))
+        how: dict[str, Any] = {"within": self.cells(plan), "level": plan.confidence}
+        trends = (replace(trend(o.rows, "outcome", **how), outcome=o.name) for o in outcomes)
         return Learning(tuple(trends), drawn)
 
     def show(self, found: Learning, _plan: P) -> Shown:
         """Return the figure, the table of changes, and each as a sentence."""
-        trends, drawn = found.trends, found.drawn
+        trends = found.trends
         lines = [
             {name: value for name, value in vars(one).items() if name != "changes"}
             | {"warnings": "; ".join(one.warnings)}
@@ -148,14 +128,14 @@ class LearningPart(Part[P, Learning]):
                 " within conditions, with a t test and a sign-flip test over participants."
             ),
             tables={"learning.csv": pd.DataFrame(lines)},
-            figures=() if drawn is None else (_figure(drawn),),
+            figures=() if found.course is None else (self._figure(trends[0], found.course),),
         )
 
-
-def _figure(drawn: Drawn) -> PartFigure:
-    caption = f"{drawn.caption} along the session; thin lines: participants; band: 95 % t limits."
-    draw = partial(learning_plot, drawn.course, y_label=drawn.axis, bounds=drawn.bounds)
-    return PartFigure("learning", caption, draw)
+    def _figure(self, first: Trend, drawn: Course) -> PartFigure:
+        name = first.outcome[:1].upper() + first.outcome[1:]
+        caption = f"{name} along the session; thin lines: participants; band: 95 % t limits."
+        draw = partial(learning_plot, drawn, y_label=self.axis, bounds=self.bounds)
+        return PartFigure("learning", caption, draw)
 
 
 def apa_trend(found: Trend) -> str:
@@ -171,25 +151,16 @@ def apa_trend(found: Trend) -> str:
 
 
 class RightLearning(LearningPart[RateSettings]):
-    """Right answers; levels that adapt decide about these, and leave times alone."""
+    """Right answers; where levels adapt, these decide about them, and times alone can change."""
+
+    axis: ClassVar[str] = "Share of right answers"
 
     def outcomes(
         self, table: pd.DataFrame, plan: RateSettings, _found: Mapping[str, Any]
     ) -> Iterator[Outcome]:
         """Yield right answers, unless levels adapt."""
         if not plan.adaptive:
-            rows = table.assign(outcome=table["correct"].astype(float))
-            yield Outcome("right answers", rows, self.cells(plan))
-
-    def drawn(
-        self, _table: pd.DataFrame, _plan: RateSettings, outcomes: list[Outcome]
-    ) -> Drawn | None:
-        """Return the share of right answers."""
-        for one in outcomes:
-            return Drawn(
-                "Right answers", "Share of right answers", SHARES, course(one.rows, "outcome")
-            )
-        return None
+            yield Outcome("right answers", table.assign(outcome=table["correct"].astype(float)))
 
     def cells(self, plan: RateSettings) -> tuple[str, ...]:
         """Return condition and level."""
@@ -197,9 +168,10 @@ class RightLearning(LearningPart[RateSettings]):
 
 
 class ChoiceLearning(LearningPart[Settings]):
-    """Choices of each pairing."""
+    """Choices of each pairing, the primary comparison's first."""
 
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
+    axis: ClassVar[str] = "Share of choices"
 
     def outcomes(
         self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any]
@@ -207,46 +179,32 @@ class ChoiceLearning(LearningPart[Settings]):
         """Yield choices of the first of each pairing."""
         grouped = Comparisons(table)
         for method, against in plan.pairings:
-            rows = _chosen(grouped, method, against)
+            rows = grouped.rows(method, against)
             if not rows["order"].isna().all():
+                chosen = (rows["chosen"] == method).astype(float)
                 name = f"choosing {plan.label(method)} over {plan.label(against)}"
-                yield Outcome(name, rows, self.cells(plan))
-
-    def drawn(self, table: pd.DataFrame, plan: Settings, _outcomes: list[Outcome]) -> Drawn | None:
-        """Return the primary comparison; without one the first."""
-        method, against, size = plan.primary or (*plan.pairings[0], "all")
-        rows = _chosen(Comparisons(table), method, against, size)
-        if rows["order"].isna().all():
-            return None
-        caption = f"Choices of {plan.label(method)} over {plan.label(against)}"
-        return Drawn(caption, "Share of choices", SHARES, course(rows, "outcome"))
+                yield Outcome(name, rows.assign(outcome=chosen))
 
     def cells(self, _plan: Settings) -> tuple[str, ...]:
         """Return the size."""
         return ("size",)
 
 
-def _chosen(grouped: Comparisons, method: str, *other: str) -> pd.DataFrame:
-    rows = grouped.rows(method, *other)
-    return rows.assign(outcome=(rows["chosen"] == method).astype(float))
-
-
 class StepLearning(LearningPart[RatingSettings]):
     """Ratings, in steps of their scale."""
 
     needs: ClassVar[tuple[str, ...]] = ("ratings",)
+    axis: ClassVar[str] = "Rating, steps"
+    bounds: ClassVar[None] = None
 
     def outcomes(
-        self, table: pd.DataFrame, plan: RatingSettings, found: Mapping[str, Any]
+        self, table: pd.DataFrame, _plan: RatingSettings, found: Mapping[str, Any]
     ) -> Iterator[Outcome]:
         """Yield the step that was rated."""
         ratings: Ratings = found["ratings"]
         steps = table["rating"].map(category).map(ratings.model.steps).astype(float)
-        yield Outcome("rating, in steps of the scale", table.assign(outcome=steps), plan.columns)
+        yield Outcome("rating, in steps of the scale", table.assign(outcome=steps))
 
-    def drawn(
-        self, _table: pd.DataFrame, _plan: RatingSettings, outcomes: list[Outcome]
-    ) -> Drawn | None:
-        """Return the steps."""
-        caption = "Ratings, in steps of the scale,"
-        return Drawn(caption, "Rating, steps", None, course(outcomes[0].rows, "outcome"))
+    def cells(self, plan: RatingSettings) -> tuple[str, ...]:
+        """Return the condition, or both of a pair."""
+        return plan.columns

@@ -137,10 +137,10 @@ def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
 
 def _methods(found: Ratings, plan: RatingSettings) -> str:
     model = found.model
-    kind = "Graded comparisons of pairs" if plan.by is None else "Ratings"
+    kind = "graded comparisons of pairs" if plan.by is None else "ordered ratings"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
     return (
-        f"{kind} on {len(model.categories)} ordered categories were analysed by a cumulative-link"
+        f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
         f" {', '.join(model.sd)}. Differences are Wald's with t of {len(found.levels) - 1} degrees"
         f" of freedom, two-sided, alpha = {leading(f'{plan.alpha:g}')}, {corrected} over"

@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import pandas as pd
 from pydantic import Field
 
 from analysis.pairings import found_pairings
+from analysis.parts import Plan
 from analysis.preference import Test
 from analysis.tasks.base import NamedOptions
 from protocols.errors import StudyError
@@ -31,7 +32,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Plan):
     """Names, labels and rules of a study's analysis.
 
     `primary` is (method, against, size), size "all" for all together, or None where a plain
@@ -57,12 +58,7 @@ class Settings:
     protocol_sha256: str | None
     reaction: Literal["summary", "models"] = "summary"
 
-    alternatives: ClassVar[None] = None
-
-    @property
-    def confidence(self) -> float:
-        """Coverage of limits."""
-        return 1.0 - self.alpha
+    alternatives = None
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -73,13 +69,6 @@ class Settings:
     def compared_title(self) -> str:
         """What heads sizes."""
         return "Size" if self.sized else "Trials"
-
-    def in_order(self, names: Sequence[str]) -> list[str]:
-        """Return sizes as they came."""
-        return list(names)
-
-    def reference_in(self, _names: Sequence[str]) -> None:
-        """Return that all pairs of sizes are compared."""
 
     @property
     def sized(self) -> bool:

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import pandas as pd
 from pydantic import Field
 
 from analysis.ideal_observer import AbxRule
+from analysis.parts import Plan
 from analysis.tasks.base import NamedOptions
 from protocols.adaptive.psychometric import Shape
 from protocols.adaptive.section import AdaptiveLevels
@@ -48,7 +49,7 @@ class RatesOptions(NamedOptions):
 
 
 @dataclass(frozen=True)
-class RateSettings:
+class RateSettings(Plan):
     """Names and rules of the analysis of right and wrong answers.
 
     Attributes
@@ -102,12 +103,14 @@ class RateSettings:
         return 1.0 / self.alternatives
 
     @property
-    def confidence(self) -> float:
-        """Coverage of limits."""
-        return 1.0 - self.alpha
+    def compared(self) -> tuple[str, ...]:
+        """The column of conditions, which parts find beside those of the table."""
+        return (TAKEN,)
 
-    compared: ClassVar[tuple[str, ...]] = ("condition",)
-    compared_title: ClassVar[str] = "Condition"
+    @property
+    def compared_title(self) -> str:
+        """What heads conditions."""
+        return "Condition"
 
     def in_order(self, names: Sequence[str]) -> list[str]:
         """Return conditions as the study declares them."""

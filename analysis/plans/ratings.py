@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import pandas as pd
 from pydantic import Field
 
 from analysis.ordinal import OrdinalLink
+from analysis.parts import Plan
 from analysis.tables.ratings import scale_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
@@ -32,7 +33,7 @@ class RatingsOptions(TableOptions):
 
 
 @dataclass(frozen=True)
-class RatingSettings:
+class RatingSettings(Plan):
     """Names and rules of the analysis of ratings; `by` None: ratings of pairs."""
 
     study: str
@@ -45,31 +46,13 @@ class RatingSettings:
     alpha: float
     protocol_sha256: str | None = None
 
-    @property
-    def confidence(self) -> float:
-        """Coverage of limits."""
-        return 1.0 - self.alpha
-
-    alternatives: ClassVar[None] = None
-    reaction: ClassVar[Literal["models"]] = "models"
+    reaction = "models"
+    alternatives = None
 
     @property
     def compared(self) -> tuple[str, ...]:
         """The column of conditions; none where pairs are rated."""
         return () if self.by is None else (self.by,)
-
-    @property
-    def compared_title(self) -> str:
-        """What heads conditions."""
-        return self.by or "Trials"
-
-    def label(self, name: str) -> str:
-        """Return a condition as the table names it."""
-        return name
-
-    def in_order(self, names: Sequence[str]) -> list[str]:
-        """Return conditions as they came."""
-        return list(names)
 
     def reference_in(self, _names: Sequence[str]) -> str | None:
         """Return the baseline."""

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import pandas as pd
 from pydantic import Field
 
 from analysis.cells import conditions
 from analysis.guessing import below_guessing
-from analysis.parts import AnyPart
+from analysis.parts import AnyPart, Plan
 from analysis.parts.times import TimesPart
 from analysis.tables.table import Source
 from analysis.tables.trials import read_times
@@ -32,7 +32,7 @@ class TimesOptions(TableOptions):
 
 
 @dataclass(frozen=True)
-class TimesSettings:
+class TimesSettings(Plan):
     """Names and rules of the analysis of reaction times.
 
     `alternatives`: how many answers the table holds; None where none is right or wrong.
@@ -45,30 +45,12 @@ class TimesSettings:
     alternatives: int | None
     alpha: float
     protocol_sha256: str | None = None
-    reaction: ClassVar[Literal["models"]] = "models"
-
-    @property
-    def confidence(self) -> float:
-        """Coverage of limits."""
-        return 1.0 - self.alpha
+    reaction = "models"
 
     @property
     def compared(self) -> tuple[str, ...]:
         """The column of conditions, if any."""
         return () if self.by is None else (self.by,)
-
-    @property
-    def compared_title(self) -> str:
-        """What heads conditions."""
-        return self.by or "Trials"
-
-    def label(self, name: str) -> str:
-        """Return a condition as the table names it."""
-        return name
-
-    def in_order(self, names: Sequence[str]) -> list[str]:
-        """Return conditions as they came."""
-        return list(names)
 
     def reference_in(self, _names: Sequence[str]) -> str | None:
         """Return the baseline."""

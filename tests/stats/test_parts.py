@@ -55,7 +55,7 @@ SAID = {
         "section": "ratings",
         "caption": "Places on the latent axis",
         "sentence": "was rated",
-        "methods": "Ratings on 4 ordered categories",
+        "methods": "ordered ratings on 4 categories",
         "tables": {"ratings.csv", "comparisons.csv", "thresholds.csv"},
         "figure": "ratings",
     },
