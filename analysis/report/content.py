@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from analysis.parts import computed
+from analysis.parts import Shown, computed
 from analysis.parts.added import added_parts
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
@@ -55,79 +55,62 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     """Analyse a source: what its kind of analysis says by itself, and each of its parts."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
     own = None if source.only else analysis.analyse(decisions, plan, step)
-    held = as_json(own)
-    assert held is None or isinstance(held, dict)
-    numbers = held or {}
-    taken = {*numbers, *(part.name for part in analysis.parts)}
-    parts = (*analysis.parts, *added_parts(taken))
+    held = as_json(own) or {}
+    assert isinstance(held, dict)
+    parts = (
+        *analysis.parts,
+        *added_parts({*held, *(part.name for part in analysis.parts)}),
+    )
     parts = tuple(one for one in parts if not source.only or one.name in source.only)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
-    shown = {part.name: part.show(found[part.name], plan) for part in parts if part.name in found}
-    sections = list(analysis.sections(own, plan))
-    for part in parts:
-        if part.name in shown:
-            name, title = part.section
-            own_section = Section(name, title, title, tuple(shown[part.name].blocks))
-            for section in (own_section, *shown[part.name].further):
-                _append(sections, section)
-    sections = [one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections]
     if own is None and not found:
         raise StudyError(
             f"{plan.study}: must hold what {analysis.kind} is about"
             f" ({'; '.join(notes) or 'it does not'})"
         )
-    people = decisions["participant"].nunique()
-    tidy = source.tidy
-    methods = analysis.methods(
-        own,
-        plan,
-        people=people,
-        decisions=len(decisions),
-        flow=tidy.flow if tidy else (),
-    )
-    sentences = (
-        *analysis.sentences(own, plan),
-        *(sentence for one in shown.values() for sentence in one.sentences),
-    )
-    said = (
-        analysis.headline(own, plan),
-        *(one.headline for one in shown.values()),
-        *sentences,
-    )
-    planned = (
-        None if own is None else analysis.planned_p(own),
-        *(part.planned_p(found[part.name]) for part in parts if part.name in found),
-    )
-    tables = dict(analysis.tables(decisions, own))
-    for one in shown.values():
-        tables |= one.tables
-    return Content(
-        counted=f"{len(decisions)} {analysis.task} of {count_of(people, 'participant')}"
-        f" · {analysis.counted(plan)}",
-        lead=(
-            *analysis.lead(own, plan),
-            *(block for one in shown.values() for block in one.lead),
-        ),
-        sections=tuple(sections),
-        figures=(
-            *analysis.figures(decisions, own, plan, simulated=source.simulated),
-            *(
-                figure.marked(simulated=source.simulated)
-                for one in shown.values()
-                for figure in one.figures
+    shown = [(part, part.show(found[part.name], plan)) for part in parts if part.name in found]
+    people = count_of(decisions["participant"].nunique(), "participant")
+    counted = f"{len(decisions)} {analysis.task} of {people}"
+    said = Shown(methods=f"We analysed {counted}.")
+    sections: list[Section] = []
+    figures: list[ReportFigure] = []
+    planned: list[float | None] = []
+    if own is not None:
+        said = Shown(
+            lead=analysis.lead(own, plan),
+            headline=analysis.headline(own, plan),
+            sentences=analysis.sentences(own, plan),
+            methods=analysis.methods(
+                own,
+                plan,
+                people=decisions["participant"].nunique(),
+                decisions=len(decisions),
+                flow=source.tidy.flow if source.tidy else (),
             ),
-        ),
-        methods=" ".join(
-            [
-                methods,
-                *(one.methods for one in shown.values() if one.methods),
-                f"Analyses were run with metamerlab {package_version()}.",
-            ]
-        ),
+            tables=analysis.tables(decisions, own),
+        )
+        sections += analysis.sections(own, plan)
+        figures += analysis.figures(decisions, own, plan, simulated=source.simulated)
+        planned.append(analysis.planned_p(own))
+    for part, one in shown:
+        name, title = part.section
+        for section in (Section(name, title, title, tuple(one.blocks)), *one.further):
+            _append(sections, section)
+        figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
+        planned.append(part.planned_p(found[part.name]))
+    every = (said, *(one for _, one in shown))
+    sentences = tuple(sentence for one in every for sentence in one.sentences)
+    version = f"Analyses were run with metamerlab {package_version()}."
+    return Content(
+        counted=f"{counted} · {analysis.counted(plan)}",
+        lead=tuple(block for one in every for block in one.lead),
+        sections=tuple(one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections),
+        figures=tuple(figures),
+        methods=" ".join([*(one.methods for one in every if one.methods), version]),
         sentences=sentences,
-        headline=next(filter(None, said), ""),
-        tables=tables,
-        numbers=numbers | {name: as_json(one) for name, one in found.items()},
+        headline=next(filter(None, (*(one.headline for one in every), *sentences)), ""),
+        tables={name: table for one in every for name, table in one.tables.items()},
+        numbers=held | {name: as_json(one) for name, one in found.items()},
         planned_p=next((p for p in planned if p is not None), None),
         warnings=(
             *source.warnings,

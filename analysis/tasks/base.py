@@ -22,7 +22,6 @@ from analysis.seed import SEED
 from analysis.tables.table import Source
 from protocols.columns import Column
 from protocols.errors import StudyError
-from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.units import Model
@@ -307,19 +306,19 @@ class TaskAnalysis(ABC, Generic[S, R]):
         _results: R,
         _settings: S,
         *,
-        people: int,
-        decisions: int,
+        people: int,  # noqa: ARG002
+        decisions: int,  # noqa: ARG002
         flow: Sequence[FlowStep],  # noqa: ARG002
     ) -> str:
         """Return the statistical methods as a paragraph ready to paste, without the program."""
-        return f"We analysed {decisions} {self.task} of {count_of(people, 'participant')}."
+        return ""
 
     def sentences(self, _results: R, _settings: S) -> Sequence[str]:
         """Return the results as sentences ready to paste."""
         return ()
 
     def headline(self, _results: R, _settings: S) -> str:
-        """Return the result in one sentence; none: the first of the parts' sentences."""
+        """Return the result in one sentence; empty: a part says it."""
         return ""
 
     # Power.
