@@ -534,11 +534,13 @@ import resource, sys, time
 from pathlib import Path
 from analysis.tables.decisions import read_decisions
 from analysis.plans.preference import from_decisions
-from analysis.tasks.preference.study import analyse
+from analysis.parts import computed
+from analysis.tasks.preference import PreferenceOfPairs
 began = time.process_time()
 table = read_decisions(Path(sys.argv[1]))
 read = time.process_time()
-analyse(table, from_decisions(table, "table"))
+task, plan = PreferenceOfPairs(), from_decisions(table, "table")
+computed(task.parts, task.table(table, plan), plan)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 print(read - began, time.process_time() - read, peak)
 """

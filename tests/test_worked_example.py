@@ -70,7 +70,7 @@ def test_the_task_of_the_architecture_page_runs_from_check_to_report(
     assert attempt["phases"][1]["stimuli"] == [0, 1]
     assert attempt["answers"] == ["left", "right"]
     results = json.loads((tmp_path / "report" / "results.json").read_text())
-    assert results["results"]["primary"]["share"] > 0.5
+    assert results["results"]["preferences"]["primary"]["share"] > 0.5
 
 
 def test_without_the_package_its_task_is_unknown_and_the_nearest_are_named(

@@ -73,6 +73,21 @@ class Found(Protocol):
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """One of the numbers that a study is about, with its limits.
+
+    `what` says of what, and is the same for the same number of other decisions.
+    """
+
+    what: str
+    value: float
+    lower: float
+    upper: float
+    p: float
+    decisions: int
+
+
+@dataclass(frozen=True)
 class PartFigure:
     """A figure by name, its caption, and how to draw it.
 
@@ -175,6 +190,14 @@ class Part(ABC, Generic[P, R]):
         Of several planned comparisons it is the least, adjusted.
         """
         return None
+
+    def estimates(self, _found: R, _plan: P) -> Sequence[Estimate]:
+        """Return the main numbers, which a report gives without exclusions too."""
+        return ()
+
+    def planned(self, found: R, plan: P) -> Sequence[Estimate]:
+        """Return those of the planned test, whose limits a planned look adjusts."""
+        return self.estimates(found, plan)
 
     @abstractmethod
     def show(self, found: R, plan: P) -> Shown:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pandas as pd
 from pydantic import Field
 
-from analysis.pairings import found_pairings
+from analysis.pairings import ALL_SIZES, found_pairings
 from analysis.parts import Plan
 from analysis.preference import Test
 from analysis.tasks.base import NamedOptions
@@ -52,7 +52,7 @@ class Settings(Plan):
     alpha: float
     margin: float
     test: Test
-    correction: str
+    correction: Literal["holm", "none"]
     planned_participants: int | None
     planned_trials: int | None
     protocol_sha256: str | None
@@ -78,6 +78,25 @@ class Settings(Plan):
     def label(self, name: str) -> str:
         """Return what reports print for a method, size or scene."""
         return self.labels.get(name, name)
+
+    def at(self, size: str, form: str = "{}", whole: str = "all sizes") -> str:
+        """Return what reports call a size, within `form`; empty where the study has no sizes."""
+        if not self.sized:
+            return ""
+        return form.format(whole if size == ALL_SIZES else self.label(size))
+
+    def named(self, method: str, against: str, size: str) -> str:
+        """Return a comparison's name: ``A / B, small disocclusion``."""
+        return f"{self.label(method)} / {self.label(against)}{self.at(size, ', {}')}"
+
+    def compared_at(
+        self, decisions: pd.DataFrame, size: str
+    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        """Return the decisions at one size, and the methods that they compare."""
+        together = size == ALL_SIZES and ALL_SIZES not in set(decisions["size"])
+        rows = decisions if together else decisions[decisions["size"] == size]
+        shown = set(rows["first"]) | set(rows["second"])
+        return rows, tuple(name for name in self.methods if name in shown)
 
 
 def from_protocol(protocol: StudyProtocol) -> Settings:

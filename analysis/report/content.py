@@ -10,6 +10,7 @@ from analysis.parts.added import added_parts
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
 from analysis.report.values import as_json
+from analysis.report.wording import left_out_sentence
 from protocols.errors import StudyError
 from protocols.hashing import Json
 from protocols.prose import count_of
@@ -71,7 +72,8 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     shown = [(part, part.show(found[part.name], plan)) for part in parts if part.name in found]
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{len(decisions)} {analysis.task} of {people}"
-    said = Shown(methods=f"We analysed {counted}.")
+    left_out = left_out_sentence(source.tidy.flow) if source.tidy else ""
+    said = Shown(methods=f"We analysed {counted}. {left_out}".strip())
     sections: list[Section] = []
     figures: list[ReportFigure] = []
     planned: list[float | None] = []

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from analysis.parts import Estimate
 from analysis.plots import sized
 from analysis.plots.sequential import bounds_plot
+from analysis.report.beside import estimates_of
 from analysis.report.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
-from analysis.tasks.base import Estimate
 
 LEAST = 1e-9
 """Of a bound: limits that leave out less than that are all that can be."""
@@ -43,7 +44,7 @@ def look_of(source: Source, planned_p: float | None) -> Look | None:
         return Look(plan, now)
     settings: Any = source.settings
     at_bound = replace(settings, alpha=now.reject_p)
-    return Look(plan, now, tuple(source.analysis.planned_estimates(source.decisions, at_bound)))
+    return Look(plan, now, estimates_of(source.analysis, source.decisions, at_bound, planned=True))
 
 
 def look_figures(found: Look | None, *, simulated: bool) -> Sequence[ReportFigure]:

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from analysis.exclusions import FlowStep
 from analysis.parts import AnyPart, Plan
+from analysis.parts import Estimate as Estimate
 from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from analysis.tables.table import Source
@@ -107,21 +108,6 @@ class PowerReport:
     warnings: tuple[str, ...]
     draw: Callable[[float], Figure]
     draw_designs: Callable[[float], Figure] | None = None
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One of the numbers that a study is about, with its limits.
-
-    `what` says of what, and is the same for the same number of other decisions.
-    """
-
-    what: str
-    value: float
-    lower: float
-    upper: float
-    p: float
-    decisions: int
 
 
 S = TypeVar("S", bound=Plan)
@@ -227,10 +213,6 @@ class TaskAnalysis(ABC, Generic[S, R]):
             If nothing can be said of these decisions.
         """
         return ()
-
-    def planned_estimates(self, decisions: pd.DataFrame, settings: S) -> Sequence[Estimate]:
-        """Return those of the planned test, whose limits a planned look adjusts."""
-        return self.estimates(decisions, settings)
 
     def planned_p(self, _results: R) -> float | None:
         """Return p of the planned test, which looks at unfinished data test; None: there is none.

@@ -167,7 +167,7 @@ def _scores(report: Path, kind: str, size: str | None) -> tuple[Mapping[str, str
                 f"{path}: format must be 2 (got {read['format']!r}); write the report anew"
             )
         if kind == "jod":
-            return _jods(read["results"]["scales"], size), simulated
+            return _jods(read["results"]["scale"]["sizes"], size), simulated
         path = report / "tables" / "preferences.csv"
         with reading(path, "a table of preferences in UTF-8", StudyError):
             text = bounded_bytes(path, StudyError, "table").decode("utf-8")

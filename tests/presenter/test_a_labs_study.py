@@ -112,7 +112,7 @@ def test_a_study_of_a_labs_own_parts_runs_from_check_to_report(
     assert [phase["phase"] for phase in attempts[1]["phases"]] == ["fixate", "both", "respond"]
     # The lab's analysis wrote the page.
     results = json.loads((folder / "report" / "results.json").read_text())
-    primary, picked = results["results"]["primary"], []
+    primary, picked = results["results"]["preferences"]["primary"], []
     for path in (sessions / "lab").glob("*/journal.jsonl"):
         for attempt in journal_lines(path)[1]:
             pair = {attempt["condition"][side] for side in ("upper", "lower")}

@@ -82,7 +82,7 @@ def test_tables_go_on_to_a_report_with_the_same_shares(sessions, reported, tmp_p
         json.loads((folder / "results.json").read_text())
         for folder in (reported[0], tmp_path / "b")
     )
-    assert one["results"]["table"] == other["results"]["table"]
+    assert one["results"]["preferences"]["table"] == other["results"]["preferences"]["table"]
     assert other["simulated"] is True
 
 

@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from analysis.parts import computed
+from analysis.parts.choice_models import ChoiceModels, ChoiceModelsPart
+from analysis.parts.preferences import PreferencesPart
 from analysis.plans.preference import from_decisions
 from analysis.report.blocks import Table
-from analysis.tasks.preference.sections import sections
-from analysis.tasks.preference.study import StudyResults, analyse
 
 
 @pytest.fixture(scope="module")
-def analysed(make_decisions) -> tuple[StudyResults, list[Table]]:
+def analysed(make_decisions) -> tuple[ChoiceModels, list[Table]]:
     """Nine people; the reference always wins, and two methods divide people for good."""
     table = make_decisions(people=9, scenes=3, sizes=("small",))
     pair = (table["first"] != "reference") & (table["second"] != "reference")
@@ -24,18 +25,18 @@ def analysed(make_decisions) -> tuple[StudyResults, list[Table]]:
     rows["rejected"] = np.where(rows["chosen"] == rows["first"], rows["second"], rows["first"])
     rows["chose_first"] = (rows["chosen"] == rows["first"]).astype(int)
     settings = from_decisions(rows, "odd")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.tasks.preference.study.BOOTSTRAP_SAMPLES", 60)
-        results = analyse(rows, settings)
-    (models,) = [one for one in sections(results, settings) if one.title == "Models"]
-    return results, [block for block in models.blocks if isinstance(block, Table)]
+    part = ChoiceModelsPart()
+    found, _ = computed((PreferencesPart(), part), rows, settings)
+    models = found[part.name]
+    blocks = part.show(models, settings).blocks
+    return models, [block for block in blocks if isinstance(block, Table)]
 
 
 def test_a_statistic_is_named_as_what_it_is(analysed):
     results, (single, _) = analysed
     text = " ".join(str(row) for row in single.rows)
 
-    stands_in = [fit for *_, fit in results.models if "clustered" in fit.method]
+    stands_in = [one.fit for one in results.pairs if "clustered" in one.fit.method]
     assert stands_in, "people who are divided for good leave no mixed model"
     assert f"t({stands_in[0].coefficients[0].df:g}) = " in text
     assert "z = " in text
@@ -43,7 +44,7 @@ def test_a_statistic_is_named_as_what_it_is(analysed):
 
 def test_a_row_of_firths_penalty_has_finite_profile_limits_and_says_what_it_takes(analysed):
     results, _ = analysed
-    separated = [fit for *_, fit in results.models if "Firth" in fit.method]
+    separated = [one.fit for one in results.pairs if "Firth" in one.fit.method]
 
     assert separated
     for fit in separated:
@@ -55,7 +56,7 @@ def test_a_row_of_firths_penalty_has_finite_profile_limits_and_says_what_it_take
 
 def test_one_model_of_all_pairings_stands_beside_with_holm_or_says_why_not(analysed):
     results, (_, together) = analysed
-    by_size = dict(results.paired)
+    by_size = {one.size: one.model for one in results.together}
 
     assert len(by_size["small"].contrasts) == len(together.rows) == 3
     for one in by_size["small"].contrasts:

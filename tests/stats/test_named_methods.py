@@ -11,14 +11,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from analysis.parts import computed
 from analysis.plans.preference import PreferenceOptions, from_decisions
 from analysis.plots.preference import forest_plot
 from analysis.preference import preferences
 from analysis.report.wording import grouped
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
-from analysis.tasks.preference.sections import sections
-from analysis.tasks.preference.study import analyse
+from analysis.tasks.preference import PreferenceOfPairs
 from protocols.errors import StudyError
 
 METHODS = {"blur": 0.0, "dithered": 0.2, "none": 0.5, "ours": 1.2}
@@ -102,8 +102,8 @@ def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
     assert result.exit_code == 0, result.output
     assert "Our method, new was chosen over Original" in result.output
     both = choices[choices[["first", "second"]].isin(["ours", "none"]).all(axis=1)]
-    assert numbers["primary"]["chosen"] == (both["chosen"] == "ours").sum()
-    assert numbers["primary"]["trials"] == len(both)
+    assert numbers["preferences"]["primary"]["chosen"] == (both["chosen"] == "ours").sum()
+    assert numbers["preferences"]["primary"]["trials"] == len(both)
 
 
 def test_a_table_of_answers_takes_order_and_labels():
@@ -124,8 +124,10 @@ def test_a_table_of_answers_takes_order_and_labels():
 
 def test_a_table_without_sizes_speaks_of_none(decisions):
     rules = settings(decisions)
-    results = analyse(decisions.assign(rt_s=1.5), rules)
-    said = repr(sections(results, rules))
+    parts = {part.name: part for part in PreferenceOfPairs.parts}
+    found, _ = computed(tuple(parts.values()), decisions.assign(rt_s=1.5), rules)
+    shown = [parts[name].show(one, rules) for name, one in found.items()]
+    said = repr([(one.lead, one.blocks, one.further) for one in shown])
     figure = forest_plot(preferences(decisions, pairings=rules.pairings).cells)
     labels = [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
 

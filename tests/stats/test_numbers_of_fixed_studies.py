@@ -22,6 +22,18 @@ RENAMED = (
     (r"results\.learning\.(\d+)\.0", r"results.learning.trends.\1.outcome"),
     (r"results\.learning\.(\d+)\.1\.(.*)", r"results.learning.trends.\1.\2"),
     (r"results\.(model|levels)\.(.*)", r"results.ratings.\1.\2"),
+    (
+        r"results\.(primary|participant_shares|scene_shares|table)\b(.*)",
+        r"results.preferences.\1\2",
+    ),
+    (r"results\.models\.(\d+)\.0", r"results.choice_models.pairs.\1.method"),
+    (r"results\.models\.(\d+)\.1", r"results.choice_models.pairs.\1.against"),
+    (r"results\.models\.(\d+)\.2", r"results.choice_models.pairs.\1.size"),
+    (r"results\.models\.(\d+)\.3\.(.*)", r"results.choice_models.pairs.\1.fit.\2"),
+    (r"results\.paired\.(\d+)\.0", r"results.choice_models.together.\1.size"),
+    (r"results\.paired\.(\d+)\.1\.(.*)", r"results.choice_models.together.\1.model.\2"),
+    (r"results\.scales\.(.*)", r"results.scale.sizes.\1"),
+    (r"results\.((?:order|side)\..*)", r"results.bias.\1"),
     (r"result\.((?:summary|model|diffusion)\..*)", r"results.times.\1"),
     (r"result\.(?!sensitivity|people|population|within|between)(.*)", r"results.ratings.model.\1"),
 )

@@ -13,7 +13,6 @@ import pytest
 from analysis.parts import computed
 from analysis.plans.preference import from_decisions
 from analysis.tasks.preference import PreferenceOfPairs
-from analysis.tasks.preference.study import analyse
 
 
 def odd_study(seed: int) -> pd.DataFrame:
@@ -55,7 +54,7 @@ def odd_study(seed: int) -> pd.DataFrame:
     return table
 
 
-WITHHELD = (".paired", "[learning]", "[times]")
+WITHHELD = ("[choice_models].together", "[learning]", "[times]")
 """Models that say which of their terms the data do not identify; these have no number."""
 
 
@@ -80,17 +79,15 @@ def not_finite(value: object, path: str = "") -> Iterator[str]:
 @pytest.mark.parametrize("seed", range(20))
 def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
     """Twenty studies by default, ten times as many with --full; warnings are errors."""
-    monkeypatch.setattr("analysis.tasks.preference.study.BOOTSTRAP_SAMPLES", 60)
+    monkeypatch.setattr("analysis.parts.scale.BOOTSTRAP_SAMPLES", 60)
     for number in range(proof_count(10)):
         table = odd_study(seed + 20 * number)
         if table.empty:
             continue
-        results = analyse(table, from_decisions(table, "odd"))
-        settings = from_decisions(table, "odd")
-        parts, notes = computed(PreferenceOfPairs.parts, table, settings)
-        assert list(not_finite(results)) == list(not_finite(parts)) == []
+        found, notes = computed(PreferenceOfPairs.parts, table, from_decisions(table, "odd"))
+        assert list(not_finite(found)) == []
         assert notes == ()
-        for cell in results.table.cells:
+        for cell in found["preferences"].table.cells:
             assert 0 <= cell.estimate.lower <= cell.estimate.share <= cell.estimate.upper <= 1
             assert 0 <= cell.test.p <= cell.test.p_adjusted <= 1
             if cell.answers.chosen in (0, cell.answers.trials) and cell.answers.participants > 1:

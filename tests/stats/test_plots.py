@@ -28,6 +28,7 @@ from analysis.critical_scaling import critical_scalings
 from analysis.detection import identification, yes_no
 from analysis.learning import course
 from analysis.pairings import counts, pairing_rows
+from analysis.parts.scale import vote_tensor
 from analysis.plans.preference import from_protocol
 from analysis.plots import (
     ONE_COLUMN_IN,
@@ -53,7 +54,6 @@ from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
 from analysis.tasks.preference.power import Assumptions, power_curve
-from analysis.tasks.preference.study import vote_tensor
 from analysis.thresholds import fit_thresholds
 
 LABELS = {

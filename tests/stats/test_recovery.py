@@ -60,7 +60,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
 
 def test_the_study_is_the_papers(numbers):
     assert numbers["simulated"] is True
-    cells = numbers["results"]["table"]["cells"]
+    cells = numbers["results"]["preferences"]["table"]["cells"]
     assert [cell["trials"] for cell in cells] == [132] * 6
     assert {cell["participants"] for cell in cells} == {11}
 
@@ -69,24 +69,24 @@ def test_known_shares_lie_within_their_limits(numbers):
     """Six limits at 95 %: all six cover in three of four studies, five nearly always."""
     hits = [
         cell["lower"] <= true_share(cell["method"], cell["against"]) <= cell["upper"]
-        for cell in numbers["results"]["table"]["cells"]
+        for cell in numbers["results"]["preferences"]["table"]["cells"]
     ]
 
     assert sum(hits) >= 5
-    primary = numbers["results"]["primary"]
+    primary = numbers["results"]["preferences"]["primary"]
     assert primary["lower"] <= true_share("metameric", "push-pull") <= primary["upper"]
     assert primary["verdict"] == "preferred"
 
 
 def test_known_distances_lie_within_the_scales_limits(numbers):
-    for one in numbers["results"]["scales"]:
+    for one in numbers["results"]["scale"]["sizes"]:
         order = sorted(UTILITIES, key=UTILITIES.__getitem__)
         scores = dict(zip(one["scale"]["conditions"], one["scale"]["scores"], strict=True))
         assert sorted(scores, key=scores.__getitem__) == order
 
 
 def test_no_bias_and_no_learning_is_found_where_none_was_simulated(numbers):
-    order = numbers["results"]["order"]
+    order = numbers["results"]["bias"]["order"]
 
     assert order["lower"] <= 0.5 <= order["upper"]
     assert all(trend["p"] > 0.001 for trend in numbers["results"]["learning"]["trends"])

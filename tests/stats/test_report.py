@@ -111,12 +111,12 @@ def test_recorded_data_carries_no_stamp(tmp_path, demo_protocol, write_journals)
 
 
 def test_numbers_of_the_page_are_numbers_of_the_json(html, numbers):
-    cells = numbers["results"]["table"]["cells"]
+    cells = numbers["results"]["preferences"]["table"]["cells"]
     assert len(cells) == 6
     for cell in cells:
         assert f"{cell['chosen']} / {cell['trials']}" in html
         assert share(cell["share"]) in html
-    primary = numbers["results"]["primary"]
+    primary = numbers["results"]["preferences"]["primary"]
     assert (primary["method"], primary["against"]) == ("metameric", "push-pull")
     assert f"in {primary['chosen']} of {primary['trials']} trials" in html
     assert sum(cell["trials"] for cell in cells) == 8 * 24
@@ -204,7 +204,7 @@ def test_degenerate_studies_give_flagged_reports(
     assert "When not to trust" in html
     visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)
     assert not re.search(r"\b(nan|inf|None)\b", visible)
-    for cell in numbers["results"]["table"]["cells"]:
+    for cell in numbers["results"]["preferences"]["table"]["cells"]:
         if cell["chosen"] in (0, cell["trials"]):
             assert cell["p"] == pytest.approx(min(1.0, 2 / 2**people))
             assert any("agree" in note or "one participant" in note for note in cell["warnings"])

@@ -14,6 +14,7 @@ from undrawn_reports import undrawn
 
 from analysis.bayes import t_bayes_factor
 from analysis.plots.sequential import bounds_plot
+from analysis.report.beside import estimates_of
 from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
@@ -223,11 +224,11 @@ def test_the_report_says_at_which_look_it_stands(write_journals, demo_protocol, 
     noted = json.loads(made.json.read_text())
 
     assert noted["sequential"]["standing"]["look"] == 1
-    assert noted["sequential"]["standing"]["p"] == noted["results"]["primary"]["p"]
+    assert noted["sequential"]["standing"]["p"] == noted["results"]["preferences"]["primary"]["p"]
     assert "Planned looks: " in made.html.read_text()
     assert "Look 1 of 2 (4 participants)" in made.html.read_text()
     assert "Limits that take account of the looks" in made.html.read_text()
-    (limits,), plain = noted["sequential"]["limits"], noted["results"]["primary"]
+    (limits,), plain = noted["sequential"]["limits"], noted["results"]["preferences"]["primary"]
     assert limits["value"] == plain["share"]
     assert limits["lower"] < plain["lower"] < plain["upper"] < limits["upper"]
 
@@ -263,7 +264,7 @@ def test_limits_at_a_look_leave_out_one_half_exactly_where_it_stops(demo_protoco
             ],
             columns=["participant", "scene", "size", "first", "second", "chosen"],
         )  # fmt: skip
-        (one,) = analysis_of("preference").planned_estimates(rows, settings)
+        (one,) = estimates_of(analysis_of("preference"), rows, settings, planned=True)
         assert (one.p < bound) == (one.lower > 0.5 or one.upper < 0.5)
         stopped.add(one.p < bound)
 

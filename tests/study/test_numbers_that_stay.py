@@ -2,8 +2,8 @@
 
 `golden/` holds what earlier revisions gave: hashes and the trial lists of 50 slots of three shipped
 studies; of five simulated sessions of `showcase` (seed 11, 2 of 1000 flips missed, 2 late, 1
-doubled) the hashes of their side files, and `results.json` of their report. A change of these
-files needs a decision.
+doubled) the hashes of their side files, and `results.json` of their report (its numbers under the
+names that they have today). A change of these files needs a decision.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def differences(old: Any, new: Any, place: str = "", *, exact: bool = True) -> l
             for index, pair in enumerate(zip(old, new, strict=True))
             for found in differences(*pair, f"{place}[{index}]", exact=exact)
         ]
-    mixed = place.startswith(".results.models")
+    mixed = place.startswith(".results.choice_models")
     if isinstance(old, float) and isinstance(new, float) and (mixed or not exact):
         near = MIXED if mixed else CLOSED
         return [] if new == pytest.approx(old, **near) else [f"{place}: {old!r} {new!r}"]
@@ -165,9 +165,9 @@ def test_every_difference_of_two_results_is_found():
     ]
     assert differences({"a": 2.0}, {"a": 2.0 + 1e-10}, exact=False) == []
     assert differences({"a": 2.0}, {"a": 2.0 + 1e-7}, exact=False) == [".a: 2.0 2.0000001"]
-    models = [{"results": {"models": [value]}} for value in (1.0, 1.0000005, 1.00001)]
+    models = [{"results": {"choice_models": [value]}} for value in (1.0, 1.0000005, 1.00001)]
     assert differences(*models[:2], exact=False) == []
-    assert differences(*models[::2], exact=False) == [".results.models[0]: 1.0 1.00001"]
+    assert differences(*models[::2], exact=False) == [".results.choice_models[0]: 1.0 1.00001"]
     assert differences(old, {"a": [True, 2.0, None]}) == [
         ".a[0]: 1 True", ".b: {'c': 'x'} '(missing)'",
     ]  # fmt: skip

@@ -9,10 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.exclusions import FlowStep
-from analysis.pairings import Comparisons, pairing_rows
+from analysis.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
+from analysis.parts.bias import BiasPart
+from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
+from analysis.parts.preferences import PreferencesPart
+from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
     PreferenceOptions,
@@ -21,21 +24,16 @@ from analysis.plans.preference import (
     from_protocol,
 )
 from analysis.plots import power_plot, sized
-from analysis.preference import Preference, preferences
-from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
 from analysis.tables.table import Source
 from analysis.tasks.base import (
     Assumption,
     Counted,
-    Estimate,
     PowerReport,
-    Step,
     TableOptions,
     TaskAnalysis,
 )
-from analysis.tasks.preference.figures import report_figures
 from analysis.tasks.preference.pilot import pilot_deviations
 from analysis.tasks.preference.power import (
     DEFAULT_PARTICIPANT_SD,
@@ -45,9 +43,6 @@ from analysis.tasks.preference.power import (
     power_curve,
     primary_p_values,
 )
-from analysis.tasks.preference.sections import lead, sections
-from analysis.tasks.preference.study import BOOTSTRAP_SAMPLES, StudyResults, analyse, primary_of
-from analysis.tasks.preference.wording import apa_model, apa_preference, methods_paragraph
 from analysis.tidy import pwcmp_table
 from protocols.columns import Column
 from protocols.errors import StudyError
@@ -56,12 +51,19 @@ from protocols.schema import StudyProtocol
 POWER_STUDIES = 10_000
 
 
-class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
+class PreferenceOfPairs(TaskAnalysis[Settings, None]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"
     options: ClassVar[type[TableOptions]] = PreferenceOptions
-    parts: ClassVar[tuple[AnyPart, ...]] = (ChoiceLearning(), TimesPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        PreferencesPart(),
+        ChoiceModelsPart(),
+        ScalePart(),
+        BiasPart(),
+        ChoiceLearning(),
+        TimesPart(),
+    )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
     def settings(self, study: StudyProtocol) -> Settings:
@@ -101,31 +103,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
         ):
             raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
 
-    def analyse(self, decisions: pd.DataFrame, settings: Settings, step: Step) -> StudyResults:
-        """Return preferences, models, scales, biases, trends and times."""
-        return analyse(decisions, settings, step=step)
-
-    def estimates(self, decisions: pd.DataFrame, settings: Settings) -> Sequence[Estimate]:
-        """Return the share of choices in every comparison."""
-        table = preferences(
-            decisions,
-            pairings=settings.pairings,
-            sizes=settings.sizes,
-            alpha=settings.alpha,
-            margin=settings.margin,
-            test=settings.test,
-            correction="holm" if settings.correction == "holm" else "none",
-        )
-        return tuple(_estimate(cell, settings) for cell in table.cells)
-
-    def planned_estimates(self, decisions: pd.DataFrame, settings: Settings) -> Sequence[Estimate]:
-        """Return the share of choices in the primary comparison."""
-        found = primary_of(Comparisons(decisions), settings)
-        return () if found is None else (_estimate(found, settings),)
-
-    def planned_p(self, results: StudyResults) -> float | None:
-        """Return p of the primary comparison."""
-        return None if results.primary is None else results.primary.test.p
+    def table(self, decisions: pd.DataFrame, _settings: Settings) -> pd.DataFrame:
+        """Return decisions with names as categories, which parts group."""
+        return as_numbers(decisions)
 
     def simulated_p(
         self,
@@ -149,15 +129,6 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             progress=progress,
         )
 
-    def warnings(self, results: StudyResults) -> tuple[str, ...]:
-        """Return what is odd about the study as a whole."""
-        return results.warnings
-
-    def tables(self, _decisions: pd.DataFrame, results: StudyResults) -> Mapping[str, pd.DataFrame]:
-        """Return every comparison."""
-        rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in results.table.cells]
-        return {"preferences.csv": pd.DataFrame(rows)}
-
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the table of the program pwcmp."""
         return {"pwcmp.csv": pwcmp_table(decisions)}
@@ -165,54 +136,6 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
     def counted(self, settings: Settings) -> str:
         """Return how many methods are compared."""
         return f"{len(settings.methods)} methods"
-
-    def lead(self, results: StudyResults, settings: Settings) -> Sequence[Block]:
-        """Return the primary comparison."""
-        return lead(results, settings)
-
-    def sections(self, results: StudyResults, settings: Settings) -> Sequence[Section]:
-        """Return preference, models, scale, people, checks."""
-        return sections(results, settings)
-
-    def figures(
-        self,
-        _decisions: pd.DataFrame,
-        results: StudyResults,
-        settings: Settings,
-        *,
-        simulated: bool,
-    ) -> Sequence[ReportFigure]:
-        """Return the figures of all sections."""
-        return report_figures(results, settings, simulated=simulated)
-
-    def methods(
-        self,
-        _results: StudyResults,
-        settings: Settings,
-        *,
-        people: int,
-        decisions: int,
-        flow: Sequence[FlowStep],
-    ) -> str:
-        """Return how preferences were analysed."""
-        return methods_paragraph(settings, people=people, decisions=decisions, flow=flow)
-
-    def sentences(self, results: StudyResults, settings: Settings) -> Sequence[str]:
-        """Return the primary comparison, every comparison, every model."""
-        found = []
-        if results.primary is not None:
-            primary = apa_preference(results.primary, settings, adjusted=False)
-            found.append("Primary comparison: " + primary)
-        found += [apa_preference(cell, settings, adjusted=True) for cell in results.table.cells]
-        return found + [
-            apa_model(method, against, fit, settings, size)
-            for method, against, size, fit in results.models
-        ]
-
-    def headline(self, results: StudyResults, settings: Settings) -> str:
-        """Return the primary comparison, or the first."""
-        first = results.primary or results.table.cells[0]
-        return apa_preference(first, settings, adjusted=results.primary is None)
 
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return the share to find, and how much people and scenes differ."""
@@ -272,17 +195,6 @@ class PreferenceOfPairs(TaskAnalysis[Settings, StudyResults]):
             progress=progress,
         )
         return _power_report(curve)
-
-
-def _estimate(cell: Preference, settings: Settings) -> Estimate:
-    return Estimate(
-        f"{settings.label(cell.method)} over {settings.label(cell.against)}, {cell.size}",
-        cell.estimate.share,
-        cell.estimate.lower,
-        cell.estimate.upper,
-        cell.test.p_adjusted,
-        cell.answers.trials,
-    )
 
 
 def _assumptions(assumed: Mapping[str, float]) -> Assumptions:

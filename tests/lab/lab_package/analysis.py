@@ -1,18 +1,22 @@
-"""An analysis: the numbers of the shipped one, a page of its own."""
+"""An analysis: the numbers of the shipped one, a section of its own."""
 
-from analysis.report.blocks import Paragraph, Section
+from dataclasses import replace
+
+from analysis.parts.preferences import PreferencesPart
+from analysis.parts.times import TimesPart
+from analysis.report.blocks import Paragraph
 from analysis.tasks.preference import PreferenceOfPairs
+
+
+class LabPreferences(PreferencesPart):
+    section = ("lab", "The lab's section")
+
+    def show(self, found, plan):
+        shown = super().show(found, plan)
+        said = f"The lab found: {shown.headline}"
+        return replace(shown, headline=said, blocks=(Paragraph(said),), further=(), figures=())
 
 
 class LabAnalysis(PreferenceOfPairs):
     kind = "lab-choice"
-
-    def sections(self, results, settings):
-        said = Paragraph(self.headline(results, settings))
-        return [Section("lab", "Lab", "The lab's section", (said,))]
-
-    def figures(self, _decisions, _results, _settings, *, simulated):  # noqa: ARG002
-        return []
-
-    def headline(self, results, settings):
-        return "The lab found: " + super().headline(results, settings)
+    parts = (LabPreferences(), TimesPart())

@@ -1,0 +1,86 @@
+"""Order and side bias: is the first interval, or one key, chosen too often?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.bias import Bias, order_bias, side_bias
+from analysis.parts import Part, PartFigure, Shown
+from analysis.plans.preference import Settings
+from analysis.plots import bias_bars
+from analysis.report.blocks import Cautions, Picture, Table
+from analysis.report.wording import grouped, p_number, p_text, share, share_range
+
+
+@dataclass(frozen=True)
+class Biases:
+    """Every number; `side` is None where sides were not recorded."""
+
+    order: Bias
+    side: Bias | None
+    notes: tuple[str, ...] = ()
+
+
+class BiasPart(Part[Settings, Biases]):
+    """How often the first interval and the left key were picked, whatever they showed."""
+
+    name: ClassVar[str] = "bias"
+    section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: Settings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Biases:
+        """Return both."""
+        return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
+
+    def show(self, found: Biases, plan: Settings) -> Shown:
+        """Return the figure, a table, and each as a sentence."""
+        biases = [one for one in (found.order, found.side) if one is not None]
+        level = f"{100 * plan.confidence:g}"
+        caption = (
+            f"How often the first interval and the left key were picked, with {level} % limits;"
+            " dots: participants."
+        )
+        own = ("by_participant", "extreme", "warnings")
+        lines = [
+            {name: value for name, value in vars(one).items() if name not in own}
+            | {"warnings": "; ".join(one.warnings)}
+            for one in biases
+        ]
+        return Shown(
+            blocks=(
+                Picture("bias"),
+                Table.each(
+                    "Order and side bias, against .5",
+                    biases,
+                    ("Alternative", "l", lambda b: b.alternative),
+                    ("Trials", "", lambda b: str(b.trials)),
+                    ("Share", "", lambda b: share(b.share)),
+                    ("Limits", "n", lambda b: share_range(b.lower, b.upper)),
+                    ("p", "n", lambda b: p_number(b.p)),
+                    ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
+                ),
+                Cautions(
+                    "About these shares", grouped([(b.alternative, b.warnings) for b in biases])
+                ),
+            ),
+            sentences=tuple(
+                f"The {b.alternative} was picked in {share(b.share)} of {b.trials} trials,"
+                f" {level}% CI {share_range(b.lower, b.upper)}, {p_text(b.p)}."
+                for b in biases
+            ),
+            methods=(
+                "How often the first interval and the left key were picked was compared with .5 by"
+                " the score t test clustered by participant and by scene."
+            ),
+            tables={"bias.csv": pd.DataFrame(lines)},
+            figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),
+        )

@@ -1,0 +1,284 @@
+"""Logit mixed models of choices: one of each comparison, and one of all pairings."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.models import ModelFit, glmm_logit
+from analysis.paired_model import PairedModel, paired_model
+from analysis.pairings import Comparisons
+from analysis.parts import Part, Shown, tried
+from analysis.parts.preferences import Preferences
+from analysis.plans.preference import Settings
+from analysis.preference import Preference
+from analysis.report.blocks import Block, Cautions, Paragraph, Table
+from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+
+LARGEST_LOG = 700.0
+"""Of odds that a number can hold."""
+
+
+@dataclass(frozen=True)
+class PairModel:
+    """The model of one comparison; its intercept is the preference without order bias."""
+
+    method: str
+    against: str
+    size: str
+    fit: ModelFit
+
+
+@dataclass(frozen=True)
+class SizeModel:
+    """The model of all pairings at one size."""
+
+    size: str
+    model: PairedModel
+
+
+@dataclass(frozen=True)
+class ChoiceModels:
+    """Every number; `together` is empty where two methods alone are compared."""
+
+    pairs: tuple[PairModel, ...]
+    together: tuple[SizeModel, ...]
+    notes: tuple[str, ...]
+
+
+class ChoiceModelsPart(Part[Settings, ChoiceModels]):
+    """Preferences with participants and scenes as random effects."""
+
+    name: ClassVar[str] = "choice_models"
+    section: ClassVar[tuple[str, str]] = ("models", "Models")
+    needs: ClassVar[tuple[str, ...]] = ("preferences",)
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: Settings,
+        found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> ChoiceModels:
+        """Fit each comparison, and all pairings of each size."""
+        preferences: Preferences = found["preferences"]
+        decisions = Comparisons(table)
+        notes: list[str] = []
+        together = []
+        for size in plan.sizes:
+            rows, methods = plan.compared_at(decisions.decisions, size)
+            if len(methods) < 3:  # Of two methods it would be the pairing's own.
+                continue
+            model = tried(
+                lambda rows=rows, methods=methods: paired_model(rows, methods),
+                f"model of all pairings at {size}",
+                notes,
+            )
+            together += [SizeModel(size, model)] if model else []
+        pairs = tuple(
+            PairModel(one.method, one.against, one.size, _mixed(decisions, one))
+            for one in preferences.table.cells
+        )
+        return ChoiceModels(pairs, tuple(together), tuple(notes))
+
+    def show(self, found: ChoiceModels, plan: Settings) -> Shown:
+        """Return a table of each kind of model, and what each says."""
+        tables = {
+            "models.csv": pd.DataFrame(
+                [
+                    {"method": one.method, "against": one.against, "size": one.size}
+                    | vars(coefficient)
+                    | {f"sd_{name}": sd for name, sd in one.fit.random_sd.items()}
+                    | {"model": one.fit.method, "warnings": "; ".join(one.fit.warnings)}
+                    for one in found.pairs
+                    for coefficient in one.fit.coefficients
+                ]
+            )
+        }
+        if found.together:
+            tables["pairings.csv"] = pd.DataFrame(
+                [
+                    {"size": one.size} | vars(contrast) | {"df": one.model.df}
+                    for one in found.together
+                    for contrast in one.model.contrasts
+                ]
+            )
+        return Shown(
+            blocks=tuple(_blocks(found, plan)),
+            sentences=tuple(_sentences(found, plan)),
+            methods=(
+                "Logit mixed models had crossed random intercepts of participants and scenes"
+                " (Laplace approximation) and the order of presentation as a covariate; one model"
+                " of all pairings had random tastes of the methods by participant and by scene,"
+                " with Holm-adjusted likelihood ratios."
+            ),
+            tables=tables,
+        )
+
+
+def _mixed(decisions: Comparisons, cell: Preference) -> ModelFit:
+    rows = decisions.rows(cell.method, cell.against, cell.size)
+    table = pd.DataFrame(
+        {
+            "preferred": (rows["chosen"] == cell.method).astype(int),
+            "shown_first": np.where(rows["first"] == cell.method, 0.5, -0.5),
+            "participant": rows["participant"],
+            "scene": rows["scene"],
+        }
+    )
+    groups = [column for column in ("participant", "scene") if table[column].nunique() > 1]
+    terms = "1 + shown_first" if table["shown_first"].nunique() > 1 else "1"
+    return glmm_logit(
+        f"preferred ~ {terms}", table, groups=groups or ["participant"], level=cell.estimate.level
+    )
+
+
+def _over(method: str, against: str, size: str, plan: Settings) -> str:
+    return f"{plan.label(method)} over {plan.label(against)}{plan.at(size, ' ({})')}"
+
+
+def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
+    for one in found.pairs:
+        fit, row = one.fit, one.fit["Intercept"]
+        about = (
+            f"{plan.label(one.method)} over {plan.label(one.against)}{plan.at(one.size, ' ({})')}"
+        )
+        if math.isnan(row.estimate):
+            yield f"{about}: {NOT_IDENTIFIED} ({fit.method})."
+            continue
+        spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
+        yield (
+            f"{about}: b = {row.estimate:.2f}, SE = {row.standard_error:.2f},"
+            f" {row.statistic_name} = {row.statistic:.2f}, {p_text(row.p)}"
+            + ("" if row.ratio_p is None else f", likelihood ratio {p_text(row.ratio_p)}")
+            + (f"; {spread}" if spread else "")
+            + f" ({fit.method})."
+        )
+    for size in found.together:
+        for c in size.model.contrasts:
+            about = (
+                f"{plan.label(c.first)} over {plan.label(c.second)}{plan.at(size.size, ' ({})')}"
+            )
+            if math.isnan(c.estimate):
+                yield f"{about}, all pairings together: {NOT_IDENTIFIED}."
+                continue
+            yield (
+                f"{about}, all pairings together: b = {c.estimate:.2f}, SE ="
+                f" {c.standard_error:.2f}, likelihood ratio {number(c.ratio)}, {p_text(c.p)}"
+                f" ({p_number(c.p_adjusted)} Holm-adjusted; mixed model of random tastes)."
+            )
+
+
+def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
+    rows = []
+    for one in found.pairs:
+        name, spread = plan.named(one.method, one.against, one.size), _spread(one.fit)
+        for c in one.fit.coefficients:
+            rows.append(
+                (
+                    name,
+                    "preference" if c.term == "Intercept" else "shown first",
+                    number(c.estimate),
+                    number(c.standard_error),
+                    f"{c.statistic_name} = {number(c.statistic)}",
+                    p_number(c.p),
+                    "none" if c.ratio_p is None else p_number(c.ratio_p),
+                    f"{_odds(c.estimate)} [{_odds(c.lower)}, {_odds(c.upper)}]",
+                    spread,
+                )
+            )
+            name = spread = ""
+    yield Table.of(
+        "Logit mixed models: crossed random intercepts, order of presentation as covariate",
+        (
+            ("Comparison", "l c"),
+            ("Term", "l"),
+            ("b", ""),
+            ("SE", ""),
+            ("Statistic", "n"),
+            ("p", "n"),
+            ("LR p", "n"),
+            (f"OR, {100 * plan.confidence:g} % limits", "n"),
+            ("Random SD", "l"),
+        ),
+        rows,
+    )
+    yield Paragraph(
+        "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
+        ' scene in the middle; "shown first": how far b rises where that method was shown first'
+        " instead of second. LR p: of the likelihood ratio without the term; where it and p of"
+        " z differ, LR p errs less often. Where a mixed model cannot be had, the row says what"
+        " stands in its place: clustered errors with t, or Firth's penalty, whose p and limits"
+        " are of its profile likelihood and take trials as independent. Random SD: how far"
+        " participants, and scenes, differ on the scale of b.",
+        muted=True,
+    )
+    if found.together:
+        yield from _together(found, plan)
+    yield Cautions(
+        "When not to trust these models",
+        grouped(
+            [
+                (plan.named(one.method, one.against, one.size), one.fit.warnings)
+                for one in found.pairs
+            ]
+            + [(plan.at(one.size), one.model.warnings) for one in found.together]
+        ),
+    )
+
+
+def _together(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
+    rows = []
+    for one in found.together:
+        model = one.model
+        spread = _deviations(model.random_sd)
+        for c in model.contrasts:
+            rows.append(
+                (
+                    plan.named(c.first, c.second, one.size),
+                    number(c.estimate),
+                    number(c.standard_error),
+                    f"{number(c.ratio)} ({model.df})",
+                    p_number(c.p),
+                    p_number(c.p_adjusted),
+                    spread,
+                )
+            )
+            spread = ""
+    yield Table.of(
+        "One mixed model of all pairings: each participant and scene has own tastes of the methods",
+        (
+            ("Comparison", "l c"),
+            ("b", ""),
+            ("SE", ""),
+            ("LR (df)", "n"),
+            ("p", "n"),
+            ("p adj.", "n"),
+            ("Random SD", "l"),
+        ),
+        rows,
+    )
+    yield Paragraph(
+        "b as above, now with all answers together: what one pairing tells of two methods"
+        " counts for the others too. LR: likelihood ratio against two methods being equal; its"
+        " root is judged by t with df of participants. p adj.: Holm over the comparisons of a"
+        " size. Random SD: of one method's b between participants, and between scenes.",
+        muted=True,
+    )
+
+
+def _odds(logarithm: float) -> str:
+    return big(float(np.exp(np.clip(logarithm, -LARGEST_LOG, LARGEST_LOG))))
+
+
+def _deviations(random_sd: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {number(sd)}" for name, sd in random_sd.items())
+
+
+def _spread(fit: ModelFit) -> str:
+    if fit.random_sd:
+        return _deviations(fit.random_sd)
+    return "none: " + ("Firth" if "Firth" in fit.method else "clustered")

@@ -1,0 +1,372 @@
+"""Preferences: how often one method is chosen over another, for every pairing and size."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analysis.pairings import Comparisons, counts
+from analysis.parts import Estimate, Part, PartFigure, Shown
+from analysis.plans.preference import Settings
+from analysis.plots import forest_plot, preference_bars
+from analysis.preference import Preference, PreferenceTable, preference, preferences
+from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
+from analysis.report.wording import (
+    big,
+    grouped,
+    leading,
+    number,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
+from analysis.tasks.common_figures import shares_figure
+
+TESTS = {
+    "participant-scene": (
+        "two-way clustered score t",
+        "a score t test with standard errors clustered by participant and by scene (two-way"
+        " clustering, Cameron, Gelbach & Miller, 2011), p no smaller than that of independent"
+        " trials or of unanimous participants",
+    ),
+    "participant": (
+        "participant score t",
+        "a score t test over participants' choice proportions, p no smaller than that of"
+        " independent trials or of unanimous participants",
+    ),
+    "pooled": (
+        "pooled exact binomial",
+        "an exact binomial test that takes trials as independent",
+    ),
+}
+"""Tests of a protocol: what a table calls them, and what they are."""
+
+_BF10 = Markup("BF<sub>10</sub>")
+Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
+
+
+@dataclass(frozen=True)
+class Preferences:
+    """Every number.
+
+    Attributes
+    ----------
+    primary : Preference or None
+        The planned comparison, not adjusted; None where there is none, or no decision makes it.
+    table : PreferenceTable
+        Every comparison, adjusted together.
+    participant_shares, scene_shares : mapping of (method, against, size) to (name, share)
+        Of choices of the first method.
+    """
+
+    primary: Preference | None
+    table: PreferenceTable
+    participant_shares: Shares
+    scene_shares: Shares
+    notes: tuple[str, ...]
+
+
+class PreferencesPart(Part[Settings, Preferences]):
+    """Shares of choices with their tests; the primary comparison leads."""
+
+    name: ClassVar[str] = "preferences"
+    section: ClassVar[tuple[str, str]] = ("preference", "Preference")
+    essential: ClassVar[bool] = True
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: Settings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Preferences:
+        """Test every pairing at every size, and the primary comparison by itself."""
+        decisions = Comparisons(table)
+        how: dict[str, Any] = {"alpha": plan.alpha, "margin": plan.margin, "test": plan.test}
+        cells = preferences(
+            decisions,
+            pairings=plan.pairings,
+            sizes=plan.sizes,
+            correction=plan.correction,
+            **how,
+        )
+        notes, primary = list(cells.warnings), None
+        if plan.primary is not None:
+            method, against, _ = plan.primary
+            rows = decisions.rows(*plan.primary)
+            if rows.empty:
+                notes.append(f"the primary comparison ({method} with {against}) has no decisions")
+            else:
+                primary = preference(rows, *plan.primary, **how)
+        people, scenes = {}, {}
+        for one in cells.cells:
+            key = one.method, one.against, one.size
+            chosen, shown, *names = counts(decisions.rows(*key), one.method)
+            for kept, axis in ((people, 1), (scenes, 0)):
+                shares = chosen.sum(axis=axis) / shown.sum(axis=axis)
+                kept[key] = tuple(zip(names[1 - axis], map(float, shares), strict=True))
+        return Preferences(primary, cells, people, scenes, tuple(notes))
+
+    def planned_p(self, found: Preferences) -> float | None:
+        """Return p of the primary comparison."""
+        return None if found.primary is None else found.primary.test.p
+
+    def estimates(self, found: Preferences, plan: Settings) -> Sequence[Estimate]:
+        """Return the share of choices in every comparison."""
+        return [_estimate(cell, plan) for cell in found.table.cells]
+
+    def planned(self, found: Preferences, plan: Settings) -> Sequence[Estimate]:
+        """Return the share of choices in the primary comparison."""
+        return [] if found.primary is None else [_estimate(found.primary, plan)]
+
+    def show(self, found: Preferences, plan: Settings) -> Shown:
+        """Return the primary comparison before all, every comparison, people and scenes."""
+        cells, primary = found.table.cells, found.primary
+        sentences = [apa_preference(one, plan, adjusted=True) for one in cells]
+        lead: tuple[Block, ...] = ()
+        headline = sentences[0]
+        if primary is not None:
+            headline = apa_preference(primary, plan, adjusted=False)
+            sentences.insert(0, f"Primary comparison: {headline}")
+            lead = _lead(primary, headline, plan)
+        rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in cells]
+        return Shown(
+            lead=lead,
+            headline=headline,
+            blocks=tuple(_blocks(found, plan)),
+            further=(
+                Section(
+                    "people",
+                    "Participants and scenes",
+                    "Participants and scenes",
+                    (Picture("participants"), Picture("scenes")),
+                ),
+            ),
+            sentences=sentences,
+            methods=_methods(plan),
+            tables={"preferences.csv": pd.DataFrame(rows), "shares.csv": _shares(found)},
+            figures=tuple(_figures(found, plan)),
+        )
+
+
+def _estimate(cell: Preference, plan: Settings) -> Estimate:
+    return Estimate(
+        f"{plan.label(cell.method)} over {plan.label(cell.against)}, {cell.size}",
+        cell.estimate.share,
+        cell.estimate.lower,
+        cell.estimate.upper,
+        cell.test.p_adjusted,
+        cell.answers.trials,
+    )
+
+
+def verdict(cell: Preference, plan: Settings) -> str:
+    """Say in plain words what a comparison shows."""
+    return {
+        "preferred": f"{plan.label(cell.method)} is preferred",
+        "rejected": f"{plan.label(cell.against)} is preferred",
+        "equivalent": "equivalent",
+        "undecided": "undecided",
+    }[cell.verdict]
+
+
+def apa_preference(cell: Preference, plan: Settings, *, adjusted: bool) -> str:
+    """Return one comparison as an APA sentence."""
+    found, decided, equal = cell.estimate, cell.test, cell.equivalence
+    corrected = adjusted and plan.correction != "none"
+    correction = f" ({plan.correction.title()}-adjusted)" * corrected
+    test = decided.name
+    if decided.t is not None and decided.df is not None and "t" in decided.name.split():
+        test = f"t({decided.df:.1f}) = {decided.t:.2f}"
+    text = (
+        f"{plan.label(cell.method)} was chosen over {plan.label(cell.against)}"
+        f"{plan.at(cell.size, ' ({})', 'all sizes together')} in {cell.answers.chosen} of"
+        f" {cell.answers.trials} trials, {share(found.share)}, {100 * found.level:g}% CI"
+        f" {share_range(found.lower, found.upper)}, {test},"
+        f" {p_text(decided.p_adjusted if adjusted else decided.p)}{correction}, Cohen's h ="
+        f" {found.cohens_h:.2f}, OR = {big(found.odds_ratio)} [{big(found.odds_lower)},"
+        f" {big(found.odds_upper)}], BF10 = {big(decided.bayes_factor)}."
+    )
+    if cell.verdict == "equivalent":
+        text += (
+            f" The share was equivalent to .5 within ±{share(equal.margin)} (TOST,"
+            f" {p_text(equal.p_adjusted if adjusted else equal.p)}{correction})."
+        )
+    return text
+
+
+def _methods(plan: Settings) -> str:
+    text = (
+        f"They are two-alternative forced choices comparing {len(plan.methods)} methods"
+        f" ({', '.join(map(plan.label, plan.methods))})"
+    )
+    if plan.sized:
+        text += f" at {len(plan.sizes)} sizes of disocclusion"
+    text += (
+        f". For every pairing{' and size' * plan.sized} the share of choices was compared with .5"
+        f" by {TESTS[plan.test][1]}, two-sided, alpha = {leading(f'{plan.alpha:g}')}"
+    )
+    holm = plan.correction == "holm"
+    if holm:
+        text += f", Holm-adjusted over {len(plan.pairings) * len(plan.sizes)} comparisons"
+    if plan.primary is not None:
+        declared = " was declared beforehand and" if plan.protocol_sha256 else ""
+        text += f". The primary comparison{declared} is not adjusted"
+    return (
+        f"{text}. Intervals invert the test (Wilson score intervals). Participant-level sign-flip"
+        " tests, pooled exact binomial tests, Bayes factors (Rouder et al., 2009, of the t with"
+        " this p, Cauchy prior of scale .707) and equivalence tests (two one-sided tests against"
+        f" ±{share(plan.margin)}{', Holm-adjusted as well' * holm}) are given beside."
+    )
+
+
+def _lead(primary: Preference, said: str, plan: Settings) -> tuple[Block, ...]:
+    text = Markup(
+        "Result: {}. Equivalence within ±{}: {}.\n"
+        "Sign-flip test of participants: {} (no smaller than {:.2g} with {} participants)."
+    ).format(
+        strong(verdict(primary, plan)),
+        share(primary.equivalence.margin),
+        p_text(primary.equivalence.p),
+        p_text(primary.sensitivity.sign_flip_p),
+        primary.sensitivity.sign_flip_floor,
+        primary.answers.participants,
+    )
+    return (
+        Box("Primary comparison", said, text),
+        Cautions("When not to trust the primary comparison", primary.warnings),
+    )
+
+
+def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
+    cells, margin = found.table.cells, share(plan.margin)
+    level = f"{100 * plan.confidence:g} % limits"
+    adjusted = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm")
+
+    def name(cell: Preference) -> str:
+        return plan.named(cell.method, cell.against, cell.size)
+
+    def score(cell: Preference) -> str:
+        t, df = cell.test.t, cell.test.df
+        return "none" if t is None or df is None else f"{number(t)} ({number(df, 1)})"
+
+    yield Picture("preference")
+    yield Table.each(
+        f"Every comparison, p by {TESTS[plan.test][0]}{adjusted}",
+        cells,
+        ("Comparison", "l c", name),
+        ("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
+        ("Share", "strong", lambda c: share(c.estimate.share)),
+        (level, "n", lambda c: share_range(c.estimate.lower, c.estimate.upper)),
+        ("t(df)", "n", score),
+        ("p", "n", lambda c: p_number(c.test.p)),
+        ("p adj.", "n", lambda c: p_number(c.test.p_adjusted)),
+        ("h", "", lambda c: number(c.estimate.cohens_h)),
+        ("OR", "n", lambda c: big(c.estimate.odds_ratio)),
+        (_BF10, "n", lambda c: big(c.test.bayes_factor)),
+        ("Result", "l", lambda c: verdict(c, plan)),
+    )
+    yield Paragraph(
+        Markup(
+            "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
+            " exactly where p is small. t(df): clustered score test of the share against .5; p"
+            " is never smaller than that of independent trials, or of unanimous participants."
+            " h (Cohen): size of that distance, .2 small,"
+            " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5. {}: how many"
+            " times likelier the data are with a preference than without one; below 1/3 they"
+            " speak for none."
+        ).format(_BF10),
+        muted=True,
+    )
+    yield Table.each(
+        "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
+        cells,
+        ("Comparison", "l c", name),
+        ("eff. n", "", lambda c: f"{c.estimate.effective_n:.0f}"),
+        ("Sign-flip p", "n", lambda c: p_number(c.sensitivity.sign_flip_p)),
+        ("Floor", "", lambda c: f"{c.sensitivity.sign_flip_floor:.2g}"),
+        (f"TOST p adj. (±{margin})", "n", lambda c: p_number(c.equivalence.p_adjusted)),
+        ("SD of participants", "", lambda c: share(c.answers.participant_sd)),
+        ("Pooled exact p", "n", lambda c: p_number(c.sensitivity.exact_p)),
+        (
+            "Clopper-Pearson",
+            "n",
+            lambda c: share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
+        ),
+        (Markup("Pooled {}").format(_BF10), "n", lambda c: big(c.sensitivity.bayes_factor_pooled)),
+    )
+    yield Paragraph(
+        "eff. n: so many independent trials would tell as much. Sign-flip: a test of the"
+        " participants' own shares that assumes no normal law; with so few people p cannot fall"
+        f" below the floor. TOST: a small p shows that the share lies within ±{margin} of .5,"
+        f" too near to matter. Clopper-Pearson: pooled exact {level}. The pooled tests take"
+        " trials as independent. They are not: at a participant SD of 0.5 logits they call"
+        " chance an effect more than twice as often as they say.",
+        muted=True,
+    )
+    yield Cautions(
+        "When not to trust these comparisons", grouped([(name(c), c.warnings) for c in cells])
+    )
+    yield Picture("forest")
+
+
+def _shares(found: Preferences) -> pd.DataFrame:
+    columns = ["of", "name", "method", "against", "size", "share"]
+    rows = [
+        (of, name, *key, value)
+        for of, shares in (
+            ("participant", found.participant_shares),
+            ("scene", found.scene_shares),
+        )
+        for key, pairs in shares.items()
+        for name, value in pairs
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
+    cells, level = found.table.cells, f"{100 * plan.confidence:g} %"
+    dots = {key: [value for _, value in pairs] for key, pairs in found.participant_shares.items()}
+    yield PartFigure(
+        "preference",
+        "Share of trials in which the method on the left was chosen; dark: the one chosen more"
+        f" often. Whiskers: {level} limits that respect participants and scenes; dots:"
+        " participants; dashed: chance.",
+        partial(preference_bars, cells, dots, label=plan.label),
+    )
+    yield PartFigure(
+        "forest",
+        f"Odds of choosing the first method of each pair, with {level} limits (each comparison"
+        " alone). Blue: the first is preferred after correction; orange: the second; grey:"
+        " neither is. Grey band: smaller than the smallest effect of interest.",
+        partial(forest_plot, cells, label=plan.label),
+    )
+    for name, shares in (
+        ("participants", found.participant_shares),
+        ("scenes", found.scene_shares),
+    ):
+        caption = (
+            f"Share of choices of the first method, by {name.removesuffix('s')}. Blue: the first is"
+            " preferred; orange: the second."
+        )
+        yield PartFigure(name, caption, partial(_heat_map, name, shares, plan))
+
+
+def _heat_map(
+    name: str, shares: Shares, plan: Settings, *, width_in: float, simulated: bool
+) -> Figure:
+    form = "\n{}"
+    columns = [
+        f"{plan.label(method)} / {plan.label(against)}{plan.at(size, form)}"
+        for method, against, size in shares
+    ]
+    made = shares_figure(
+        name, "", columns, list(shares.values()), label=plan.label, simulated=simulated
+    )
+    return made.draw(width_in)

@@ -1,0 +1,298 @@
+"""Quality in JOD: Thurstone's scale of the methods, and whether answers fit on one axis."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.bootstrap import ScaleIntervals, bootstrap_scale
+from analysis.consistency import (
+    Agreement,
+    Transitivity,
+    Triads,
+    agreement,
+    circular_triads,
+    majority,
+    transitivity,
+)
+from analysis.observers import ObserverCheck, check_observers
+from analysis.pairings import as_numbers, numbered
+from analysis.parts import Part, PartFigure, Shown, tried
+from analysis.plans.preference import Settings
+from analysis.plots import jod_plot
+from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture, Table
+from analysis.report.wording import grouped, leading, number, number_range, p_number, p_text
+from analysis.scaling import Contrast, Scale, contrasts, scale
+from analysis.seed import SEED
+from protocols.prose import count_of
+
+Floats = NDArray[np.float64]
+
+BOOTSTRAP_SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class SizeScale:
+    """Scale of the methods at one size, and whether the answers fit on one axis."""
+
+    size: str
+    scale: Scale
+    intervals: ScaleIntervals | None
+    contrasts: tuple[Contrast, ...]
+    triads: tuple[tuple[str, Triads], ...]
+    agreement: Agreement | None
+    transitivity: Transitivity
+    observers: ObserverCheck
+    warnings: tuple[str, ...]
+
+    def scores(self) -> pd.DataFrame:
+        """Return methods with ``jod``, ``lower``, ``upper``, ``standard_error``; NaN: none."""
+        limits, none = self.intervals, np.full(len(self.scale.conditions), np.nan)
+        return pd.DataFrame(
+            {
+                "method": self.scale.conditions,
+                "jod": self.scale.scores,
+                "lower": none if limits is None else limits.lower,
+                "upper": none if limits is None else limits.upper,
+                "standard_error": none if limits is None else limits.standard_error,
+            }
+        )
+
+    def differences(self) -> pd.DataFrame:
+        """Return ``first`` - ``second``, ``jod``, ``lower``, ``upper``, ``p``, ``p_adjusted``."""
+        limits, names = self.intervals, self.scale.conditions
+        rows = []
+        for one in self.contrasts:
+            place = names.index(one.first), names.index(one.second)
+            rows.append(
+                {
+                    "first": one.first,
+                    "second": one.second,
+                    "jod": one.difference,
+                    "lower": np.nan if limits is None else limits.difference_lower[place],
+                    "upper": np.nan if limits is None else limits.difference_upper[place],
+                    "p": np.nan if one.clustered_p is None else one.clustered_p,
+                    "p_adjusted": (
+                        np.nan if one.clustered_p_adjusted is None else one.clustered_p_adjusted
+                    ),
+                }
+            )
+        return pd.DataFrame(rows)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Every number, by size."""
+
+    sizes: tuple[SizeScale, ...]
+    notes: tuple[str, ...]
+
+
+class ScalePart(Part[Settings, Scales]):
+    """Thurstone Case V by size, with limits of a bootstrap over participants and scenes."""
+
+    name: ClassVar[str] = "scale"
+    section: ClassVar[tuple[str, str]] = ("scale", "Scale")
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: Settings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Scales:
+        """Fit the methods of each size that can be placed on an axis."""
+        decisions, notes = as_numbers(table), list[str]()
+        sizes = (
+            tried(partial(_size_scale, decisions, plan, size), f"scale at {size}", notes)
+            for size in plan.sizes
+        )
+        return Scales(tuple(one for one in sizes if one is not None), tuple(notes))
+
+    def show(self, found: Scales, plan: Settings) -> Shown:
+        """Return a figure of all sizes; scores, differences and checks of each."""
+        if not found.sizes:
+            return Shown()
+        level = f"{100 * plan.confidence:g}"
+        caption = (
+            "Quality in JOD (mean zero; of two 1 JOD apart, 75 % choose the better) with"
+            f" {level} % bootstrap limits."
+        )
+        scales = {one.size: (one.scale, one.intervals) for one in found.sizes}
+        tables = {
+            name: pd.concat([make(one).assign(size=one.size) for one in found.sizes])
+            for name, make in (
+                ("scale.csv", SizeScale.scores),
+                ("scale_differences.csv", SizeScale.differences),
+            )
+        }
+        return Shown(
+            blocks=tuple(_blocks(found, plan)),
+            sentences=tuple(
+                f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
+                f"{plan.at(size.size, ' ({})')}: {number(one['jod'])} {size.scale.unit},"
+                f" {level}% CI {number_range(one['lower'], one['upper'])}, {p_text(one['p'])}"
+                f" ({p_number(one['p_adjusted'])} Holm-adjusted; two-way bootstrap)."
+                for size in found.sizes
+                for one in size.differences().to_dict("records")
+            ),
+            methods=(
+                "Quality in just objectionable differences (JOD; 1 JOD = 75% of choices) was"
+                " estimated by maximum likelihood under Thurstone's Case V, with two-way bootstrap"
+                " intervals over participants and scenes."
+            ),
+            tables=tables,
+            figures=(PartFigure("scale", caption, partial(jod_plot, scales, label=plan.label)),),
+        )
+
+
+def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
+    """Count votes (participants, scenes, k, k) for i over j; also return the participants."""
+    person, people = numbered(decisions["participant"])
+    scene, scenes = numbered(decisions["scene"])
+    place = {name: index for index, name in enumerate(methods)}
+    won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
+    lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
+    votes = np.zeros((len(people), len(scenes), len(methods), len(methods)))
+    np.add.at(votes, (person, scene, won, lost), 1.0)
+    return votes, list(people)
+
+
+def _size_scale(decisions: pd.DataFrame, plan: Settings, size: str) -> SizeScale:
+    rows, methods = plan.compared_at(decisions, size)
+    if len(methods) < 2:
+        raise ValueError("fewer than two methods were compared")
+    votes, people = vote_tensor(rows, methods)
+    total = votes.sum(axis=(0, 1))
+    fitted, found = scale(total, methods), list[str]()
+    intervals = None
+    if len(people) > 1:
+        try:
+            intervals = bootstrap_scale(
+                votes,
+                rng=np.random.default_rng(SEED),
+                samples=BOOTSTRAP_SAMPLES,
+                level=plan.confidence,
+            )
+        except ValueError as problem:
+            found.append(str(problem))
+    by_person = votes.sum(axis=1)
+    upper = np.triu_indices(len(methods), 1)
+    seen = (by_person + by_person.swapaxes(-1, -2))[:, upper[0], upper[1]]
+    complete = bool(np.all(seen > 0)) and len(methods) > 2
+    answers = np.array([majority(one) for one in by_person])
+    agreed = None
+    if complete and len(people) > 2:
+        agreed = agreement(answers.sum(axis=0))
+        if np.any((answers == 0.5) & ~np.eye(len(methods), dtype=bool)):
+            found.append("some participants were even on a pair: Kendall's u is approximate")
+    elif len(methods) > 2:
+        found.append("not everyone saw every pair: no triads, no agreement")
+    triads = zip(people, answers, strict=True) if complete else ()
+    return SizeScale(
+        size=size,
+        scale=fitted,
+        intervals=intervals,
+        contrasts=tuple(_clustered(one, methods, intervals) for one in contrasts(total, methods)),
+        triads=tuple((name, circular_triads(one)) for name, one in triads),
+        agreement=agreed,
+        transitivity=transitivity(total),
+        observers=check_observers(
+            by_person, people, rng=np.random.default_rng(SEED), alpha=plan.alpha
+        ),
+        warnings=tuple(found),
+    )
+
+
+def _clustered(
+    one: Contrast, methods: tuple[str, ...], intervals: ScaleIntervals | None
+) -> Contrast:
+    if intervals is None:
+        return one
+    place = methods.index(one.first), methods.index(one.second)
+    return replace(
+        one,
+        clustered_p=float(intervals.difference_p[place]),
+        clustered_p_adjusted=float(intervals.difference_p_adjusted[place]),
+    )
+
+
+def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
+    level, label = f"{100 * plan.confidence:g} % limits", plan.label
+    yield Picture("scale")
+    for size in found.sizes:
+        if plan.sized:
+            yield Heading(plan.at(size.size, whole="All sizes"))
+        yield Table.each(
+            "Thurstone Case V, mean zero",
+            size.scores().to_dict("records"),
+            ("Method", "l", lambda one: label(one["method"])),
+            ("JOD", "strong", lambda one: number(one["jod"])),
+            (level, "n", lambda one: number_range(one["lower"], one["upper"])),
+            ("bootstrap SE", "", lambda one: number(one["standard_error"])),
+        )
+        yield Table.each(
+            "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
+            size.differences().to_dict("records"),
+            ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
+            ("JOD", "strong", lambda one: number(one["jod"])),
+            (level, "n", lambda one: number_range(one["lower"], one["upper"])),
+            ("p", "n", lambda one: p_number(one["p"])),
+            ("p adj.", "n", lambda one: p_number(one["p_adjusted"])),
+        )
+        yield Paragraph(" ".join(_checks(size, plan)), muted=True)
+    notes = [
+        (
+            plan.at(one.size),
+            one.scale.warnings
+            + (one.intervals.warnings if one.intervals else ())
+            + one.observers.warnings
+            + one.warnings,
+        )
+        for one in found.sizes
+    ]
+    yield Cautions("When not to trust these scales", grouped(notes))
+
+
+def _checks(one: SizeScale, plan: Settings) -> Iterator[str]:
+    """Yield what speaks for and against one axis, in sentences."""
+    fitted, triples = one.scale, one.transitivity
+    axis = ""
+    if fitted.fit_df > 0:
+        axis = (
+            f"; one axis suffices: χ²({fitted.fit_df}) = {number(fitted.deviance)},"
+            f" {p_text(fitted.fit_p)}"
+        )
+    yield (
+        f"All equal: χ²({fitted.equal_df}) = {number(fitted.equal_statistic, 1)},"
+        f" {p_text(fitted.equal_p)}{axis} (likelihood ratios, trials as independent)."
+    )
+    if triples.triples:
+        yield (
+            f"Stochastic transitivity is violated by {triples.weak} (weak), {triples.moderate}"
+            f" (moderate), {triples.strong} (strong) of {count_of(triples.triples, 'triple')}."
+        )
+    if one.agreement is not None:
+        yield (
+            f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
+            f" alike), χ²({number(one.agreement.df, 1)}) ="
+            f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
+        )
+    if one.triads:
+        circular = sum(result.circular > 0 for _, result in one.triads)
+        zeta = sum(result.zeta for _, result in one.triads) / len(one.triads)
+        yield (
+            f"{circular} of {count_of(len(one.triads), 'participant')} contradict themselves in"
+            f" circles (mean Kendall's ζ = {number(zeta)}; 1: never)."
+        )
+    rate = f"unlike the others (family-wise rate {leading(f'{plan.alpha:g}')})"
+    flagged = ", ".join(one.observers.flagged)
+    yield (
+        f"Participants who answer {rate}: {flagged}."
+        if flagged
+        else f"No participant answers {rate}."
+    )
