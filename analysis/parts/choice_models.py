@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,7 +74,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
             if len(methods) < 3:  # Of two methods it would be the pairing's own.
                 continue
             model = tried(
-                lambda rows=rows, methods=methods: paired_model(rows, methods),
+                partial(paired_model, rows, methods),
                 f"model of all pairings at {size}",
                 notes,
             )

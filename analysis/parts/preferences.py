@@ -104,7 +104,8 @@ class PreferencesPart(Part[Settings, Preferences]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
-        people, scenes = {}, {}
+        people: dict[tuple[str, str, str], tuple[tuple[str, float], ...]] = {}
+        scenes: dict[tuple[str, str, str], tuple[tuple[str, float], ...]] = {}
         for one in cells.cells:
             key = one.method, one.against, one.size
             chosen, shown, *names = counts(decisions.rows(*key), one.method)
