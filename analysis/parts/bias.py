@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from analysis.bias import Bias, order_bias, side_bias
 from analysis.parts import Part, PartFigure, Shown
@@ -32,11 +32,7 @@ class BiasPart(Part[Settings, Biases]):
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: Settings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
     ) -> Biases:
         """Return both."""
         return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
@@ -78,8 +74,8 @@ class BiasPart(Part[Settings, Biases]):
                 for b in biases
             ),
             methods=(
-                "How often the first interval and the left key were picked was compared with .5 by"
-                " the score t test clustered by participant and by scene."
+                f"Choices of {' and '.join(f'the {b.alternative}' for b in biases)} were compared"
+                " with .5 by a score t test clustered by participant and by scene."
             ),
             tables={"bias.csv": pd.DataFrame(lines)},
             figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from analysis.models import ModelFit, glmm_logit
 from analysis.paired_model import PairedModel, paired_model
@@ -58,11 +59,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
     needs: ClassVar[tuple[str, ...]] = ("preferences",)
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: Settings,
-        found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: Settings, found: Mapping[str, Any], _chance: Generator
     ) -> ChoiceModels:
         """Fit each comparison, and all pairings of each size."""
         preferences: Preferences = found["preferences"]
@@ -144,9 +141,7 @@ def _over(method: str, against: str, size: str, plan: Settings) -> str:
 def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
     for one in found.pairs:
         fit, row = one.fit, one.fit["Intercept"]
-        about = (
-            f"{plan.label(one.method)} over {plan.label(one.against)}{plan.at(one.size, ' ({})')}"
-        )
+        about = _over(one.method, one.against, one.size, plan)
         if math.isnan(row.estimate):
             yield f"{about}: {NOT_IDENTIFIED} ({fit.method})."
             continue
@@ -160,15 +155,14 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
         )
     for size in found.together:
         for c in size.model.contrasts:
-            about = (
-                f"{plan.label(c.first)} over {plan.label(c.second)}{plan.at(size.size, ' ({})')}"
-            )
+            about = _over(c.first, c.second, size.size, plan)
             if math.isnan(c.estimate):
                 yield f"{about}, all pairings together: {NOT_IDENTIFIED}."
                 continue
             yield (
                 f"{about}, all pairings together: b = {c.estimate:.2f}, SE ="
-                f" {c.standard_error:.2f}, likelihood ratio {number(c.ratio)}, {p_text(c.p)}"
+                f" {c.standard_error:.2f}, likelihood ratio {number(c.ratio)} (df ="
+                f" {size.model.df}), {p_text(c.p)}"
                 f" ({p_number(c.p_adjusted)} Holm-adjusted; mixed model of random tastes)."
             )
 

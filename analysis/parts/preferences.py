@@ -8,12 +8,12 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
-from matplotlib.figure import Figure
+from numpy.random import Generator
 
 from analysis.pairings import Comparisons, counts
 from analysis.parts import Estimate, Part, PartFigure, Shown
 from analysis.plans.preference import Settings
-from analysis.plots import forest_plot, preference_bars
+from analysis.plots import forest_plot, heat_map, preference_bars
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 from analysis.report.wording import (
@@ -26,7 +26,6 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.tasks.common_figures import shares_figure
 
 TESTS = {
     "participant-scene": (
@@ -80,11 +79,7 @@ class PreferencesPart(Part[Settings, Preferences]):
     essential: ClassVar[bool] = True
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: Settings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
     ) -> Preferences:
         """Test every pairing at every size, and the primary comparison by itself."""
         decisions = Comparisons(table)
@@ -104,15 +99,13 @@ class PreferencesPart(Part[Settings, Preferences]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
-        people: dict[tuple[str, str, str], tuple[tuple[str, float], ...]] = {}
-        scenes: dict[tuple[str, str, str], tuple[tuple[str, float], ...]] = {}
-        for one in cells.cells:
-            key = one.method, one.against, one.size
-            chosen, shown, *names = counts(decisions.rows(*key), one.method)
-            for kept, axis in ((people, 1), (scenes, 0)):
-                shares = chosen.sum(axis=axis) / shown.sum(axis=axis)
-                kept[key] = tuple(zip(names[1 - axis], map(float, shares), strict=True))
-        return Preferences(primary, cells, people, scenes, tuple(notes))
+        return Preferences(
+            primary,
+            cells,
+            _shares_by(1, decisions, cells),
+            _shares_by(0, decisions, cells),
+            tuple(notes),
+        )
 
     def planned_p(self, found: Preferences) -> float | None:
         """Return p of the primary comparison."""
@@ -165,6 +158,17 @@ def _estimate(cell: Preference, plan: Settings) -> Estimate:
         cell.test.p_adjusted,
         cell.answers.trials,
     )
+
+
+def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> Shares:
+    """Return shares of participants (axis 1 of the counts is summed) or of scenes (axis 0)."""
+    found = {}
+    for one in table.cells:
+        key = one.method, one.against, one.size
+        chosen, shown, *names = counts(decisions.rows(*key), one.method)
+        shares = chosen.sum(axis=summed) / shown.sum(axis=summed)
+        found[key] = tuple(zip(names[1 - summed], map(float, shares), strict=True))
+    return found
 
 
 def verdict(cell: Preference, plan: Settings) -> str:
@@ -318,17 +322,13 @@ def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
 
 
 def _shares(found: Preferences) -> pd.DataFrame:
-    columns = ["of", "name", "method", "against", "size", "share"]
     rows = [
         (of, name, *key, value)
-        for of, shares in (
-            ("participant", found.participant_shares),
-            ("scene", found.scene_shares),
-        )
-        for key, pairs in shares.items()
+        for of in ("participant", "scene")
+        for key, pairs in getattr(found, f"{of}_shares").items()
         for name, value in pairs
     ]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=["of", "name", "method", "against", "size", "share"])
 
 
 def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
@@ -348,26 +348,22 @@ def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
         " neither is. Grey band: smaller than the smallest effect of interest.",
         partial(forest_plot, cells, label=plan.label),
     )
-    for name, shares in (
-        ("participants", found.participant_shares),
-        ("scenes", found.scene_shares),
-    ):
-        caption = (
-            f"Share of choices of the first method, by {name.removesuffix('s')}. Blue: the first is"
-            " preferred; orange: the second."
-        )
-        yield PartFigure(name, caption, partial(_heat_map, name, shares, plan))
+    yield _heat_map("participants", found.participant_shares, plan)
+    yield _heat_map("scenes", found.scene_shares, plan)
 
 
-def _heat_map(
-    name: str, shares: Shares, plan: Settings, *, width_in: float, simulated: bool
-) -> Figure:
-    form = "\n{}"
+def _heat_map(name: str, shares: Shares, plan: Settings) -> PartFigure:
+    rows, one = sorted({row for pairs in shares.values() for row, _ in pairs}), name[:-1]
+    table = np.array([[dict(pairs).get(row, np.nan) for pairs in shares.values()] for row in rows])
+    below = "\n{}"
     columns = [
-        f"{plan.label(method)} / {plan.label(against)}{plan.at(size, form)}"
+        f"{plan.label(method)} / {plan.label(against)}{plan.at(size, below)}"
         for method, against, size in shares
     ]
-    made = shares_figure(
-        name, "", columns, list(shares.values()), label=plan.label, simulated=simulated
+    labels = [plan.label(row) for row in rows]
+    return PartFigure(
+        name,
+        f"Share of choices of the first method, by {one}. Blue: the first is preferred; orange:"
+        " the second.",
+        partial(heat_map, table, labels, columns, row_title=one.capitalize()),
     )
-    return made.draw(width_in)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from analysis.bootstrap import ScaleIntervals, bootstrap_scale
@@ -99,11 +100,7 @@ class ScalePart(Part[Settings, Scales]):
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: Settings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
     ) -> Scales:
         """Fit the methods of each size that can be placed on an axis."""
         decisions, notes = as_numbers(table), list[str]()

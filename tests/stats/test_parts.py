@@ -79,7 +79,7 @@ SAID = {
         "section": "checks",
         "caption": "Order and side bias, against .5",
         "sentence": "The first interval was picked in",
-        "methods": "How often the first interval and the left key were picked",
+        "methods": "Choices of the first interval were compared with .5",
         "tables": {"bias.csv"},
         "figure": "bias",
     },

@@ -186,81 +186,48 @@ class PreferenceOfPairs(TaskAnalysis[Settings, None]):
         progress: Counted | None = None,
     ) -> PowerReport:
         """Simulate choices with random effects of participants and scenes."""
+        true = _assumptions(assumed)
         curve = power_curve(
             from_protocol(study),
-            _assumptions(assumed),
+            true,
             rng=rng,
             studies=studies or POWER_STUDIES,
             designs=True,
             progress=progress,
         )
-        return _power_report(curve)
+        return _power_report(curve, true)
 
 
 def _assumptions(assumed: Mapping[str, float]) -> Assumptions:
-    return Assumptions(
-        assumed["rate"],
-        assumed["participant_sd"],
-        assumed["scene_sd"],
-        assumed["size_correlation"],
-    )
+    names = ("rate", "participant_sd", "scene_sd", "size_correlation")
+    return Assumptions(*(assumed[name] for name in names))
 
 
-def _power_report(curve: PowerCurve) -> PowerReport:
-    assumed = curve.assumptions
-    shown = range(0, len(curve.participants), max(1, len(curve.participants) // 12))
-    places = sorted({*shown, *(i for i, n in enumerate(curve.participants) if n == curve.planned)})
-    rows = []
-    for index in places:
-        people = curve.participants[index]
-        rows.append(
-            (
-                f"{people} (planned)" if people == curve.planned else str(people),
-                *(
-                    f"{values[index]:.2f}"
-                    for values in (curve.primary, curve.each, curve.every, curve.equivalence)
-                ),
-                f"{curve.false_positives[index]:.3f}",
-            )
-        )
-    return PowerReport(
-        result=curve,
-        lead=(
-            f"{curve.studies} simulated studies; true share {assumed.rate:g}; deviations"
-            f" {assumed.participant_sd:g} (participants) and {assumed.scene_sd:g} (scenes) logits,"
-            f" correlated {assumed.size_correlation:g} between sizes;"
-            f" alpha {curve.alpha:g}, {curve.family} comparisons"
+def _power_report(curve: PowerCurve, assumed: Assumptions) -> PowerReport:
+    return curve.report(
+        {
+            "primary": curve.primary,
+            "each of family": curve.each,
+            "every": curve.every,
+            "equivalent at .5": curve.equivalence,
+            "false positives": curve.false_positives,
+        },
+        {
+            "primary comparison": curve.primary,
+            "every comparison": curve.every,
+            "equivalent, if rate is .5": curve.equivalence,
+        },
+        taken=(
+            f"true share {assumed.rate:g}; deviations {assumed.participant_sd:g} (participants) and"
+            f" {assumed.scene_sd:g} (scenes) logits, correlated {assumed.size_correlation:g}"
+            " between sizes"
         ),
-        columns=(
-            "participants",
-            "primary",
-            "each of family",
-            "every",
-            "equivalent at .5",
-            "false positives",
-        ),
-        rows=tuple(rows),
+        tested=f"{curve.comparisons} comparisons",
         legend=(
             "primary: the primary comparison is significant, tested alone; each of family: one of"
             " the comparisons, on average, after correction; every: all of them; equivalent at .5:"
             f" were the share one half, it is shown to lie within ±{curve.margin:.2f} of it; false"
             " positives: were it one half, the primary comparison is significant all the same"
-        ),
-        needed=tuple(
-            f"{name}, power {goal:.0%}:"
-            f" {f'more than {curve.participants[-1]}' if people is None else people} participants"
-            for name, goal, people in curve.needed
-        ),
-        warnings=curve.warnings,
-        draw=sized(
-            power_plot,
-            curve.participants,
-            {
-                "primary comparison": curve.primary,
-                "every comparison": curve.every,
-                "equivalent, if rate is .5": curve.equivalence,
-            },
-            planned=curve.planned,
         ),
         draw_designs=sized(
             power_plot,

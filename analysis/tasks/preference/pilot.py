@@ -7,10 +7,8 @@ import pandas as pd
 
 from analysis.glmm import fit_crossed
 from analysis.pairings import as_numbers, numbered
+from analysis.power import NO_SPREAD, rough_guesses
 from protocols.errors import StudyError
-
-FEW = 12
-"""Participants, or scenes, below which a deviation is a rough guess."""
 
 
 @dataclass(frozen=True)
@@ -75,24 +73,15 @@ def pilot_deviations(decisions: pd.DataFrame) -> Pilot:
     ]
     fit = fit_crossed(design, y, groups)
     if not fit.converged:
-        raise StudyError(
-            "--from: deviations cannot be taken from this pilot (nearly everyone always answers"
-            " alike, so that they have no finite estimate); give them by --set"
-        )
+        raise StudyError(NO_SPREAD)
     variance = (fit.sd**2).reshape(len(factors), len(kinds))
     total = variance.sum(axis=1)
-    notes = [
-        f"only {len(names)} {kind} in the pilot: their deviation is a rough guess, and too small"
-        " rather than too large; try larger ones by --set"
-        for kind, names in (("participants", people), ("scenes", scenes))
-        if len(names) < FEW
-    ]
     several = len(sizes) > 1 and total.sum() > 0
     return Pilot(
         participant_sd=float(np.sqrt(total[0])),
         scene_sd=float(np.sqrt(total[1])) if len(factors) > 1 else None,
         size_correlation=float(variance[:, 0].sum() / total.sum()) if several else None,
-        warnings=tuple(notes),
+        warnings=rough_guesses(len(people), len(scenes)),
     )
 
 

@@ -10,8 +10,14 @@ from scipy.special import expit
 
 from analysis.clustered import ClusteredShare, combine, holm
 from analysis.plans.preference import Comparison, Settings
-from analysis.power import default_participants, errs_too_often, first_reaching, mean_logit
-from protocols.prose import count_of
+from analysis.power import (
+    Power,
+    default_participants,
+    errs_too_often,
+    few_scenes,
+    mean_logit,
+    numbers_needed,
+)
 
 Floats = NDArray[np.float64]
 
@@ -57,48 +63,23 @@ class DesignPower:
 
 
 @dataclass(frozen=True)
-class PowerCurve:
-    """Power by number of participants.
+class PowerCurve(Power):
+    """Power by number of participants; false positives are of the primary comparison.
 
     Attributes
     ----------
-    participants : tuple of int
     primary : ndarray
         Chance that the primary comparison is significant (two-sided, alpha, alone).
-    each : ndarray
-        Mean chance of a comparison in the family after correction.
-    every : ndarray
-        Chance that all comparisons of the family are significant after correction.
     equivalence : ndarray
         Chance that the primary comparison is shown equivalent where the true rate is one half.
-    false_positives : ndarray
-        Chance of a significant primary comparison where the true rate is one half.
-    needed : tuple of (which power, goal, participants or None)
-        Empty where the test errs too often to plan by it.
-    studies : int
     designs : tuple of DesignPower
         With the planned participants (else the most simulated), scenes and repeats changed.
     """
 
-    participants: tuple[int, ...]
     primary: Floats
-    each: Floats
-    every: Floats
     equivalence: Floats
-    false_positives: Floats
-    needed: tuple[tuple[str, float, int | None], ...]
-    studies: int
-    assumptions: Assumptions
-    alpha: float
     margin: float
-    family: int
-    planned: int | None
     designs: tuple[DesignPower, ...]
-    warnings: tuple[str, ...]
-
-    def standard_error(self, power: float) -> float:
-        """Return the Monte Carlo standard error of a power."""
-        return float(np.sqrt(max(power * (1.0 - power), 1e-9) / self.studies))
 
 
 def power_curve(
@@ -155,20 +136,9 @@ def power_curve(
             progress(done, studies)
     power = sums / studies
     curves = {"primary": power[0], "every comparison": power[2], "equivalence": power[3]}
-    needed = tuple(
-        (name, goal, first_reaching(sizes, curve, goal))
-        for name, curve in curves.items()
-        for goal in (0.8, 0.9)
-    )
     scenes = min(len(entry.scenes) for entry in settings.comparisons)
-    notes = []
-    if scenes < 5 and assumptions.scene_sd > 0:
-        notes.append(
-            f"{count_of(scenes, 'scene')} only:"
-            " more participants cannot make up for scenes that differ"
-        )
     errs = errs_too_often(sizes, power[4], settings.alpha, studies)
-    notes += errs
+    notes = few_scenes(scenes, assumptions.scene_sd) + errs
     if settings.test == "pooled":
         notes.append("simulated with the participant-scene test, not the protocol's pooled one")
     planned = settings.planned_participants
@@ -185,13 +155,13 @@ def power_curve(
         every=power[2],
         equivalence=power[3],
         false_positives=power[4],
-        needed=() if errs else needed,
+        comparisons=len(settings.comparisons),
+        needed=numbers_needed(sizes, curves, errs=errs),
         studies=studies,
-        assumptions=assumptions,
+        assumptions=vars(assumptions),
         alpha=settings.alpha,
         margin=settings.margin,
-        family=len(settings.comparisons),
-        planned=settings.planned_participants,
+        planned=planned,
         designs=_designs(settings, assumptions, planned or max(sizes), studies, rng)
         if designs
         else (),

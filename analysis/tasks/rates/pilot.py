@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from analysis.cells import grid
 from analysis.glmm import fit_crossed
 from analysis.plans.rates import RateSettings, prepared
+from analysis.power import NO_SPREAD, rough_guesses
 from analysis.response import Response
 from analysis.tasks.rates.power import COMMON
 from analysis.tasks.rates.study import with_shared_noise
@@ -18,8 +19,6 @@ from protocols.errors import StudyError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FEW = 12
-"""Participants, or scenes, below which a deviation is a rough guess."""
 TOO_NEAR = 0.05
 """Of a mean share to chance, or to 1: there d' says nothing of shares, or shares nothing of d'."""
 
@@ -72,7 +71,7 @@ def sensitivity_deviations(
     cell = _codes(pd.Series((condition * (level.max() + 1) + level) * 2 + (signal > 0)))
     keep = ~_unanimous(cell, y)
     if not keep.any():
-        raise StudyError(_NO_SPREAD)
+        raise StudyError(NO_SPREAD)
     rows, y, signal = rows[keep].reset_index(drop=True), y[keep], signal[keep]
     condition, cell = _codes(rows["condition"]), _codes(pd.Series(cell[keep]))
     places = grid(rows)
@@ -95,14 +94,14 @@ def sensitivity_deviations(
     response = Response("probit", 0.0 if yes_no else settings.chance, 0.0)
     fit = fit_crossed(design, y, groups, response=response, slopes=slopes)
     if not fit.converged:
-        raise StudyError(_NO_SPREAD)
+        raise StudyError(NO_SPREAD)
     # Two effects of one deviation each, where there are several conditions.
     whole = np.sqrt(1.0 / COMMON) if condition.max() > 0 else 1.0
     values = {name: whole * float(sd) for name, sd in zip(names, fit.sd, strict=True)}
     if share is not None:
         unit = _in_d_prime(fit.beta, np.bincount(cell), settings.chance, share)
         values = {name: unit * value for name, value in values.items()}
-    return values, _notes(people, scenes)
+    return values, list(rough_guesses(people, scenes))
 
 
 def threshold_deviations(
@@ -142,14 +141,8 @@ def threshold_deviations(
     if len(model.thresholds) == 1:
         del values["interaction_sd"]
     if not np.isfinite(list(values.values())).all():
-        raise StudyError(_NO_SPREAD)
-    return values, _notes(model.participants, 1)
-
-
-_NO_SPREAD = (
-    "--from: deviations cannot be taken from this pilot (nearly everyone always answers alike, so"
-    " that they have no finite estimate); give them by --set"
-)
+        raise StudyError(NO_SPREAD)
+    return values, list(rough_guesses(model.participants, 1))
 
 
 def _members(codes: Ints, condition: Ints) -> Ints:
@@ -191,12 +184,3 @@ def _unanimous(cell: Ints, y: Floats) -> NDArray[np.bool_]:
     """Say of each trial whether its cell was always answered alike: it has no finite mean."""
     share = np.bincount(cell, weights=y) / np.maximum(np.bincount(cell), 1)
     return np.asarray((share[cell] == 0.0) | (share[cell] == 1.0))
-
-
-def _notes(people: int, scenes: int) -> list[str]:
-    return [
-        f"only {count} {kind} in the pilot: their deviation is a rough guess, and too small rather"
-        " than too large; try larger ones by --set"
-        for kind, count in (("participants", people), ("scenes", scenes))
-        if 1 < count < FEW
-    ]

@@ -9,8 +9,13 @@ from scipy import stats
 
 from analysis.clustered import holm
 from analysis.plans.rates import RateSettings, by_columns, combined
-from analysis.plots import power_plot, sized
-from analysis.power import default_participants, errs_too_often, first_reaching
+from analysis.power import (
+    Power,
+    default_participants,
+    errs_too_often,
+    few_scenes,
+    numbers_needed,
+)
 from analysis.psychometric import sigmoid
 from analysis.rates import Influence, contrasts, share_influence, share_limits
 from analysis.tasks.base import Assumption, Counted, PowerReport
@@ -103,37 +108,15 @@ Judge = Callable[[Floats, CellDesign, Sequence[int], RateSettings], Floats]
 
 
 @dataclass(frozen=True)
-class RatePower:
-    """Power by number of participants.
+class RatePower(Power):
+    """Power by number of participants; false positives are of any comparison.
 
     Attributes
     ----------
-    participants : tuple of int
-    each : ndarray
-        Mean chance of a comparison with the baseline after correction.
-    every : ndarray
-        Chance that all of them are significant.
-    false_positives : ndarray
-        Chance that any of them is, where there is no difference.
-    comparisons : int
-        0: a single condition is tested against chance.
-    needed : tuple of (which power, goal, participants or None)
-        Empty where the test errs too often to plan by it.
     also : mapping
         Power of a further measure, and its false positives, by what they are called.
     """
 
-    participants: tuple[int, ...]
-    each: Floats
-    every: Floats
-    false_positives: Floats
-    comparisons: int
-    needed: tuple[tuple[str, float, int | None], ...]
-    studies: int
-    assumptions: Mapping[str, float]
-    alpha: float
-    planned: int | None
-    warnings: tuple[str, ...]
     also: Mapping[str, Floats]
 
 
@@ -258,11 +241,7 @@ def rate_power(
         )
     else:
         design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
-        scenes = np.unique(design.scene).size
-        if 1 < scenes < 5 and assumed.get("scene_sd", 0.0) > 0:
-            notes.append(
-                f"{scenes} scenes only: more participants cannot make up for scenes that differ"
-            )
+        notes += few_scenes(np.unique(design.scene).size, assumed.get("scene_sd", 0.0))
 
         def simulate(null: bool) -> tuple[Floats, ...]:
             values = {**assumed, **(_nothing(settings, assumed) if null else {})}
@@ -314,11 +293,7 @@ def rate_power(
         every=every,
         false_positives=wrong,
         comparisons=comparisons if len(settings.values) > 1 else 0,
-        needed=tuple(
-            (name, goal, first_reaching(sizes, curve, goal))
-            for name, curve in {**curves, **extra}.items()
-            for goal in (() if errs else (0.8, 0.9))
-        ),
+        needed=numbers_needed(sizes, {**curves, **extra}, errs=errs),
         studies=count,
         assumptions=dict(assumed),
         alpha=settings.alpha,
@@ -560,47 +535,21 @@ def _number(value: object) -> float:
 
 
 def _report(found: RatePower, curves: Mapping[str, Floats]) -> PowerReport:
-    assumed = ", ".join(f"{name} {value:g}" for name, value in found.assumptions.items())
     several = found.comparisons > 1
-    shown = {**curves, **{name: one for name, one in found.also.items() if "false" not in name}}
-    columns = ["participants", *curves, "false positives", *found.also]
-    rows = []
-    for place, people in enumerate(found.participants):
-        rows.append(
-            (
-                f"{people} (planned)" if people == found.planned else str(people),
-                *(f"{curve[place]:.2f}" for curve in curves.values()),
-                f"{found.false_positives[place]:.3f}",
-                *(
-                    f"{one[place]:.{3 if 'false' in name else 2}f}"
-                    for name, one in found.also.items()
-                ),
-            )
-        )
-    tested = (
-        f"{found.comparisons} comparison{'s' * several} with the baseline"
-        if found.comparisons
-        else "one condition against chance"
-    )
     legend = (
         "a comparison: one with the baseline is significant, on average, after correction; every"
         " comparison: all are; "
-        if several
-        else ""
-    )
-    return PowerReport(
-        result=found,
-        lead=f"{found.studies} simulated studies; {assumed}; alpha {found.alpha:g}, {tested}",
-        columns=tuple(columns),
-        rows=tuple(rows),
+    ) * several
+    return found.report(
+        {**curves, "false positives": found.false_positives, **found.also},
+        {**curves, **{name: one for name, one in found.also.items() if "false" not in name}},
+        taken=", ".join(f"{name} {value:g}" for name, value in found.assumptions.items()),
+        tested=(
+            f"{found.comparisons} comparison{'s' * several} with the baseline"
+            if found.comparisons
+            else "one condition against chance"
+        ),
         legend=legend
         + "false positives: were there nothing to find, any test is significant all the same. Other"
         " numbers of participants were not tried",
-        needed=tuple(
-            f"{name}, power {goal:.0%}:"
-            f" {f'more than {found.participants[-1]}' if people is None else people} participants"
-            for name, goal, people in found.needed
-        ),
-        warnings=found.warnings,
-        draw=sized(power_plot, found.participants, shown, planned=found.planned),
     )
