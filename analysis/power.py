@@ -58,10 +58,6 @@ class Power:
     planned: int | None
     warnings: tuple[str, ...]
 
-    def standard_error(self, power: float) -> float:
-        """Return the Monte Carlo standard error of a power."""
-        return float(np.sqrt(max(power * (1.0 - power), 1e-9) / self.studies))
-
     def report(
         self,
         columns: Mapping[str, Floats],

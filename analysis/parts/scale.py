@@ -11,6 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from analysis.bootstrap import ScaleIntervals, bootstrap_scale
+from analysis.columns import frame_of
 from analysis.consistency import (
     Agreement,
     Transitivity,
@@ -64,25 +65,15 @@ class SizeScale:
         )
 
     def differences(self) -> pd.DataFrame:
-        """Return ``first`` - ``second``, ``jod``, ``lower``, ``upper``, ``p``, ``p_adjusted``."""
-        limits, names = self.intervals, self.scale.conditions
-        rows = []
-        for one in self.contrasts:
-            place = names.index(one.first), names.index(one.second)
-            rows.append(
-                {
-                    "first": one.first,
-                    "second": one.second,
-                    "jod": one.difference,
-                    "lower": np.nan if limits is None else limits.difference_lower[place],
-                    "upper": np.nan if limits is None else limits.difference_upper[place],
-                    "p": np.nan if one.clustered_p is None else one.clustered_p,
-                    "p_adjusted": (
-                        np.nan if one.clustered_p_adjusted is None else one.clustered_p_adjusted
-                    ),
-                }
-            )
-        return pd.DataFrame(rows)
+        """Return contrasts with ``lower`` and ``upper``, and NaN in place of None."""
+        own = {"clustered_p": float, "clustered_p_adjusted": float}
+        found, names = frame_of(Contrast, self.contrasts).astype(own), self.scale.conditions
+        place = tuple([names.index(name) for name in found[side]] for side in ("first", "second"))
+        limits = self.intervals
+        return found.assign(
+            lower=np.nan if limits is None else limits.difference_lower[place],
+            upper=np.nan if limits is None else limits.difference_upper[place],
+        )
 
 
 @dataclass(frozen=True)
@@ -114,10 +105,9 @@ class ScalePart(Part[Settings, Scales]):
         """Return a figure of all sizes; scores, differences and checks of each."""
         if not found.sizes:
             return Shown()
-        level = f"{100 * plan.confidence:g}"
         caption = (
             "Quality in JOD (mean zero; of two 1 JOD apart, 75 % choose the better) with"
-            f" {level} % bootstrap limits."
+            f" {100 * plan.confidence:g} % bootstrap limits."
         )
         scales = {one.size: (one.scale, one.intervals) for one in found.sizes}
         tables = {
@@ -129,14 +119,7 @@ class ScalePart(Part[Settings, Scales]):
         }
         return Shown(
             blocks=tuple(_blocks(found, plan)),
-            sentences=tuple(
-                f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
-                f"{plan.at(size.size, ' ({})')}: {number(one['jod'])} {size.scale.unit},"
-                f" {level}% CI {number_range(one['lower'], one['upper'])}, {p_text(one['p'])}"
-                f" ({p_number(one['p_adjusted'])} Holm-adjusted; two-way bootstrap)."
-                for size in found.sizes
-                for one in size.differences().to_dict("records")
-            ),
+            sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Quality in just objectionable differences (JOD; 1 JOD = 75% of choices) was"
                 " estimated by maximum likelihood under Thurstone's Case V, with two-way bootstrap"
@@ -145,6 +128,19 @@ class ScalePart(Part[Settings, Scales]):
             tables=tables,
             figures=(PartFigure("scale", caption, partial(jod_plot, scales, label=plan.label)),),
         )
+
+
+def _sentences(found: Scales, plan: Settings) -> Iterator[str]:
+    level = f"{100 * plan.confidence:g}% CI"
+    for size in found.sizes:
+        for one in size.differences().to_dict("records"):
+            yield (
+                f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
+                f"{plan.at(size.size, ' ({})')}: {number(one['difference'])} {size.scale.unit},"
+                f" {level} {number_range(one['lower'], one['upper'])},"
+                f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
+                " Holm-adjusted; two-way bootstrap)."
+            )
 
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -236,10 +232,10 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
             "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
             size.differences().to_dict("records"),
             ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
-            ("JOD", "strong", lambda one: number(one["jod"])),
+            ("JOD", "strong", lambda one: number(one["difference"])),
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
-            ("p", "n", lambda one: p_number(one["p"])),
-            ("p adj.", "n", lambda one: p_number(one["p_adjusted"])),
+            ("p", "n", lambda one: p_number(one["clustered_p"])),
+            ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),
         )
         yield Paragraph(" ".join(_checks(size, plan)), muted=True)
     notes = [

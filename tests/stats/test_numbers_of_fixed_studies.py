@@ -22,10 +22,8 @@ RENAMED = (
     (r"results\.learning\.(\d+)\.0", r"results.learning.trends.\1.outcome"),
     (r"results\.learning\.(\d+)\.1\.(.*)", r"results.learning.trends.\1.\2"),
     (r"results\.(model|levels)\.(.*)", r"results.ratings.\1.\2"),
-    (
-        r"results\.(primary|participant_shares|scene_shares|table)\b(.*)",
-        r"results.preferences.\1\2",
-    ),
+    (r"results\.((?:primary|table)\..*)", r"results.preferences.\1"),
+    (r"results\.((?:participant|scene)_shares\..* / .* / .*)", r"results.preferences.\1"),
     (r"results\.models\.(\d+)\.0", r"results.choice_models.pairs.\1.method"),
     (r"results\.models\.(\d+)\.1", r"results.choice_models.pairs.\1.against"),
     (r"results\.models\.(\d+)\.2", r"results.choice_models.pairs.\1.size"),

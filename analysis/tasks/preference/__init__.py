@@ -168,13 +168,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings, None]):
         self, _study: StudyProtocol, decisions: pd.DataFrame, _settings: Settings
     ) -> tuple[Mapping[str, float], Sequence[str]]:
         """Return the deviations of a pilot's participants and scenes."""
-        found = pilot_deviations(decisions)
-        values = {
-            "participant_sd": found.participant_sd,
-            "scene_sd": found.scene_sd,
-            "size_correlation": found.size_correlation,
-        }
-        return {name: value for name, value in values.items() if value is not None}, found.warnings
+        return pilot_deviations(decisions)
 
     def power(
         self,

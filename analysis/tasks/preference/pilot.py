@@ -1,7 +1,5 @@
 """How much people and scenes differ, from the sessions of a pilot."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 
@@ -11,26 +9,20 @@ from analysis.power import NO_SPREAD, rough_guesses
 from protocols.errors import StudyError
 
 
-@dataclass(frozen=True)
-class Pilot:
-    """Deviations on the logit of choices, as `Assumptions` takes them.
-
-    `scene_sd` is None with one scene, `size_correlation` with one size or where nothing varies.
-    """
-
-    participant_sd: float
-    scene_sd: float | None
-    size_correlation: float | None
-    warnings: tuple[str, ...]
-
-
-def pilot_deviations(decisions: pd.DataFrame) -> Pilot:
+def pilot_deviations(decisions: pd.DataFrame) -> tuple[dict[str, float], tuple[str, ...]]:
     """Estimate what a simulation of power must know, from the decisions of a pilot.
 
     Parameters
     ----------
     decisions : DataFrame, one row per decision
         Columns ``participant``, ``scene``, ``size``, ``first``, ``second``, ``chosen``.
+
+    Returns
+    -------
+    values : deviations on the logit of choices, by name of the assumption
+        Without ``scene_sd`` where there is one scene, and without ``size_correlation`` where there
+        is one size or nothing varies.
+    notes
 
     Raises
     ------
@@ -76,13 +68,12 @@ def pilot_deviations(decisions: pd.DataFrame) -> Pilot:
         raise StudyError(NO_SPREAD)
     variance = (fit.sd**2).reshape(len(factors), len(kinds))
     total = variance.sum(axis=1)
-    several = len(sizes) > 1 and total.sum() > 0
-    return Pilot(
-        participant_sd=float(np.sqrt(total[0])),
-        scene_sd=float(np.sqrt(total[1])) if len(factors) > 1 else None,
-        size_correlation=float(variance[:, 0].sum() / total.sum()) if several else None,
-        warnings=rough_guesses(len(people), len(scenes)),
-    )
+    values = {"participant_sd": float(np.sqrt(total[0]))}
+    if len(factors) > 1:
+        values["scene_sd"] = float(np.sqrt(total[1]))
+    if len(sizes) > 1 and total.sum() > 0:
+        values["size_correlation"] = float(variance[:, 0].sum() / total.sum())
+    return values, rough_guesses(len(people), len(scenes))
 
 
 def _unanimous(rows: pd.DataFrame) -> "pd.Series[bool]":
