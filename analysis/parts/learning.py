@@ -9,7 +9,6 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
 
 from analysis.learning import Course, Trend, course, trend
 from analysis.pairings import Comparisons
@@ -74,7 +73,11 @@ class LearningPart(Part[P, Learning]):
         return plan.compared
 
     def compute(
-        self, table: pd.DataFrame, plan: P, found: Mapping[str, Any], _chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: P,
+        found: Mapping[str, Any],
+        _chance: np.random.Generator,
     ) -> Learning:
         """Return the trend of each outcome."""
         outcomes = list(self.outcomes(table, plan, found))

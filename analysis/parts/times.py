@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
 
 from analysis.columns import frame_of
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
@@ -55,7 +54,11 @@ class TimesPart(Part[Plan, Times]):
         return "rt_s" in table and bool((table["rt_s"] > 0).any())
 
     def compute(
-        self, table: pd.DataFrame, plan: Plan, _found: Mapping[str, Any], _chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: Plan,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
     ) -> Times:
         """Summarise the times above 0, and model them where the plan asks for it."""
         rows = table[table["rt_s"] > 0].reset_index(drop=True)

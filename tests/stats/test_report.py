@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
@@ -120,6 +121,58 @@ def test_numbers_of_the_page_are_numbers_of_the_json(html, numbers):
     assert (primary["method"], primary["against"]) == ("metameric", "push-pull")
     assert f"in {primary['chosen']} of {primary['trials']} trials" in html
     assert sum(cell["trials"] for cell in cells) == 8 * 24
+
+
+def test_tables_hold_the_numbers_of_the_json(made, numbers):
+    found = numbers["results"]
+
+    def table(name: str) -> list[dict[str, str]]:
+        with (made / "r" / "tables" / name).open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+
+    def same(row: dict[str, str], **wanted: object) -> bool:
+        return all(
+            row[name] == value if isinstance(value, str) else float(row[name]) == value
+            for name, value in wanted.items()
+        )
+
+    one = found["choice_models"]["pairs"][0]
+    first = {name: one["fit"]["coefficients"][0][name] for name in ("term", "estimate", "p")}
+    assert same(table("models.csv")[0], method=one["method"], size=one["size"], **first)
+    one = found["choice_models"]["together"][0]
+    last = {name: one["model"]["contrasts"][-1][name] for name in ("first", "ratio", "p_adjusted")}
+    assert same(table("pairings.csv")[len(one["model"]["contrasts"]) - 1], size=one["size"], **last)
+    rows, gaps = table("scale.csv"), table("scale_differences.csv")
+    for size in found["scale"]["sizes"]:
+        scale, limits = size["scale"], size["intervals"]
+        for k, name in enumerate(scale["conditions"]):
+            (row,) = [r for r in rows if same(r, size=size["size"], method=name)]
+            assert same(row, jod=scale["scores"][k], upper=limits["upper"][k])
+        for gap in size["contrasts"]:
+            i, j = (scale["conditions"].index(gap[side]) for side in ("first", "second"))
+            own = {name: gap[name] for name in ("first", "second", "difference", "clustered_p")}
+            (row,) = [r for r in gaps if same(r, size=size["size"], **own)]
+            assert same(row, lower=limits["difference_lower"][i][j])
+    for row, side in zip(table("bias.csv"), ("order", "side"), strict=True):
+        assert same(row, share=found["bias"][side]["share"], p=found["bias"][side]["p"])
+    shares = table("shares.csv")
+    for of in ("participant", "scene"):
+        for key, pairs in found["preferences"][f"{of}_shares"].items():
+            names = dict(zip(("method", "against", "size"), key.split(" / "), strict=True))
+            own = [(r["name"], float(r["share"])) for r in shares if same(r, of=of, **names)]
+            assert own == [tuple(pair) for pair in pairs]
+
+
+def test_rules_that_were_not_applied_to_a_table_left_nothing_out(made, demo_protocol, tmp_path):
+    """Before, its methods text said that they left out 0 participants and 0 single trials."""
+    with undrawn():
+        table = made / "r" / "tables" / "decisions.csv"
+        found = report_decisions(
+            table, tmp_path / "out", protocol=demo_protocol, figure_files=False
+        )
+    assert any("were not applied" in note for note in found.warnings)
+    assert "Rules fixed before data collection" not in found.content.methods
+    assert "Rules fixed before data collection left out" in (made / "r/report.html").read_text()
 
 
 def test_json_holds_no_number_that_is_not_finite(made):
