@@ -117,6 +117,8 @@ class Shown:
         What stands before all sections: the result in short.
     headline : str
         The result in one sentence; of parts that have one the first counts.
+    title : str
+        Of the part's section, where it says more than `section`.
     blocks : sequence of Block
         Of the part's section of the page, in reading order; a `Picture` names a figure.
     further : sequence of Section
@@ -131,6 +133,7 @@ class Shown:
 
     lead: Sequence[Block] = ()
     headline: str = ""
+    title: str = ""
     blocks: Sequence[Block] = ()
     further: Sequence[Section] = ()
     sentences: Sequence[str] = ()

@@ -103,6 +103,16 @@ class RateSettings(Plan):
         return 1.0 / self.alternatives
 
     @property
+    def guess(self) -> float | None:
+        """Rate of guessing of psychometric functions; None: unknown."""
+        return self.chance
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether psychometric functions are of the logarithm of levels."""
+        return self.shape == "weibull"
+
+    @property
     def compared(self) -> tuple[str, ...]:
         """The column of conditions, which parts find beside those of the table."""
         return (TAKEN,)

@@ -59,7 +59,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     held = as_json(own) or {}
     assert isinstance(held, dict)
     parts = (
-        *analysis.parts,
+        *analysis.parts_of(plan),
         *added_parts({*held, *(part.name for part in analysis.parts)}),
     )
     parts = tuple(one for one in parts if not source.only or one.name in source.only)
@@ -96,7 +96,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         planned.append(analysis.planned_p(own))
     for part, one in shown:
         name, title = part.section
-        for section in (Section(name, title, title, tuple(one.blocks)), *one.further):
+        for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
         planned.append(part.planned_p(found[part.name]))

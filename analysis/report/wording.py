@@ -63,9 +63,11 @@ def big(value: float) -> str:
 
 
 def number(value: float, digits: int = 2) -> str:
-    """Return a number with so many digits, never ``-0.00``; ``none`` for NaN."""
+    """Return a number with so many digits, never ``-0.00``; ``none`` for NaN, or endless."""
     if math.isnan(value):
         return NONE
+    if math.isinf(value):
+        return "\N{INFINITY}" if value > 0 else "-\N{INFINITY}"
     text = f"{value:.{digits}f}"
     return text.lstrip("-") if float(text) == 0 else text
 
@@ -73,6 +75,35 @@ def number(value: float, digits: int = 2) -> str:
 def number_range(lower: float, upper: float) -> str:
     """Return limits of a number; ``none`` for NaN."""
     return NONE if math.isnan(lower) else f"[{number(lower)}, {number(upper)}]"
+
+
+def level_text(level: float) -> str:
+    """Return what stands before limits in a sentence: ``95% CI``."""
+    return f"{100 * level:g}% CI"
+
+
+def size(value: float | None, digits: int = 3) -> str:
+    """Return a level or the like in so many significant digits; ``none`` for None and NaN."""
+    return NONE if value is None or math.isnan(value) else f"{value:.{digits}g}"
+
+
+def size_range(ends: tuple[float | None, float | None] | None) -> str:
+    """Return limits of a level or the like; ``none`` for None and NaN."""
+    texts = [NONE] if ends is None else [size(end) for end in ends]
+    return NONE if NONE in texts else f"[{', '.join(texts)}]"
+
+
+def sd_digits(value: float) -> str:
+    """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
+    return "0" if value <= 1e-6 else size(value)
+
+
+def column_in_words(column: str) -> str:
+    """Return the name of a column as people read it: eccentricity_deg is "eccentricity (deg)"."""
+    for unit in ("deg", "px", "m", "s"):
+        if column.endswith(f"_{unit}"):
+            column = f"{column.removesuffix(f'_{unit}')} ({unit})"
+    return column.replace("_", " ")
 
 
 def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:

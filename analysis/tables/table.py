@@ -248,6 +248,11 @@ class Table:
             why = "the table has no rows" if rows.empty else self.notes[-1]
             raise StudyError(f"{self.path}: must hold at least one {noun} ({why})")
 
+    @property
+    def imported(self) -> bool:
+        """Whether all columns are of use, as an import keeps them; else it answers a question."""
+        return self._command == BY_IMPORT
+
     def known(self, names: Collection[str | None], *, own: bool = False) -> None:
         """Refuse mapped names that the reader has no use for, and note columns that it has not.
 

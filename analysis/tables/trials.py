@@ -6,12 +6,15 @@ import numpy as np
 import pandas as pd
 
 from analysis.tables.table import Source, Table, opened
+from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from protocols.tasks.rates import name_of
+from protocols.tasks.single import ANSWER_COLUMNS
 
 OURS = ("participant", "scene", "order", "expected", "answer", "correct", "rt_s")
 _SHOWN_VALUES = 12
+_ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
 
 def read_trials(
@@ -226,3 +229,36 @@ def _other_answer(table: Table, rows: pd.DataFrame, name: str, answers: Sequence
     derived = "answer" if name == "expected" else "expected"
     rows[derived] = values.where(rows["correct"] == 1, other)
     table.notes.append(f"no column {derived}: it follows from {name} and correct")
+
+
+def as_decisions(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows of a table that was read with what tidy decisions have beside."""
+    count = len(rows)
+    defaults = pd.DataFrame(
+        {
+            "session": rows["participant"],
+            "simulated": 0,
+            "trial": [f"row-{number}" for number in range(1, count + 1)],
+            "kind": "main",
+            "included": 1,
+            "exclusion": "",
+        }
+    )
+    rows = rows.join(defaults[[name for name in defaults if name not in rows]])
+    return rows[[column.name for column in answer_columns(rows)]]
+
+
+def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
+    """Return the columns of a table that was read: ours first, those of its conditions between."""
+    ours = decided((), ANSWER_COLUMNS)
+    known = {column.name for column in ours}
+    condition = tuple(
+        Column(str(name), "value", "", "Column of the table's conditions")
+        for name in decisions.columns
+        if name not in known
+    )
+    return tuple(
+        column
+        for column in decided(condition, ANSWER_COLUMNS)
+        if column.name in decisions or column.name in _ALWAYS
+    )

@@ -32,13 +32,14 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
         "abx": _shipped("abx", "Abx"),
         "which-half": _shipped("abx", "WhichHalf"),
         "ratings": _shipped("ratings", "Ratings"),
+        "psychometric": _shipped("psychometric", "TableOfLevels"),
         "reaction": _shipped("times", "TableOfTimes"),
     },
     "name a function or class without arguments that gives a TaskAnalysis",
     taking(0),
 )
 
-TABLE_TASKS = ("ratings", "reaction")
+TABLE_TASKS = ("ratings", "reaction", "psychometric")
 """Tasks that no study shows yet, by the kind of their analysis: their data come as tables."""
 
 

@@ -194,6 +194,10 @@ class TaskAnalysis(ABC, Generic[S, R]):
 
     # Results.
 
+    def parts_of(self, _settings: S) -> Sequence[AnyPart]:
+        """Return the parts of such a report, in reading order."""
+        return self.parts
+
     def table(self, decisions: pd.DataFrame, _settings: S) -> pd.DataFrame:
         """Return decisions as the parts take them."""
         return decisions

@@ -12,9 +12,8 @@ from analysis.guessing import below_guessing
 from analysis.parts import AnyPart, Plan
 from analysis.parts.times import TimesPart
 from analysis.tables.table import Source
-from analysis.tables.trials import read_times
+from analysis.tables.trials import answer_columns, as_decisions, read_times
 from analysis.tasks.base import TableOptions, TaskAnalysis
-from analysis.tasks.rates.tables import answer_columns, as_decisions
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean

@@ -108,26 +108,19 @@ def psychometric(
         metamerlab analysis psychometric data/ --level contrast --log --by method
         --map correct=key_resp.corr
     """
-    from analysis.from_csv.psychometric import PsychometricOptions, psychometric_of_csv
     from protocols.adaptive.psychometric import SHAPES
 
     with user_errors():
-        options = PsychometricOptions(
-            x=level,
-            by=by,
-            guess=_guess(guess),
-            shape=one_of("--shape", shape, SHAPES),
-            falling=falling,
-            logarithmic=log or shape == "weibull",
-            level=confidence,
-        )
-        with one_line() as progress:
-            found = found_in(
-                table,
-                (columns, where, answer),
-                lambda rows: psychometric_of_csv(rows, options, progress=progress),
-            )
-        hand_over(found, out, replace=replace, reads=[table])
+        options = {
+            "level": level,
+            "by": by,
+            "guess": _guess(guess),
+            "shape": one_of("--shape", shape, SHAPES),
+            "falling": falling,
+            "log": log,
+            "alpha": round(1.0 - confidence, 12),
+        }
+        ask("psychometric", table, (columns, where, answer), options, out, replace=replace)
 
 
 def detection(
@@ -152,17 +145,15 @@ def detection(
     Example: metamerlab analysis detection seen.csv --signal seen --by method --map answer=said
     --out seen
     """
-    from analysis.from_csv.detection import detection_of_csv
-
+    options = {
+        "signal": signal,
+        "by": by,
+        "baseline": baseline,
+        "alpha": round(1.0 - confidence, 12),
+    }
     with user_errors():
-        found = found_in(
-            table,
-            (columns, where, answer),
-            lambda rows: detection_of_csv(
-                rows, signal=signal, by=by, baseline=baseline, level=confidence
-            ),
-        )
-        hand_over(found, out, replace=replace, reads=[table])
+        only = ("sensitivity", "typical")
+        ask("detection", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
 def reaction(

@@ -59,7 +59,7 @@ def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):
     )  # fmt: skip
 
     assert result.exit_code == 0, result.output
-    assert len(pd.read_csv(tmp_path / "out" / "people.csv")) == 2
+    assert len(pd.read_csv(tmp_path / "out" / "tables" / "people.csv")) == 2
     assert list((tmp_path / "out").rglob("*.svg"))
 
 
@@ -71,25 +71,26 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     )  # fmt: skip
 
     assert result.exit_code == 0, result.output
-    assert "560 answers of 4 participants by ecc" in result.output
-    all_people = pd.read_csv(out / "thresholds.csv").set_index("condition")
+    assert "560 answers of 4 participants · by ecc" in result.output
+    all_people = pd.read_csv(out / "tables" / "thresholds.csv")
+    all_people = all_people[all_people["participant"].isna()].set_index("condition")
     for name, truth in (("plain", 16.0), ("blur", 11.0)):
         assert all_people.loc[name, "lower"] < truth < all_people.loc[name, "upper"]
         assert all_people.loc[name, "width"] < 0
-    people = pd.read_csv(out / "people.csv")
+    people = pd.read_csv(out / "tables" / "people.csv")
     assert len(people) == 8
     assert (people["threshold_lower"] < people["threshold"]).all()
     assert (people["width"] < 0).all()
-    compared = pd.read_csv(out / "comparisons_of_people.csv")
+    compared = pd.read_csv(out / "tables" / "comparisons_of_people.csv")
     assert (compared["within"] == "participant").sum() == 4
     assert (compared["within"] == "condition").sum() == 2 * 6
-    between = pd.read_csv(out / "comparisons.csv")
+    between = pd.read_csv(out / "tables" / "threshold_differences.csv")
     assert (between["first"] + " " + between["second"]).tolist() == ["blur plain"]
     assert between["upper"][0] < 0
-    assert (out / "psychometric-1-column.pdf").stat().st_size > 2000
+    assert (out / "figures" / "psychometric-1-column.pdf").stat().st_size > 2000
     noted = json.loads((out / "results.json").read_text())
-    assert noted["result"]["population"]["participants"] == 4
-    assert noted["sentences"][0] in " ".join(result.output.split())
+    assert noted["results"]["thresholds"]["participants"] == 4
+    assert "Thresholds (gauss functions of 4 participants" in " ".join(result.output.split())
 
 
 def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuity, tmp_path):
@@ -108,7 +109,7 @@ def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuit
     assert result.exit_code == 0, result.output
     note = "left out without an answer: 4 rows (line 2, 3, 564, 565)"
     assert note in result.output
-    assert note in json.loads((tmp_path / "out/results.json").read_text())["notes"]
+    assert note in json.loads((tmp_path / "out/results.json").read_text())["warnings"]
     plain = run("psychometric", acuity, *asked, "--map", "participant=who", "--map", "correct=hit")
     assert plain.output.splitlines()[0] in result.output
 
@@ -162,13 +163,13 @@ def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
     )  # fmt: skip
 
     assert result.exit_code == 0, result.output
-    rows = pd.read_csv(out / "conditions.csv").set_index("condition")
+    rows = pd.read_csv(out / "tables" / "sensitivity.csv").set_index("condition")
     assert rows.loc["blur", "d_prime_lower"] < 2.0 < rows.loc["blur", "d_prime_upper"]
     assert rows.loc["ours", "d_prime"] == pytest.approx(0.5, abs=0.4)
-    compared = pd.read_csv(out / "comparisons.csv")
+    compared = pd.read_csv(out / "tables" / "sensitivity_differences.csv")
     assert set(compared["second"]) == {"ours"}
     assert "blur minus ours" in result.output
-    assert {path.name for path in out.glob("*-2-column.svg")} == {
+    assert {path.name for path in (out / "figures").glob("*-2-column.svg")} == {
         "detection-2-column.svg",
         "sensitivity-2-column.svg",
     }

@@ -25,12 +25,12 @@ from analysis.ordinal import paired_ratings, rating_model
 from analysis.parts import computed
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
+from analysis.parts.right_models import apa_term
 from analysis.plans.ratings import RatingsOptions, settings_of
 from analysis.plots import reaction_plot
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.report.values import as_json
-from analysis.tasks.rates.wording import apa_term
 from study_app.cli import app
 
 SCALE = ["bad", "poor", "fair", "good", "excellent"]
@@ -188,20 +188,20 @@ def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answ
     file = levels_table(tmp_path, right)
     result = run("psychometric", file, "--level", "level", "--out", tmp_path / "out")
     out = tmp_path / "out"
-    population = pd.read_csv(out / "thresholds.csv").iloc[0]
-    person = pd.read_csv(out / "people.csv").iloc[0]
-    numbers = json.loads((out / "results.json").read_text())["result"]
+    population = pd.read_csv(out / "tables" / "thresholds.csv").iloc[0]
+    person = pd.read_csv(out / "tables" / "people.csv").iloc[0]
+    numbers = json.loads((out / "results.json").read_text())["results"]
 
     assert result.exit_code == 0, result.output
-    assert re.search(r"all people +all +none +none +none", result.output)
+    assert re.search(r"all +not identified by these data +none +none", result.output)
     assert re.search(r"P0 +all +none +none +none", result.output)
     assert "not identified by these data" in result.output
     assert population[["threshold", "lower", "upper", "width"]].isna().all()
     assert person[["threshold", "threshold_lower", "threshold_upper", "width"]].isna().all()
-    assert numbers["population"]["thresholds"][0]["value"] is None
-    assert numbers["population"]["participant_sd"] is None
-    assert numbers["people"][0]["fit"]["threshold"] is None
-    assert not pd.read_csv(out / "comparisons_of_people.csv").size
+    assert numbers["thresholds"]["thresholds"][0]["value"] is None
+    assert numbers["thresholds"]["participant_sd"] is None
+    assert numbers["psychometric"]["people"][0]["fit"]["threshold"] is None
+    assert not pd.read_csv(out / "tables" / "comparisons_of_people.csv").size
 
 
 def test_a_pooled_curve_that_is_flat_has_no_threshold_in_json():

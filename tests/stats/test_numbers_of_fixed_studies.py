@@ -32,7 +32,20 @@ RENAMED = (
     (r"results\.paired\.(\d+)\.1\.(.*)", r"results.choice_models.together.\1.model.\2"),
     (r"results\.scales\.(.*)", r"results.scale.sizes.\1"),
     (r"results\.((?:order|side)\..*)", r"results.bias.\1"),
+    (r"results\.(rates)\.(\d.*)", r"results.\1.conditions.\2"),
+    (r"results\.warnings\.\d+", ""),  # are among those of the report
+    (r"results\.answered\.(.*)", r"results.sensitivity.answered.\1"),
+    (r"results\.(answers|confusion)\.(.*)", r"results.rates.\1.\2"),
+    (r"results\.comparisons\.(.*)", r"results.comparisons.differences.\1"),
+    (r"results\.typical\.(.*)", r"results.typical.fits.\1"),
+    (r"results\.(counts|curves)\.(.*)", r"results.curves.\1.\2"),
+    (r"results\.critical\.(.*)", r"results.critical.fits.\1"),
+    (r"results\.critical_contrasts\.(.*)", r"results.critical.contrasts.\1"),
+    (r"results\.(participant|scene)_shares\.(.*)", r"results.people.\1s.\2"),
     (r"result\.((?:summary|model|diffusion)\..*)", r"results.times.\1"),
+    (r"result\.(sensitivity\..*)", r"results.\1"),
+    (r"result\.(people|within|between)(.*)", r"results.psychometric.\1\2"),
+    (r"result\.population\.(.*)", r"results.thresholds.\1"),
     (r"result\.(?!sensitivity|people|population|within|between)(.*)", r"results.ratings.model.\1"),
 )
 """Stored name (a pattern of the whole path) and today's, in the order in which they are tried."""
@@ -45,6 +58,14 @@ REWORDED = (
     ("last trial log_rt changed", "last trial logarithm of the reaction time changed"),
 )
 """What was said otherwise in sentences and notes, and what is said today."""
+COMMANDS_RENAMED = {
+    "command-detection": (
+        (r"conditions\.(.*)", r"sensitivity.\1"),
+        (r"comparisons\.(.*)", r"sensitivity_differences.\1"),
+    ),
+    "command-psychometric": ((r"comparisons\.(.*)", r"threshold_differences.\1"),),
+}
+"""Tables of commands that had other names than those of reports."""
 QUICK = {"two-answers", "ratings", "command-reaction"}
 
 
@@ -56,9 +77,9 @@ def cases() -> list[Any]:
     ]
 
 
-def today(path: str) -> str:
-    """Return what a stored number is called today."""
-    for pattern, name in RENAMED:
+def today(path: str, study: str) -> str:
+    """Return what a stored number of a study is called today."""
+    for pattern, name in (*COMMANDS_RENAMED.get(study, ()), *RENAMED):
         if re.fullmatch(pattern, path):
             return re.sub(pattern, name, path)
     return path
@@ -99,7 +120,7 @@ def test_every_number_sentence_and_row_is_what_it_was(name, tmp_path, write_jour
     for part in ("numbers", "tables"):
         before, after = dict(leaves(stored[part])), dict(leaves(found[part]))
         # What could not be had may have come, or go; what was there stays.
-        moved = {today(path): value for path, value in before.items() if value is not None}
+        moved = {today(path, name): value for path, value in before.items() if value is not None}
         moved.pop("", None)
         assert moved.keys() <= after.keys(), sorted(moved.keys() - after.keys())[:10]
         other = {

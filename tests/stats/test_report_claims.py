@@ -18,27 +18,29 @@ from made_up_trials import (
 )
 
 from analysis.critical_scaling import critical_scaling
+from analysis.parts import computed
+from analysis.parts.critical import apa_critical
+from analysis.parts.levels import apa_thresholds
 from analysis.psychometric import _Problem, fit_psychometric
 from analysis.tasks import analysis_of
-from analysis.tasks.rates import wording as say
-from analysis.tasks.rates.sections import sections
 from analysis.thresholds import Threshold, fit_thresholds
 
 UNKNOWN = "not identified by these data"
 
 
 def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
-    """Return results, the sections' text, and methods, sentences and captions as one text."""
+    """Return numbers by part, the blocks' text, and methods, sentences and captions as one text."""
     analysis = analysis_of(kind)
     trials.to_csv(folder / "t.csv", index=False)
     chosen = analysis.options(**options)
     rows = analysis.read(folder / "t.csv", {}, chosen)
     settings = analysis.settings_of_table(rows, "t", chosen)
-    results = analysis.analyse(rows, settings, lambda _name: None)
-    methods = analysis.methods(results, settings, people=6, decisions=len(rows), flow=())
-    captions = [one.caption for one in analysis.figures(rows, results, settings, simulated=True)]
-    page = repr(sections(results, settings))
-    return results, page, " ".join([methods, *analysis.sentences(results, settings), *captions])
+    found, _ = computed(analysis.parts, analysis.table(rows, settings), settings)
+    shown = [part.show(found[part.name], settings) for part in analysis.parts if part.name in found]
+    page = repr([one.blocks for one in shown])
+    captions = [figure.caption for one in shown for figure in one.figures]
+    sentences = [sentence for one in shown for sentence in one.sentences]
+    return found, page, " ".join([*(one.methods for one in shown), *sentences, *captions])
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(
     other = simulate_abx(design, {"v2": 0.25}, np.random.default_rng(4), scalings=[0.1, 0.3, 0.8])
     both = pd.concat([matched, other]).drop(columns=["expected", "answer", "order"])
     results, page, _ = told("abx", both, tmp_path, level="scaling")
-    assert results.critical_contrasts
+    assert results["critical"].contrasts
     assert note in page
 
     _, alone, _ = told("abx", matched, tmp_path, level="scaling")
@@ -106,15 +108,15 @@ def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(
 def test_a_critical_scaling_or_gain_that_is_not_bounded_is_no_number(matched):
     fit = critical_scaling(matched)
     known = replace(fit, critical_limits=(0.1, 0.3), gain_limits=(2.0, 9.0), warnings=())
-    assert UNKNOWN not in say.apa_critical(known)
+    assert UNKNOWN not in apa_critical(known)
 
     for ends in ((0.0, float("inf")), (1e-200, 1e200), None):
-        text = say.apa_critical(replace(known, gain=123.0, gain_limits=ends))
+        text = apa_critical(replace(known, gain=123.0, gain_limits=ends))
         assert f"gain {UNKNOWN}" in text
         assert "s_c = " in text
         assert not re.search(r"123|\binf\b|of ln gain", text)
     chance = at_chance(matched)
-    text = say.apa_critical(critical_scaling(chance))
+    text = apa_critical(critical_scaling(chance))
     assert f"s_c {UNKNOWN}; gain {UNKNOWN}; lapse" in text
 
 
@@ -122,7 +124,7 @@ def test_a_critical_scaling_that_is_not_identified_is_no_number_in_the_table(mat
     chance = at_chance(matched)
     results, page, _ = told("abx", chance, tmp_path, level="scaling")
 
-    (fit,) = results.critical
+    (fit,) = results["critical"].fits
     assert not fit.critical_identified
     assert f"'{fit.critical:.3g}'" not in page
     assert f"'{UNKNOWN}', 'none', '{UNKNOWN}', 'none', 'none'" in page
@@ -160,17 +162,17 @@ def test_a_threshold_that_is_not_identified_is_no_number_in_table_or_sentence(ma
     flat = at_chance(matched)
     results, page, text = told("abx", flat, tmp_path, level="scaling")
 
-    (fit,) = results.curves.values()
+    (fit,) = results["curves"].curves.values()
     assert not fit.identified([0.1, 0.3, 0.8])
     assert f"'{fit.threshold:.3g}'" not in page
     assert f"'{UNKNOWN}', 'none', 'none'" in page
-    model = results.thresholds
+    model = results["thresholds"]
     (one,) = model.thresholds
     assert not one.identified([0.1, 0.3, 0.8])
     assert f"v1 {UNKNOWN} (participants SD" in text
     far = replace(model, thresholds=(replace(one, value=-1.25e5, lower=-2e5, upper=0.0),))
-    assert f"v1 {UNKNOWN} (" in say.apa_thresholds(far, levels=[0.1, 0.8])
-    assert "v1 -1.25e+05, 95% CI [-2e+05, 0] (" in say.apa_thresholds(far)
+    assert f"v1 {UNKNOWN} (" in apa_thresholds(far, levels=[0.1, 0.8])
+    assert "v1 -1.25e+05, 95% CI [-2e+05, 0] (" in apa_thresholds(far)
 
 
 def test_thresholds_that_are_not_identified_are_not_compared():
@@ -212,4 +214,4 @@ def test_limits_beyond_every_float_are_infinite_without_a_warning(matched, monke
 
     assert fit.gain_limits == (0.0, float("inf"))
     assert not fit.gain_identified
-    assert f"gain {UNKNOWN}" in say.apa_critical(fit)
+    assert f"gain {UNKNOWN}" in apa_critical(fit)

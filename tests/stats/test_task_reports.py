@@ -28,6 +28,7 @@ from undrawn_reports import drawn_narrow, undrawn
 from analysis.detection import YesNoResults
 from analysis.export.write import export_study
 from analysis.ideal_observer import abx_share
+from analysis.parts import computed
 from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import share
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
@@ -218,14 +219,19 @@ SECTIONS = {
     "abx": ("correct", "sensitivity", "levels", "models", "people", "checks"),
 }
 FIGURES = {
-    "yes-no": {"correct", "sensitivity", "participants", "scenes", "learning", "reaction"},
-    "identification": {
-        "correct", "sensitivity", "confusion", "levels", "participants", "learning", "reaction",
+    "yes-no": {
+        "correct", "detection", "sensitivity", "participants", "scenes", "learning", "reaction",
     },
-    "adaptive": {"correct", "sensitivity", "confusion", "levels", "participants", "reaction"},
-    "abx": {
-        "correct", "sensitivity", "levels", "scaling", "participants", "scenes", "learning",
+    "identification": {
+        "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "learning",
         "reaction",
+    },
+    "adaptive": {
+        "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "reaction",
+    },
+    "abx": {
+        "correct", "sensitivity", "levels", "psychometric", "scaling", "participants", "scenes",
+        "learning", "reaction",
     },
 }  # fmt: skip
 
@@ -300,14 +306,14 @@ def test_numbers_of_the_page_are_those_of_the_json_and_of_the_trials(reported):
     assert "Infinity" not in text
     assert reported.numbers["simulated"] is True
     assert reported.numbers["settings"]["kind"] == reported.protocol.analysis.kind
-    assert results["rates"]
-    for rate in results["rates"]:
+    assert results["rates"]["conditions"]
+    for rate in results["rates"]["conditions"]:
         part = rows[rows["method"] == rate["condition"]]
         assert (rate["count"], rate["trials"]) == (part["correct"].sum(), len(part))
         assert f"{rate['count']} / {rate['trials']}" in reported.html
         assert share(rate["share"]) in reported.html
         assert rate["chance"] == pytest.approx(1 / len(reported.protocol.task.answers()))
-    for name, counts in results["counts"].items():
+    for name, counts in results.get("curves", {"counts": {}})["counts"].items():
         part = rows[rows["method"] == name]
         assert sum(counts["trials"]) == len(part)
 
@@ -317,13 +323,17 @@ def test_tables_beside_the_page_hold_every_decision_and_what_columns_mean(report
     rows = pd.read_csv(tables / "decisions.csv")
     meanings = pd.read_csv(tables / "dictionary.csv")
 
-    assert len(rows) == sum(rate["trials"] for rate in reported.numbers["results"]["rates"])
+    assert len(rows) == sum(
+        rate["trials"] for rate in reported.numbers["results"]["rates"]["conditions"]
+    )
     named = meanings[meanings["table"] == "decisions"]["column"]
     assert list(rows.columns) == list(named)
     assert not named.duplicated().any()
     assert not (tables / "pwcmp.csv").exists()
     rates = pd.read_csv(tables / "rates.csv")
-    assert list(rates["trials"]) == [r["trials"] for r in reported.numbers["results"]["rates"]]
+    assert list(rates["trials"]) == [
+        r["trials"] for r in reported.numbers["results"]["rates"]["conditions"]
+    ]
 
 
 @pytest.mark.parametrize("reported", ["abx"], indirect=True)
@@ -339,14 +349,14 @@ def test_run_again_every_number_is_the_same(reported, tmp_path):
 def test_the_baseline_comes_first_and_comparisons_are_with_it(reported):
     settings, results = reported.numbers["settings"], reported.numbers["results"]
 
-    order = [rate["condition"] for rate in results["rates"]]
+    order = [rate["condition"] for rate in results["rates"]["conditions"]]
     assert order == settings["values"]
     assert [one["condition"] for one in results["sensitivity"]["conditions"]] == order
-    assert all(one["second"] == order[0] for one in results["comparisons"])
-    assert len(results["comparisons"]) == len(order) - 1
+    assert all(one["second"] == order[0] for one in results["comparisons"]["differences"])
+    assert len(results["comparisons"]["differences"]) == len(order) - 1
     measure = {"yes-no": "d'", "identification": "share correct", "adaptive": "ln threshold"}
     if reported.task in measure:
-        (one,) = results["comparisons"]
+        (one,) = results["comparisons"]["differences"]
         assert one["measure"] == measure[reported.task]
         assert one["difference"] > 0
         assert f"ours minus reference: {one['difference']:.2f}" in reported.made.headline
@@ -357,7 +367,8 @@ def test_psychometric_functions_have_the_shape_that_the_rule_plans_with(reported
     shape = "weibull" if reported.task == "adaptive" else "gauss"
 
     assert reported.numbers["settings"]["shape"] == shape
-    for fit in (*results["curves"].values(), *filter(None, [results["thresholds"]])):
+    fits = results.get("curves", {"curves": {}})["curves"]
+    for fit in (*fits.values(), *filter(None, [results.get("thresholds")])):
         assert fit["shape"] == shape
     for said in ("Shape: Weibull", "natural logarithms of thresholds"):
         assert (said in reported.html) == (reported.task == "adaptive")
@@ -379,8 +390,9 @@ def test_tidy_tables_say_their_task_and_give_the_same_numbers_again(reported, tm
     kind, _ = read_note(tmp_path / "t" / "decisions.csv")
     assert kind == reported.protocol.analysis.kind
     assert found["simulated"] is True
-    for part in ("rates", "comparisons", "counts"):
-        assert found["results"][part] == reported.numbers["results"][part], part
+    for part, numbers in (("rates", "conditions"), ("comparisons", None), ("curves", "counts")):
+        before, after = (one["results"].get(part) for one in (found, reported.numbers))
+        assert before == after or before[numbers] == after[numbers], part
 
 
 def test_exports_of_every_task_are_valid(reported, tmp_path):
@@ -412,13 +424,13 @@ def test_exports_of_every_task_are_valid(reported, tmp_path):
 
 
 def analysed(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
-    """Return settings and results of a table that went through a file."""
+    """Return settings and numbers by part of a table that went through a file."""
     analysis = analysis_of(kind)
     trials.to_csv(folder / "t.csv", index=False)
     chosen = analysis.options(**options)
     rows = analysis.read(folder / "t.csv", {}, chosen)
     settings = analysis.settings_of_table(rows, "t", chosen)
-    return settings, analysis.analyse(rows, settings, lambda _name: None)
+    return settings, computed(analysis.parts, analysis.table(rows, settings), settings)[0]
 
 
 def test_d_prime_and_criterion_of_simulated_observers_come_out(tmp_path):
@@ -435,14 +447,14 @@ def test_d_prime_and_criterion_of_simulated_observers_come_out(tmp_path):
     )
 
     assert settings.answers == ("inconsistent", "consistent")
-    assert isinstance(results.sensitivity, YesNoResults)
-    for one, true in zip(results.sensitivity.conditions, (0.8, 2.0), strict=True):
+    assert isinstance(results["sensitivity"], YesNoResults)
+    for one, true in zip(results["sensitivity"].conditions, (0.8, 2.0), strict=True):
         assert one.d_prime.value == pytest.approx(true, abs=0.25)
         assert one.criterion.value == pytest.approx(0.3, abs=0.15)
-    (gap,) = results.comparisons
+    (gap,) = results["comparisons"].differences
     assert gap.lower < 1.2 < gap.upper
     assert gap.p < 0.01
-    typical = dict(results.typical)["ours"]["signal"]
+    typical = dict(results["typical"].fits)["ours"]["signal"]
     assert abs(typical.estimate - 2.0) < 3 * typical.standard_error
 
 
@@ -462,13 +474,13 @@ def test_thresholds_of_simulated_observers_come_out_without_naming_answers(tmp_p
     )  # fmt: skip
 
     assert settings.chance == 0.25
-    assert [one.condition for one in results.thresholds.thresholds] == ["reference", "ours"]
-    for one, true in zip(results.thresholds.thresholds, (12.0, 18.0), strict=True):
+    assert [one.condition for one in results["thresholds"].thresholds] == ["reference", "ours"]
+    for one, true in zip(results["thresholds"].thresholds, (12.0, 18.0), strict=True):
         assert one.lower < true < one.upper
-        assert results.curves[one.condition].threshold == pytest.approx(true, abs=1.5)
-    slope = results.models.independent["level"].estimate
+        assert results["curves"].curves[one.condition].threshold == pytest.approx(true, abs=1.5)
+    slope = results["models"].independent["level"].estimate
     assert slope < 0
-    assert results.models.independent["method[T.ours]"].estimate > 0
+    assert results["models"].independent["method[T.ours]"].estimate > 0
 
 
 def test_critical_scalings_of_simulated_observers_come_out(tmp_path):
@@ -481,11 +493,11 @@ def test_critical_scalings_of_simulated_observers_come_out(tmp_path):
     settings, results = analysed("abx", trials, tmp_path, level="scaling")
 
     assert settings.answers == ("A", "B")
-    for one, true in zip(results.critical, (0.15, 0.3), strict=True):
+    for one, true in zip(results["critical"].fits, (0.15, 0.3), strict=True):
         assert one.critical_limits[0] < true < one.critical_limits[1]
-    (gap,) = results.critical_contrasts
+    (gap,) = results["critical"].contrasts
     assert gap.p < 0.01
-    assert results.answered.share == pytest.approx(0.5, abs=0.1)
+    assert results["sensitivity"].answered.share == pytest.approx(0.5, abs=0.1)
 
 
 def test_conditions_that_always_hold_the_signal_share_the_noise_of_the_reference(tmp_path):
@@ -496,14 +508,14 @@ def test_conditions_that_always_hold_the_signal_share_the_noise_of_the_reference
     both.loc[noise, "method"] = "reference"
     settings, results = analysed("detection", both, tmp_path, signal="inconsistent")
 
-    shown = [one.condition for one in results.sensitivity.conditions]
+    shown = [one.condition for one in results["sensitivity"].conditions]
     assert shown == ["blur", "ours"]
-    for one in results.sensitivity.conditions:
+    for one in results["sensitivity"].conditions:
         assert one.false_alarms + one.correct_rejections == int(noise.sum())
-    assert [one.condition for one in results.rates] == ["blur", "ours", "reference"]
-    (gap,) = results.comparisons
+    assert [one.condition for one in results["rates"].conditions] == ["blur", "ours", "reference"]
+    (gap,) = results["comparisons"].differences
     assert (gap.first, gap.second) == ("ours", "blur")
-    assert any("share those of the others" in note for note in results.warnings)
+    assert any("share those of the others" in note for note in results["sensitivity"].notes)
     assert settings.baseline == "blur"
 
 
@@ -512,10 +524,10 @@ def test_a_test_over_participants_alone_leaves_scenes_out(tmp_path):
     _, both = analysed("detection", trials, tmp_path, signal="inconsistent")
     _, people = analysed("detection", trials, tmp_path, signal="inconsistent", test="participant")
 
-    assert both.rates[0].scenes == 4
-    assert people.rates[0].scenes == 1
-    assert people.scene_shares == {}
-    assert both.rates[0].share == people.rates[0].share
+    assert both["rates"].conditions[0].scenes == 4
+    assert people["rates"].conditions[0].scenes == 1
+    assert people["people"].scenes == {}
+    assert both["rates"].conditions[0].share == people["rates"].conditions[0].share
 
 
 def unanimous(trials: pd.DataFrame) -> pd.DataFrame:
@@ -585,7 +597,9 @@ def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
     if change is one_person:
         assert "one participant only" in html
         assert (
-            json.loads((tmp_path / "r" / "results.json").read_text())["results"]["comparisons"]
+            json.loads((tmp_path / "r" / "results.json").read_text())["results"]["comparisons"][
+                "differences"
+            ]
             == []
         )
 
@@ -625,8 +639,8 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "r" / "results.json").read_text())
     assert found["settings"]["values"] == ["b", "a"]
-    assert set(found["results"]["curves"]) == {"a", "b"}
-    widths = [one["width"] for one in found["results"]["curves"].values()]
+    assert set(found["results"]["curves"]["curves"]) == {"a", "b"}
+    widths = [one["width"] for one in found["results"]["curves"]["curves"].values()]
     assert any(widths)  # a curve whose threshold the answers do not place has none
     assert all(width < 0 for width in widths if width is not None)
     titled = ("--title", "Acuity <1>", "--no-figures")

@@ -10,7 +10,7 @@ import pytest
 from undrawn_reports import undrawn
 
 from analysis.preference import preferences
-from analysis.report.beside import Beside, beside, beside_blocks
+from analysis.report.beside import Beside, beside, beside_blocks, estimates_of
 from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions
 from analysis.tasks.base import Estimate
@@ -110,8 +110,8 @@ def test_yes_no_tasks_give_d_prime_and_others_shares():
         rows, "t", IdentificationOptions(by="method", alternatives=2)
     )
 
-    found = [one.what for one in detection.estimates(rows, settings)]
-    shares = identification.estimates(rows, other)
+    found = [one.what for one in estimates_of(detection, rows, settings)]
+    shares = estimates_of(identification, rows, other)
     assert found == ["d' of ours", "d' of theirs", "theirs - ours, d'"]
     assert [one.what for one in shares] == [
         "right answers, ours",

@@ -18,9 +18,19 @@ from analysis.critical_scaling import critical_scaling, fit_person
 from analysis.detection import abx, identification, yes_no
 from analysis.learning import trend
 from analysis.models import glm_logit
+from analysis.parts.correct import apa_rate
+from analysis.parts.critical import apa_critical
+from analysis.parts.differences import apa_difference
 from analysis.parts.learning import apa_trend
+from analysis.parts.levels import apa_thresholds
+from analysis.parts.right_models import apa_term
+from analysis.parts.sensitivity import (
+    apa_discrimination,
+    apa_yes_no,
+    methods_discrimination,
+    methods_yes_no,
+)
 from analysis.rates import correct_rates
-from analysis.tasks.rates import wording as say
 from analysis.thresholds import fit_thresholds
 
 
@@ -32,7 +42,7 @@ def told():
 
 def test_a_rate_says_count_limits_and_chance(told):
     (rate, _) = correct_rates(told, ("method",), chance=0.5)
-    text = say.apa_rate(rate, name="Blur")
+    text = apa_rate(rate, name="Blur")
 
     assert text.startswith(f"In condition Blur, {rate.count} of {rate.trials} answers were correct")
     assert f"{rate.share:.2f}".lstrip("0") in text
@@ -43,22 +53,22 @@ def test_a_rate_says_count_limits_and_chance(told):
 def test_yes_no_says_sensitivity_criterion_and_bias(told):
     found = yes_no(told, ("method",), signal="inconsistent", bias_answer="consistent")
     one = found["blur"]
-    text = say.apa_yes_no(one)
+    text = apa_yes_no(one)
 
     assert f"d' = {one.d_prime.value:.2f}, 95% CI" in text
     assert f"t({one.d_prime.df:.1f}) = " in text
     assert '"consistent" was answered in' in text
-    assert "log-linear" in say.methods_yes_no(found)
+    assert "log-linear" in methods_yes_no(found)
     control = told[(told["method"] == "ours") & (told["expected"] == "consistent")]
     alone = yes_no(control, signal="inconsistent")["all"]
-    assert "not both shown: no d'" in say.apa_yes_no(alone)
+    assert "not both shown: no d'" in apa_yes_no(alone)
     one_person = yes_no(told[told["participant"] == "P001"], signal="inconsistent")["all"]
-    assert "z = " in say.apa_yes_no(one_person)
+    assert "z = " in apa_yes_no(one_person)
 
 
 def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
     found = yes_no(told, ("method",), signal="inconsistent").d_prime_contrasts[0]
-    text = say.apa_difference(found)
+    text = apa_difference(found)
 
     assert text.startswith(f"blur minus ours: {found.difference:.2f} in d', 95% CI [")
     assert "Holm" not in text
@@ -70,7 +80,7 @@ def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
         width=2.0,
     )
     three = identification(rows, ("method",), alternatives=2).contrasts
-    assert any("Holm-adjusted" in say.apa_difference(one) for one in three)
+    assert any("Holm-adjusted" in apa_difference(one) for one in three)
 
 
 def test_abx_says_its_rule_and_an_endless_limit():
@@ -83,11 +93,11 @@ def test_abx_says_its_rule_and_an_endless_limit():
         lapse=0.0,
     )
     found = abx(rows, ("scaling",), rule="independent")
-    text = say.apa_discrimination(found["0.9"], found.rule)
+    text = apa_discrimination(found["0.9"], found.rule)
 
     assert "ABX, independent rule" in text
     assert "∞]" in text
-    assert "mapped to d'" in say.methods_discrimination(found)
+    assert "mapped to d'" in methods_discrimination(found)
 
 
 def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
@@ -102,24 +112,24 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
         interaction_sd=1.0,
     )
     model = fit_thresholds(rows, "level", ("method",))
-    text = say.apa_thresholds(model, unit="deg")
+    text = apa_thresholds(model, unit="deg")
     assert re.search(r"a 1\d\.\d deg, 95% CI \[\d", text)
     assert "participants x conditions SD" in text
     assert "lapse rate .0" in text
     flat = replace(model, interaction_sd=1.9e-11, scene_sd=3.6e-12)
-    assert "participants x conditions SD = 0, scenes SD = 0)" in say.apa_thresholds(flat)
+    assert "participants x conditions SD = 0, scenes SD = 0)" in apa_thresholds(flat)
 
     match = simulate_abx(TaskDesign(6, 1, 15), {"v1": 0.2}, rng, scalings=[0.06, 0.12, 0.25, 0.5])
-    assert "SD of ln s_c" in say.apa_critical(critical_scaling(match))
+    assert "SD of ln s_c" in apa_critical(critical_scaling(match))
     one = fit_person(match[match["participant"] == "P001"], law="published")
-    assert "one participant" in say.apa_critical(one)
-    assert "Freeman and Simoncelli" in say.apa_critical(one)
+    assert "one participant" in apa_critical(one)
+    assert "Freeman and Simoncelli" in apa_critical(one)
 
 
 def test_models_and_trends_are_sentences(told):
     fit = glm_logit("logit(correct) ~ 1 + method", told, cluster=["participant"])
-    assert "t(9) = " in say.apa_term(fit, "method[T.ours]")
-    assert "z = " in say.apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
+    assert "t(9) = " in apa_term(fit, "method[T.ours]")
+    assert "z = " in apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
     text = apa_trend(trend(told, "correct"))
     assert "Spearman's rho" in text
     assert "over 10 participants" in text

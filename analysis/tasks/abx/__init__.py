@@ -7,11 +7,13 @@ import pandas as pd
 
 from analysis.detection import DiscriminationResults, abx
 from analysis.ideal_observer import AbxRule, abx_share
+from analysis.parts import AnyPart
+from analysis.parts.critical import CriticalPart
+from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RateSettings, RatesOptions, baseline_in, common_settings
-from analysis.tasks.base import Step, TableOptions
-from analysis.tasks.rates import RatesTask
+from analysis.tasks.base import TableOptions
+from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import Floats, tabulated
-from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.schema import StudyProtocol
 from protocols.tasks.abx import AbxAnalysis
 from protocols.tasks.which_half import WhichHalfAnalysis
@@ -24,6 +26,16 @@ class AbxOptions(RatesOptions):
     """How participants are taken to decide."""
 
 
+def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
+    return abx(
+        rows,
+        plan.compared,
+        rule=plan.rule,
+        reference=baseline_in(rows, plan),
+        level=plan.confidence,
+    )
+
+
 class Abx(RatesTask):
     """Shares of right answers, d' and d' against the level: task `abx`."""
 
@@ -31,6 +43,9 @@ class Abx(RatesTask):
     options: ClassVar[type[TableOptions]] = AbxOptions
     _options: ClassVar[type[AbxOptions]] = AbxOptions
     task: ClassVar[str] = "ABX answers"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
+        DiscriminationPart(_sense, sides=True), levels=(CriticalPart(),)
+    )
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
 
@@ -56,20 +71,6 @@ class Abx(RatesTask):
             if len(found) == len(self.named):
                 return found
         return self.named
-
-    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
-        """Return d', critical scalings, and what all tasks with right answers have."""
-
-        def sense(rows: pd.DataFrame) -> DiscriminationResults:
-            return abx(
-                rows,
-                ("condition",),
-                rule=settings.rule,
-                reference=baseline_in(rows, settings),
-                level=settings.confidence,
-            )
-
-        return analyse_rates(decisions, settings, step, sense, scaling=settings.rule)
 
     def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""

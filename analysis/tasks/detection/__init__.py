@@ -7,16 +7,15 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
-from analysis.detection import YesNoResults, d_prime_influence, yes_no
-from analysis.plans.rates import RateSettings, RatesOptions, baseline_in, prepared
+from analysis.detection import d_prime_influence
+from analysis.parts import AnyPart
+from analysis.parts.sensitivity import TypicalPart, YesNoPart
+from analysis.plans.rates import RateSettings, RatesOptions
 from analysis.rates import Influence, share_influence
 from analysis.tables.table import Source, opened
-from analysis.tasks.base import Estimate, Step, TableOptions
-from analysis.tasks.rates import RatesTask
-from analysis.tasks.rates.estimates import difference_estimates, rate_estimates
+from analysis.tasks.base import TableOptions
+from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
-from analysis.tasks.rates.study import RateResults, analyse_rates, with_shared_noise
-from analysis.tasks.rates.tables import read_answers
 from protocols.errors import StudyError
 from protocols.tasks.rates import name_of
 from protocols.units import Scalar
@@ -35,17 +34,17 @@ class Detection(RatesTask):
     kind: ClassVar[str] = "detection"
     options: ClassVar[type[TableOptions]] = DetectionOptions
     task: ClassVar[str] = "yes-no answers"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
+    two: ClassVar[bool] = True
 
     def options_of(self, settings: RateSettings) -> DetectionOptions:
         """Return the options that say the same."""
         return DetectionOptions(signal=settings.answers[0], **self._shared_options(settings))
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], options: Any, *, own: bool = True
-    ) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
         table = opened(table, mapping)
-        rows = read_answers(table, options, own=own, two=True)
+        rows = super().read(table, {}, options)
         if "answer" not in rows or (rows["answer"] == "").any():
             raise StudyError(
                 f"{table.path}: must have the columns expected and answer: whether answers were"
@@ -74,37 +73,6 @@ class Detection(RatesTask):
         others = [answer for answer in found if answer != signal]
         return (signal, others[0] if others else f"not {signal}")
 
-    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
-        """Return d', criterion, bias, and what all tasks with right answers have."""
-        return analyse_rates(
-            decisions,
-            settings,
-            step,
-            lambda rows: sensitivity(rows, settings),
-            signal=settings.answers[0],
-        )
-
-    def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
-        """Return d' and what they differ by; thresholds where levels adapt."""
-        if settings.adaptive:
-            return rate_estimates(decisions, settings)
-        rows = with_shared_noise(prepared(decisions, settings), settings.answers[0])
-        found = sensitivity(rows, settings)
-        count = rows["condition"].value_counts()
-        measured = [
-            Estimate(
-                f"d' of {settings.label(one.condition)}",
-                one.d_prime.value,
-                one.d_prime.lower,
-                one.d_prime.upper,
-                one.d_prime.p,
-                int(count[one.condition]),
-            )
-            for one in found.conditions
-            if one.d_prime is not None
-        ]
-        return (*measured, *difference_estimates(found.d_prime_contrasts, settings, count))
-
     def draw(self, _settings: RateSettings) -> Draw:
         """Return the chance of yes by a criterion, equal variances."""
         return chance_of_yes
@@ -116,17 +84,6 @@ class Detection(RatesTask):
     def beside(self) -> tuple[str, Judge]:
         """Return the test of differences of bias ([BB] Fig. 20, right)."""
         return "bias", judge_bias
-
-
-def sensitivity(rows: pd.DataFrame, settings: RateSettings) -> YesNoResults:
-    """Return d', criterion and bias of prepared rows by condition, against the baseline."""
-    return yes_no(
-        rows,
-        ("condition",),
-        signal=settings.answers[0],
-        reference=baseline_in(rows, settings),
-        level=settings.confidence,
-    )
 
 
 def chance_of_yes(d_prime: Floats, criterion: Floats, design: CellDesign, typical: float) -> Floats:

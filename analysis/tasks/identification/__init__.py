@@ -8,11 +8,12 @@ from pydantic import Field
 
 from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
+from analysis.parts import AnyPart
+from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
-from analysis.tasks.base import Step, TableOptions
-from analysis.tasks.rates import RatesTask
+from analysis.tasks.base import TableOptions
+from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import Floats, tabulated
-from analysis.tasks.rates.study import RateResults, analyse_rates
 from protocols.errors import StudyError
 
 
@@ -23,12 +24,23 @@ class IdentificationOptions(RatesOptions):
     """How many answers there were; left out: as many as the columns expected and answer hold."""
 
 
+def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
+    return identification(
+        rows,
+        plan.compared,
+        alternatives=plan.alternatives,
+        reference=baseline_in(rows, plan),
+        level=plan.confidence,
+    )
+
+
 class Identification(RatesTask):
     """Shares of right answers and d' by condition: task `identification`."""
 
     kind: ClassVar[str] = "identification"
     options: ClassVar[type[TableOptions]] = IdentificationOptions
     task: ClassVar[str] = "identifications"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_sense))
 
     def options_of(self, settings: RateSettings) -> IdentificationOptions:
         """Return the options that say the same."""
@@ -54,20 +66,6 @@ class Identification(RatesTask):
                 f" {len(found)}: {', '.join(found[:8]) or 'none'})"
             )
         return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
-
-    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
-        """Return d' for m alternatives, and what all tasks with right answers have."""
-
-        def sense(rows: pd.DataFrame) -> DiscriminationResults:
-            return identification(
-                rows,
-                ("condition",),
-                alternatives=settings.alternatives,
-                reference=baseline_in(rows, settings),
-                level=settings.confidence,
-            )
-
-        return analyse_rates(decisions, settings, step, sense)
 
     def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""

@@ -1,5 +1,5 @@
 """What the analyses of tasks with right answers share: detection, identification, ABX."""
 
-from analysis.tasks.rates.task import RatesTask
+from analysis.tasks.rates.task import RatesTask, rate_parts
 
-__all__ = ["RatesTask"]
+__all__ = ["RatesTask", "rate_parts"]

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from analysis.cells import grid
 from analysis.glmm import fit_crossed
+from analysis.parts.sensitivity import with_shared_noise
 from analysis.plans.rates import RateSettings, prepared
 from analysis.power import NO_SPREAD, rough_guesses
 from analysis.response import Response
 from analysis.tasks.rates.power import COMMON
-from analysis.tasks.rates.study import with_shared_noise
 from analysis.thresholds import fit_thresholds
 from protocols.errors import StudyError
 

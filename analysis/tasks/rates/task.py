@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,32 +9,31 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.detection import YesNoResults
-from analysis.exclusions import FlowStep
 from analysis.parts import AnyPart
+from analysis.parts.correct import RatesPart, odd_answers
+from analysis.parts.differences import ComparisonsPart
 from analysis.parts.learning import RightLearning
+from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
+from analysis.parts.people import PeoplePart
+from analysis.parts.right_models import ModelsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
     RateSettings,
     RatesOptions,
+    by_columns,
     common_settings,
     common_settings_of_table,
     prepared,
 )
-from analysis.report.blocks import Block, ReportFigure, Section
-from analysis.report.wording import leading, left_out_sentence
 from analysis.tables.table import Source, opened
+from analysis.tables.trials import answer_columns, as_decisions, read_trials
 from analysis.tasks.base import (
     Assumption,
     Counted,
-    Estimate,
     PowerReport,
-    Step,
     TableOptions,
     TaskAnalysis,
 )
-from analysis.tasks.rates.estimates import rate_estimates
-from analysis.tasks.rates.figures import rate_figures
 from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
 from analysis.tasks.rates.power import (
     Draw,
@@ -45,40 +43,43 @@ from analysis.tasks.rates.power import (
     looked_p_values,
     rate_power,
 )
-from analysis.tasks.rates.sections import lead, sections
-from analysis.tasks.rates.study import RateResults, odd_answers
-from analysis.tasks.rates.tables import answer_columns, read_answers, result_tables
-from analysis.tasks.rates.wording import (
-    apa_critical,
-    apa_difference,
-    apa_discrimination,
-    apa_rate,
-    apa_term,
-    apa_thresholds,
-    apa_yes_no,
-    methods_discrimination,
-    methods_yes_no,
-)
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.columns import Column
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 
 Floats = NDArray[np.float64]
 
 
-class RatesTask(TaskAnalysis[RateSettings, RateResults]):
+def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[AnyPart, ...]:
+    """Return the parts of a task with right answers, whose parts of sensitivity are its own.
+
+    `levels` are further ones along the level.
+    """
+    return (
+        RatesPart(),
+        *sensitivity,
+        CurvesPart(),
+        ThresholdsPart(),
+        *levels,
+        ComparisonsPart(),
+        ModelsPart(),
+        PeoplePart(),
+        RightLearning(),
+        TimesPart(),
+    )
+
+
+class RatesTask(TaskAnalysis[RateSettings, None]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     options: ClassVar[type[TableOptions]] = RatesOptions
-    parts: ClassVar[tuple[AnyPart, ...]] = (RightLearning(), TimesPart())
+    two: ClassVar[bool] = False
+    """There are two answers, of which a table may name one."""
 
     # What differs between tasks.
-
-    @abstractmethod
-    def analyse(self, decisions: pd.DataFrame, settings: RateSettings, step: Step) -> RateResults:
-        """Return every result that a report shows."""
 
     @abstractmethod
     def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
@@ -93,16 +94,6 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
     def judge(self) -> Judge:
         """Return the planned test, for simulating power; by default of differences of shares."""
         return judge_shares
-
-    def estimates(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[Estimate]:
-        """Return shares of right answers and what they differ by; thresholds where levels adapt."""
-        return rate_estimates(decisions, settings)
-
-    def planned_p(self, results: RateResults) -> float | None:
-        """Return the least adjusted p of the planned comparisons; of a single condition its own."""
-        if results.comparisons:
-            return min(one.p_adjusted for one in results.comparisons)
-        return results.rates[0].p if len(results.rates) == 1 else None
 
     def simulated_p(
         self,
@@ -158,11 +149,15 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             "reaction": settings.reaction,
         }
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], options: Any, *, own: bool = True
-    ) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
-        return read_answers(opened(table, mapping), options, own=own)
+        rows = opened(table, mapping)
+        wanted = list(by_columns(options.by))
+        levels = [name for name in (options.level,) if name is not None]
+        found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
+        # What was mapped is there under our name; it need not be there twice.
+        renamed = rows.renamed - {*wanted, options.level}
+        return as_decisions(found.drop(columns=renamed, errors="ignore"))
 
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of the table: ours, and those of its conditions."""
@@ -190,134 +185,13 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
         """Return the decisions with their condition."""
         return prepared(decisions, settings)
 
-    def tables(self, _decisions: pd.DataFrame, results: RateResults) -> Mapping[str, pd.DataFrame]:
-        """Return rates, comparisons, levels and thresholds."""
-        return result_tables(results)
-
-    # The page.
-
-    def warnings(self, results: RateResults) -> tuple[str, ...]:
-        """Return what is odd about the study as a whole."""
-        return results.warnings
+    def parts_of(self, settings: RateSettings) -> Sequence[AnyPart]:
+        """Return the parts; where levels were chosen from the answers, thresholds come first."""
+        return sorted(self.parts, key=lambda part: settings.adaptive and part.section != SECTION)
 
     def counted(self, settings: RateSettings) -> str:
         """Return how many conditions are compared."""
-        count = len(settings.values)
-        return f"{count} condition{'s' * (count != 1)}"
-
-    def lead(self, results: RateResults, settings: RateSettings) -> Sequence[Block]:
-        """Return the planned comparisons."""
-        return lead(results, settings)
-
-    def sections(self, results: RateResults, settings: RateSettings) -> Sequence[Section]:
-        """Return right answers, sensitivity, levels, models, people, checks."""
-        return sections(results, settings)
-
-    def figures(
-        self,
-        _decisions: pd.DataFrame,
-        results: RateResults,
-        settings: RateSettings,
-        *,
-        simulated: bool,
-    ) -> Sequence[ReportFigure]:
-        """Return the figures of all sections."""
-        return rate_figures(results, settings, simulated=simulated)
-
-    def methods(
-        self,
-        results: RateResults,
-        settings: RateSettings,
-        *,
-        people: int,
-        decisions: int,
-        flow: Sequence[FlowStep],
-    ) -> str:
-        """Return how right and wrong answers were analysed."""
-        text = f"We analysed {decisions} {self.task} of {people} participant{'s' * (people != 1)}"
-        if len(settings.values) > 1:
-            names = ", ".join(settings.label(name) for name in settings.values)
-            text += f" in {len(settings.values)} conditions ({names})"
-        text += ". "
-        if settings.protocol_sha256:
-            text += left_out_sentence(flow)
-        found = results.sensitivity
-        if isinstance(found, YesNoResults):
-            text += methods_yes_no(found)
-        else:
-            text += methods_discrimination(found)
-        if results.counts:
-            text += (
-                f" Psychometric functions over {settings.level} were fitted by maximum likelihood"
-                " with a guess rate of chance."
-            )
-        if results.thresholds is not None:
-            effects = ["participants"]
-            if results.thresholds.scene_sd:
-                effects.append("scenes")
-            if len(results.thresholds.thresholds) > 1:
-                effects.append("participants x conditions")
-            text += (
-                " Thresholds in the population come from one mixed model of all trials, random"
-                f" over {', '.join(effects)} (Laplace approximation), with one lapse rate, drawn"
-                " towards small ones, for all."
-            )
-        if results.critical:
-            text += (
-                " Critical scalings were fitted to the answers with critical scaling and gain"
-                " random over participants."
-            )
-        if results.models is not None:
-            groups = results.groups
-            text += (
-                f" Logistic models, {results.models.independent.formula}, are given with trials as"
-                f" independent, with standard errors clustered by {' and '.join(groups)}, and with"
-                f" {'both as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random"
-                " intercepts."
-            )
-        corrected = ", Holm-adjusted" if settings.correction == "holm" else ", not adjusted"
-        if len(results.comparisons) > 1:
-            text += (
-                f" {len(results.comparisons)} comparisons with"
-                f" {settings.label(results.comparisons[0].second)} were planned{corrected}."
-            )
-        return f"{text} Tests are two-sided, alpha = {leading(f'{settings.alpha:g}')}."
-
-    def sentences(self, results: RateResults, settings: RateSettings) -> Sequence[str]:
-        """Return rates, sensitivities, comparisons, levels, models and trends as sentences."""
-        label = settings.label
-        found = [apa_rate(one, name=label(one.condition)) for one in results.rates]
-        sensitivity = results.sensitivity
-        if isinstance(sensitivity, YesNoResults):
-            found += [
-                apa_yes_no(
-                    replace(one, bias_answer=label(one.bias_answer)), name=label(one.condition)
-                )
-                for one in sensitivity.conditions
-            ]
-        else:
-            found += [
-                apa_discrimination(one, sensitivity.rule, name=label(one.condition))
-                for one in sensitivity.conditions
-            ]
-        found += [apa_difference(one) for one in results.comparisons]
-        if results.thresholds is not None:
-            shown = [level for one in results.counts.values() for level in one.levels]
-            found.append(apa_thresholds(results.thresholds, levels=shown))
-        found += [apa_critical(one) for one in results.critical]
-        if results.models is not None:
-            mixed = results.models.mixed
-            found += [
-                apa_term(mixed, one.term) for one in mixed.coefficients if one.term != "Intercept"
-            ]
-        return found
-
-    def headline(self, results: RateResults, settings: RateSettings) -> str:
-        """Return the first planned comparison, or the first condition."""
-        if results.comparisons:
-            return apa_difference(results.comparisons[0])
-        first = results.rates[0]
-        return apa_rate(first, name=settings.label(first.condition))
+        return count_of(len(settings.values), "condition")
 
     # Power.
 

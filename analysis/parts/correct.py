@@ -1,0 +1,184 @@
+"""Right answers by condition, against chance; which answer was given where which was right."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.guessing import below_at, below_guessing, wrong_way
+from analysis.parts import Part, PartFigure, Plan, Shown
+from analysis.parts.differences import in_order, limits_title
+from analysis.plans.rates import RateSettings, shown_in
+from analysis.plots import heat_map, rates_plot
+from analysis.rates import Rate, correct_rates
+from analysis.report.blocks import Cautions, Paragraph, Picture, Table
+from analysis.report.wording import (
+    grouped,
+    level_text,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
+from protocols.prose import count_of
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Every number.
+
+    Attributes
+    ----------
+    conditions : tuple of Rate
+        Right answers, against chance.
+    answers : tuple of str
+        Empty where the table does not say them.
+    confusion : tuple of tuple of float
+        Share of each answer (columns, as `answers`) where each was right (rows).
+    """
+
+    conditions: tuple[Rate, ...]
+    answers: tuple[str, ...]
+    confusion: tuple[tuple[float | None, ...], ...]
+    notes: tuple[str, ...]
+
+
+class RatesPart(Part[RateSettings, Rates]):
+    """Shares of right answers."""
+
+    name: ClassVar[str] = "rates"
+    section: ClassVar[tuple[str, str]] = ("correct", "Right answers")
+    essential: ClassVar[bool] = True
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Rates:
+        """Count right answers, and each answer where each was right."""
+        rates = correct_rates(table, plan.compared, chance=plan.chance, level=plan.confidence)
+        notes = odd_answers(table, plan)
+        shown = shown_in(table, plan)
+        if missing := [plan.label(name) for name in plan.values if name not in shown]:
+            notes.append(f"no decisions of {', '.join(missing)}")
+        answers = answers_in(table, plan)
+        confusion: list[tuple[float | None, ...]] = []
+        for right in answers:
+            said = table.loc[table["expected"].astype(str) == right, "answer"].astype(str)
+            confusion.append(
+                tuple(float((said == one).mean()) if len(said) else None for one in answers)
+            )
+        ordered = in_order(rates, plan, lambda one: one.condition)
+        return Rates(ordered, answers, tuple(confusion), tuple(notes))
+
+    def show(self, found: Rates, plan: RateSettings) -> Shown:
+        """Return shares against chance, and the table of confusions of more than two answers."""
+        rates, label = found.conditions, plan.label
+        names = [label(one.condition) for one in rates]
+        within = f" They were given in {len(names)} conditions ({', '.join(names)})."
+        caption = (
+            f"Shares of right answers with {100 * plan.confidence:g} % limits that respect"
+            f" {respected(rates)}; p against chance, which is dashed."
+        )
+        figures = [PartFigure("correct", caption, partial(rates_plot, rates, label=label))]
+        lines = [vars(one) | {"warnings": "; ".join(one.warnings)} for one in rates]
+        tables = {"rates.csv": pd.DataFrame(lines)}
+        if len(found.answers) > 2:
+            matrix = np.array(found.confusion, dtype=np.float64)
+            answers = [label(one) for one in found.answers]
+            draw = partial(heat_map, matrix, answers, answers, row_title="Right answer")
+            caption = "How often each answer (columns) was given where each was right (rows)."
+            figures.append(PartFigure("confusion", caption, draw))
+            tables["confusion.csv"] = pd.DataFrame(
+                matrix, columns=list(found.answers), index=list(found.answers)
+            ).reset_index(names="expected")
+        return Shown(
+            blocks=(
+                Picture("correct"),
+                rate_table(f"Right answers by {plan.by or 'condition'}", rates, plan),
+                Paragraph(
+                    f"p: against chance, with errors clustered by {clusters(rates)}; limits"
+                    " belong to the same test. Pooled exact p takes trials as independent, which"
+                    " they are not.",
+                    muted=True,
+                ),
+                Cautions(
+                    "When not to trust these shares",
+                    grouped([(label(one.condition), one.warnings) for one in rates]),
+                ),
+                Picture("confusion"),
+            ),
+            sentences=tuple(apa_rate(one, name=label(one.condition)) for one in rates),
+            methods=(
+                "Shares of right answers were tested against chance with errors clustered by"
+                f" {clusters(rates)}.{within if len(names) > 1 else ''}"
+            ),
+            tables=tables,
+            figures=figures,
+        )
+
+
+def rate_table(caption: str, rates: Sequence[Rate], plan: Plan) -> Table:
+    """Return the table of shares."""
+    return Table.each(
+        caption,
+        rates,
+        ("Condition", "l c", lambda one: plan.label(one.condition)),
+        ("Right", "n", lambda one: f"{one.count} / {one.trials}"),
+        ("Share", "strong", lambda one: share(one.share)),
+        (limits_title(plan), "n", lambda one: share_range(one.lower, one.upper)),
+        ("Chance", "", lambda one: share(one.chance)),
+        ("p", "n", lambda one: p_number(one.p)),
+        ("Pooled exact p", "n", lambda one: p_number(one.exact_p)),
+    )
+
+
+def respected(rates: Iterable[Rate]) -> str:
+    """Return whose variation limits respect: scenes too where a condition has several."""
+    return "participants and scenes" if any(one.scenes > 1 for one in rates) else "participants"
+
+
+def clusters(rates: Iterable[Rate]) -> str:
+    """Return what errors are clustered by."""
+    return respected(rates).replace("participants", "participant").replace("scenes", "scene")
+
+
+def apa_rate(rate: Rate, *, name: str = "") -> str:
+    """Return the share of right answers of one condition as a sentence."""
+    people = count_of(rate.participants, "participant")
+    return (
+        f"In condition {name or rate.condition}, {rate.count} of {rate.trials} answers were"
+        f" correct, {share(rate.share)}, {level_text(rate.level)}"
+        f" {share_range(rate.lower, rate.upper)}, {p_text(rate.p)} against chance"
+        f" ({share(rate.chance)}; {people}"
+        f"{'' if rate.scenes < 2 else f', {rate.scenes} scenes'})."
+    )
+
+
+def odd_answers(rows: pd.DataFrame, plan: RateSettings) -> list[str]:
+    """Return notes on answers that are below guessing, or get worse where they should not."""
+    notes = [] if plan.adaptive else list(below_guessing(rows, plan.chance))
+    if plan.level is not None and wrong_way(rows, plan.level, falling=plan.falling):
+        change = ("better", "false") if plan.falling else ("worse", "true")
+        notes.append(
+            f"answers get {change[0]} as {plan.level} rises: curves and thresholds mean"
+            f" nothing; say falling = {change[1]} (--set falling={change[1]})"
+        )
+    elif plan.level is not None and not notes:
+        low = below_at(rows, plan.level, plan.chance)
+        if low and not plan.adaptive:
+            notes.append(f"{low}: were there more than {plan.alternatives} answers?")
+    return notes
+
+
+def answers_in(rows: pd.DataFrame, plan: RateSettings) -> tuple[str, ...]:
+    """Return the answers of a table of confusions; none where it does not say them."""
+    if "expected" not in rows or "answer" not in rows or (rows["answer"] == "").any():
+        return ()
+    given = {*rows["expected"].astype(str), *rows["answer"].astype(str)}
+    return plan.answers if given <= set(plan.answers) else tuple(sorted(given))

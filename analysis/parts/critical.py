@@ -1,0 +1,229 @@
+"""Critical scaling: how much may change before an ABX observer can tell."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.columns import frame_of
+from analysis.critical_scaling import CriticalScaling, critical_scalings
+from analysis.parts import Part, PartFigure, Shown
+from analysis.parts.differences import difference_tables, in_order
+from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
+from analysis.plans.rates import RateSettings
+from analysis.plots import scaling_plot
+from analysis.rates import Difference
+from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
+from analysis.report.wording import (
+    NONE,
+    NOT_IDENTIFIED,
+    grouped,
+    leading,
+    level_text,
+    number,
+    share,
+    size,
+    size_range,
+)
+from protocols.prose import count_of
+
+
+@dataclass(frozen=True)
+class Critical:
+    """Every number; `counts` as d' of all answers is drawn beside the fits."""
+
+    fits: tuple[CriticalScaling, ...]
+    contrasts: tuple[Difference, ...]
+    counts: Mapping[str, Counts]
+    notes: tuple[str, ...] = ()
+
+
+class CriticalPart(Part[RateSettings, Critical]):
+    """The largest scaling that cannot be told apart, of ABX and which-half."""
+
+    name: ClassVar[str] = "critical"
+    section: ClassVar[tuple[str, str]] = SECTION
+
+    def wanted(self, _table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether there is a level along which answers get better."""
+        return plan.level is not None and not plan.falling
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Critical:
+        """Fit every condition."""
+        column = str(plan.level)
+        if (pd.to_numeric(table[column]) <= 0).any():
+            raise ValueError(f"{column} is not positive everywhere")
+        fits, compared = critical_scalings(
+            table, plan.compared, column=column, rule=plan.rule, level=plan.confidence
+        )
+        ordered = in_order(fits, plan, lambda one: one.condition)
+        return Critical(ordered, compared, counts_in(table, plan))
+
+    def show(self, found: Critical, plan: RateSettings) -> Shown:
+        """Return critical scalings and gains, differences, and each participant's own."""
+        fits, label = found.fits, plan.label
+        placed = [one for one in fits if one.critical_identified]
+        lead = Box(
+            f"Critical {plan.level}",
+            " ".join(
+                f"{label(one.condition)}: {size(one.critical)} {size_range(one.critical_limits)}."
+                for one in placed
+            ),
+            f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)}.",
+        )
+        noisy = Paragraph(
+            "Differences are means of each participant's own fit. With few trials of each these"
+            " fits are noisy, and their mean can differ from the typical participant's critical"
+            " scalings above, even in sign.",
+            muted=True,
+        )
+        draw = partial(
+            scaling_plot,
+            fits,
+            {fit.condition: found.counts[fit.condition].arrays for fit in fits},
+            label=label,
+            x_label=f"{levels_axis(plan)} (log axis)",
+        )
+        caption = (
+            f"d' by {plan.level}: data with standard errors (thin), the population's fit (thick);"
+            " below, critical scalings of the typical participant with"
+            f" {100 * plan.confidence:g} % limits, where these data identify them."
+        )
+        return Shown(
+            lead=(lead,) if placed else (),
+            blocks=(
+                Heading("Critical scaling"),
+                Picture("scaling"),
+                Table.each(
+                    "The largest scaling that cannot be told apart",
+                    fits,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    (
+                        "Critical scaling",
+                        "strong",
+                        lambda one: (
+                            size(one.critical) if one.critical_identified else NOT_IDENTIFIED
+                        ),
+                    ),
+                    (
+                        "Limits",
+                        "n",
+                        lambda one: size_range(
+                            one.critical_limits if one.critical_identified else None
+                        ),
+                    ),
+                    (
+                        "Gain",
+                        "",
+                        lambda one: _known(one.gain, known=one.gain_identified),
+                    ),
+                    (
+                        "Limits",
+                        "n",
+                        lambda one: size_range(one.gain_limits if one.gain_identified else None),
+                    ),
+                    (
+                        "SD of ln s",
+                        "",
+                        lambda one: number(one.critical_sd) if one.critical_identified else NONE,
+                    ),
+                    ("Lapse rate", "", lambda one: share(one.lapse)),
+                ),
+                Paragraph(
+                    "Of the typical participant. d' is 0 up to the critical scaling s and rises"
+                    f" towards the gain above it ({fits[0].law} law).",
+                    muted=True,
+                ),
+                Table.of(
+                    "Participants' critical scalings",
+                    (("Participant", "l"), *((label(one.condition), "n") for one in fits)),
+                    [
+                        (who, *(_own(one, who) for one in fits))
+                        for who in sorted({who for one in fits for who in one.individual})
+                    ],
+                ),
+                Paragraph(
+                    "Each is drawn towards the typical one as far as the participant's answers"
+                    " leave open; in brackets: fitted to these answers alone.",
+                    muted=True,
+                ),
+                *difference_tables(
+                    "Differences of the logarithm of critical scalings, paired over participants",
+                    found.contrasts,
+                    plan,
+                ),
+                *((noisy,) if found.contrasts else ()),
+                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in fits])),
+            ),
+            sentences=tuple(map(apa_critical, fits)),
+            methods=(
+                "Critical scalings were fitted to the answers with critical scaling and gain random"
+                " over participants."
+            ),
+            tables={
+                "critical.csv": pd.DataFrame(map(_line, fits)),
+                "critical_differences.csv": frame_of(Difference, found.contrasts),
+            },
+            figures=(PartFigure("scaling", caption, draw),),
+        )
+
+
+def _known(value: float, *, known: bool) -> str:
+    return size(value) if known else NOT_IDENTIFIED
+
+
+def _own(one: CriticalScaling, who: str) -> str:
+    if who not in one.individual or not one.critical_identified:
+        return NONE
+    alone = f" ({size(one.alone[who])})" if who in one.alone else ""
+    return f"{size(one.individual[who][0])}{alone}"
+
+
+def _line(one: CriticalScaling) -> dict[str, object]:
+    line: dict[str, object] = {"condition": one.condition}
+    for name, known in (("critical", one.critical_identified), ("gain", one.gain_identified)):
+        lower, upper = getattr(one, f"{name}_limits") or (None, None)
+        numbers = {"": getattr(one, name), "_lower": lower, "_upper": upper}
+        numbers["_sd"] = getattr(one, f"{name}_sd")
+        line |= {f"{name}{key}": value if known else None for key, value in numbers.items()}
+    return line | {"lapse": one.lapse, "warnings": "; ".join(one.warnings)}
+
+
+def apa_critical(fit: CriticalScaling) -> str:
+    """Return a critical scaling as a sentence."""
+
+    def quantity(
+        name: str, value: float, ends: tuple[float, float] | None, identified: bool
+    ) -> str:
+        if not identified or ends is None:
+            return f"{name} {NOT_IDENTIFIED}"
+        return f"{name} = {size(value)}, {level_text(fit.level)} {size_range(ends)}"
+
+    who = "one participant" if fit.participants == 1 else count_of(fit.participants, "participant")
+    laws = {
+        "distance": "d'² = gain² (1 - s_c²/s²)",
+        "published": "d' = gain (1 - s_c²/s²), as Freeman and Simoncelli fitted it",
+    }
+    text = (
+        f"Critical scaling of condition {fit.condition} ({who}, ABX by the {fit.rule} rule,"
+        f" {laws[fit.law]}):"
+        f" {quantity('s_c', fit.critical, fit.critical_limits, fit.critical_identified)};"
+        f" {quantity('gain', fit.gain, fit.gain_limits, fit.gain_identified)}"
+    )
+    if fit.participants > 1:
+        spreads = (
+            ("ln s_c", fit.critical_sd, fit.critical_identified),
+            ("ln gain", fit.gain_sd, fit.gain_identified),
+        )
+        said = [f"of {name} = {number(sd)}" for name, sd, known in spreads if known]
+        text += f"; SD {', '.join(said)}" if said else ""
+    return f"{text}; lapse rate {leading(f'{fit.lapse:.3f}')}."

@@ -1,0 +1,87 @@
+"""People and scenes: how often each answered right."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.parts import Part, PartFigure, Plan, Shown
+from analysis.plans.rates import RateSettings, shown_in
+from analysis.plots import heat_map
+from analysis.report.blocks import Picture
+from analysis.report.wording import share
+
+Shares = Mapping[str, tuple[tuple[str, float], ...]]
+
+
+@dataclass(frozen=True)
+class People:
+    """Share of right answers of each participant, and of each scene, by condition."""
+
+    participants: Shares
+    scenes: Shares
+    notes: tuple[str, ...] = ()
+
+
+class PeoplePart(Part[RateSettings, People]):
+    """Who was right how often, and where."""
+
+    name: ClassVar[str] = "people"
+    section: ClassVar[tuple[str, str]] = ("people", "Participants")
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> People:
+        """Return shares by participant and scene."""
+        scenes = _shares(table, plan, "scene") if "scene" in table else {}
+        return People(_shares(table, plan, "participant"), scenes)
+
+    def show(self, found: People, plan: RateSettings) -> Shown:
+        """Return a heat map of each, and how far people lie apart."""
+        lines = [
+            {"of": group, "name": who, "condition": name, "share": value}
+            for group, shares in (("participant", found.participants), ("scene", found.scenes))
+            for name, pairs in shares.items()
+            for who, value in pairs
+        ]
+        sentences = [
+            f"In condition {plan.label(name)}, participants' shares of right answers lay between"
+            f" {share(min(value for _, value in pairs))} and"
+            f" {share(max(value for _, value in pairs))}."
+            for name, pairs in found.participants.items()
+        ]
+        return Shown(
+            title="Participants and scenes" if found.scenes else "",
+            blocks=(Picture("participants"), Picture("scenes")),
+            sentences=sentences,
+            methods="Shares of right answers of single participants are as counted.",
+            tables={"shares.csv": pd.DataFrame(lines)},
+            figures=[
+                _heat_map(name, shares, plan)
+                for name, shares in (("participants", found.participants), ("scenes", found.scenes))
+                if shares
+            ],
+        )
+
+
+def _shares(table: pd.DataFrame, plan: RateSettings, group: str) -> Shares:
+    each = table.groupby([plan.compared[0], table[group].astype(str)])["correct"].mean()
+    return {
+        name: tuple((str(who), float(value)) for who, value in each[name].items())
+        for name in shown_in(table, plan)
+    }
+
+
+def _heat_map(name: str, shares: Shares, plan: Plan) -> PartFigure:
+    rows = sorted({row for pairs in shares.values() for row, _ in pairs})
+    table = np.array([[dict(pairs).get(row, np.nan) for pairs in shares.values()] for row in rows])
+    one, labels = name.removesuffix("s"), [plan.label(column) for column in shares]
+    draw = partial(heat_map, table, list(map(plan.label, rows)), labels, row_title=one.capitalize())
+    return PartFigure(name, f"Share of right answers, by {one}.", draw)

@@ -1,0 +1,145 @@
+"""Logistic models of right answers: trials as independent, clustered, and mixed."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.models import ModelFit, ModelsBeside, models_beside
+from analysis.parts import Part, Shown
+from analysis.plans.rates import RateSettings, baseline_in
+from analysis.report.blocks import Cautions, Paragraph, Table
+from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+
+
+@dataclass(frozen=True)
+class RightModels(ModelsBeside):
+    """``logit(correct) ~ 1 + level + by``; `groups`: what its errors are clustered by."""
+
+    groups: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def fits(self) -> tuple[tuple[str, ModelFit], ...]:
+        """Each by how it takes errors."""
+        return (
+            ("trials independent", self.independent),
+            ("clustered", self.clustered),
+            ("mixed", self.mixed),
+        )
+
+
+class ModelsPart(Part[RateSettings, RightModels]):
+    """Logistic models of right answers."""
+
+    name: ClassVar[str] = "models"
+    section: ClassVar[tuple[str, str]] = ("models", "Models")
+
+    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether there is a level, or conditions to compare."""
+        return plan.level is not None or (
+            plan.by is not None and baseline_in(table, plan) is not None
+        )
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> RightModels:
+        """Fit the models, with names that a formula can hold."""
+        held: dict[str, pd.Series] = {}
+        reference = {}
+        if plan.level is not None:
+            held[_identifier(plan.level)] = pd.to_numeric(table[plan.level]).astype(float)
+        baseline = baseline_in(table, plan)
+        if baseline is not None and plan.by is not None:
+            held[_identifier(plan.by)] = table[plan.compared[0]]
+            reference[_identifier(plan.by)] = baseline
+        groups = [name for name in ("participant", "scene") if name in table]
+        rows = table[["correct", *groups]].assign(**held)
+        formula = "logit(correct) ~ 1 + " + " + ".join(held)
+        beside = models_beside(formula, rows, reference=reference or None, level=plan.confidence)
+        several = tuple(name for name in groups if rows[name].nunique() > 1)
+        return RightModels(**vars(beside), groups=several)
+
+    def show(self, found: RightModels, _plan: RateSettings) -> Shown:
+        """Return the three beside each other, and the mixed one's terms as sentences."""
+        groups, formula = found.groups, found.independent.formula
+        random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
+        terms = [(name, fit, c) for name, fit in found.fits for c in fit.coefficients]
+        return Shown(
+            blocks=(
+                Table.each(
+                    f"Logistic models of right answers, {formula}",
+                    terms,
+                    ("Errors", "l", lambda one: one[0] if _first(one) else ""),
+                    ("Term", "l", lambda one: one[2].term),
+                    ("b", "", lambda one: number(one[2].estimate, 3)),
+                    ("SE", "", lambda one: number(one[2].standard_error, 3)),
+                    ("Statistic", "", lambda one: number(one[2].statistic)),
+                    ("Law", "", lambda one: "z" if one[2].df is None else f"t({one[2].df:g})"),
+                    ("p", "n", lambda one: p_number(one[2].p)),
+                    ("OR", "", lambda one: big(one[2].odds_ratio)),
+                    ("Random SD", "l", lambda one: random_sd(one[1]) if _first(one) else ""),
+                ),
+                Paragraph(
+                    "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
+                    " independent, as papers print it; the second clusters its errors by"
+                    f" {' and '.join(groups)}; the third has"
+                    f" {'them ' * (len(groups) > 1)}{random} random intercepts, and so speaks of"
+                    f" the typical {groups[0]}.",
+                    muted=True,
+                ),
+                Cautions(
+                    "When not to trust these models",
+                    grouped([(name, fit.warnings) for name, fit in found.fits]),
+                ),
+            ),
+            sentences=tuple(
+                apa_term(found.mixed, one.term)
+                for one in found.mixed.coefficients
+                if one.term != "Intercept"
+            ),
+            methods=(
+                f"Logistic models, {formula}, are given with trials as independent, with standard"
+                f" errors clustered by {' and '.join(groups)}, and with"
+                f" {'both ' * (len(groups) > 1)}{random} random intercepts."
+            ),
+            tables={
+                "models.csv": pd.DataFrame([{"errors": name, **vars(c)} for name, _, c in terms])
+            },
+        )
+
+
+def _first(one: tuple[str, ModelFit, object]) -> bool:
+    return one[2] is one[1].coefficients[0]
+
+
+def _identifier(name: str) -> str:
+    """Return a column's name as a formula can hold it."""
+    plain = re.sub(r"\W+", "_", name)
+    # What these mean in a formula or in the table of the model is taken.
+    taken = plain in ("C", "Q", "I", "correct", "participant", "scene") or not plain.isidentifier()
+    return f"x_{plain}" if taken else plain
+
+
+def random_sd(fit: ModelFit) -> str:
+    """Return the deviations of random effects."""
+    return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items()) or "none"
+
+
+def apa_term(fit: ModelFit, term: str) -> str:
+    """Return one coefficient of a model of right answers as a sentence."""
+    row = fit[term]
+    if np.isnan(row.estimate):
+        return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
+    law = "z" if row.df is None else f"t({row.df:.0f})"
+    return (
+        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
+        f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
+    )

@@ -1,0 +1,527 @@
+"""Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.cells import grid
+from analysis.columns import frame_of
+from analysis.detection import (
+    Discrimination,
+    DiscriminationResults,
+    Measure,
+    YesNo,
+    YesNoResults,
+    yes_no,
+)
+from analysis.models import ModelFit, glmm_probit
+from analysis.parts import Estimate, Part, PartFigure, Shown, tried
+from analysis.parts.correct import answers_in, clusters, rate_table, respected
+from analysis.parts.differences import (
+    alone,
+    apa_difference,
+    difference_estimates,
+    difference_tables,
+    in_order,
+    limits_title,
+    told_apart,
+)
+from analysis.parts.right_models import random_sd
+from analysis.plans.rates import RateSettings, baseline_in, shown_in
+from analysis.plots import d_prime_plot, detection_plot
+from analysis.rates import Difference, Rate, rate
+from analysis.report.blocks import Cautions, Paragraph, Picture, Table
+from analysis.report.wording import (
+    NONE,
+    grouped,
+    level_text,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
+
+TRUST = "When not to trust these sensitivities"
+
+
+@dataclass(frozen=True)
+class YesNoSensitivity(YesNoResults):
+    """Every number of a yes-no task; the planned comparisons are those of d'."""
+
+    notes: tuple[str, ...]
+
+    @property
+    def planned(self) -> tuple[Difference, ...]:
+        """What a study compares."""
+        return self.d_prime_contrasts
+
+    @property
+    def measures(self) -> tuple[tuple[str, tuple[Difference, ...]], ...]:
+        """Differences by what they are of."""
+        return (
+            ("d'", self.d_prime_contrasts),
+            ("the criterion", self.criterion_contrasts),
+            ("bias", self.bias_contrasts),
+        )
+
+
+class YesNoPart(Part[RateSettings, YesNoSensitivity]):
+    """d', criterion and bias of a yes-no task."""
+
+    name: ClassVar[str] = "sensitivity"
+    section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
+    essential: ClassVar[bool] = True
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> YesNoSensitivity:
+        """Take them from hits and false alarms; conditions without noise share that of others."""
+        rows = with_shared_noise(table, plan.answers[0])
+        notes = [*alone(table, plan)]
+        if rows is not table:
+            notes.append("conditions without noise trials of their own share those of the others")
+        found = yes_no(
+            rows,
+            plan.compared,
+            signal=plan.answers[0],
+            reference=baseline_in(rows, plan),
+            level=plan.confidence,
+        )
+        return YesNoSensitivity(
+            in_order(found.conditions, plan, lambda one: one.condition),
+            told_apart(found.d_prime_contrasts, plan),
+            told_apart(found.criterion_contrasts, plan),
+            told_apart(found.bias_contrasts, plan),
+            found.correction,
+            tuple(notes),
+        )
+
+    def estimates(self, found: YesNoSensitivity, plan: RateSettings) -> Sequence[Estimate]:
+        """Return d' and what they differ by, unless levels adapt."""
+        trials = {one.condition: one.correct.trials for one in found.conditions}
+        measured = [
+            Estimate(
+                f"d' of {plan.label(one.condition)}",
+                one.d_prime.value,
+                one.d_prime.lower,
+                one.d_prime.upper,
+                one.d_prime.p,
+                trials[one.condition],
+            )
+            for one in found.conditions
+            if one.d_prime is not None
+        ]
+        differing = difference_estimates(found.planned, trials, plan)
+        return () if plan.adaptive else (*measured, *differing)
+
+    def show(self, found: YesNoSensitivity, plan: RateSettings) -> Shown:
+        """Return hits and false alarms, what follows from them, and differences."""
+        label, cells = plan.label, found.conditions
+        answer, limits = label(cells[0].bias_answer), f"{100 * plan.confidence:g} %"
+        compared = [one for _, several in found.measures for one in several]
+        figures = [
+            PartFigure(
+                "detection",
+                f"Shares of right answers, and of one answer, with {limits} limits that respect"
+                f" {respected(one.correct for one in cells)}; p against one half; dashed: one"
+                " half.",
+                partial(detection_plot, found, label=label),
+            )
+        ]
+        if any(one.d_prime for one in cells):
+            caption = (
+                f"Sensitivity d' by condition with {limits} limits, and the criterion: negative"
+                " where the signal's answer is given too readily."
+            )
+            draw = partial(d_prime_plot, found, label=label)
+            figures.append(PartFigure("sensitivity", caption, draw))
+        return Shown(
+            blocks=(
+                Picture("detection"),
+                Picture("sensitivity"),
+                Table.of(
+                    f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
+                    (
+                        ("Condition", "l c"),
+                        ("Hits", "n"),
+                        ("False alarms", "n"),
+                        *(("d'", "strong"), ("Limits", "n"), ("p", "n")),
+                        *(("c", "strong"), ("Limits", "n"), ("p", "n")),
+                        (f'Share "{answer}"', ""),
+                        ("p", "n"),
+                    ),
+                    [
+                        (
+                            label(one.condition),
+                            f"{one.hits} / {one.hits + one.misses}",
+                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}",
+                            *_cells(one.d_prime),
+                            *_cells(one.criterion),
+                            share(one.bias.share),
+                            p_number(one.bias.p),
+                        )
+                        for one in cells
+                    ],
+                ),
+                Paragraph(
+                    "d': how far signal and noise lie apart, in standard deviations of the noise; p"
+                    " against 0. c: where the criterion lies; negative: inclined to"
+                    f' "{answer}". Of the whole table: participants who set different criteria make'
+                    " this d' smaller than their own.",
+                    muted=True,
+                ),
+                *(
+                    block
+                    for name, several in found.measures
+                    for block in difference_tables(f"Differences of {name}", several, plan)
+                ),
+                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+            ),
+            sentences=(
+                *(
+                    apa_yes_no(
+                        replace(one, bias_answer=label(one.bias_answer)), name=label(one.condition)
+                    )
+                    for one in cells
+                ),
+                *(apa_difference(one) for one in compared if not plan.adaptive),
+            ),
+            methods=methods_yes_no(found),
+            tables={
+                "sensitivity.csv": pd.DataFrame([_line(one) for one in cells]),
+                "sensitivity_differences.csv": frame_of(Difference, compared),
+            },
+            figures=figures,
+        )
+
+
+def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
+    """Give conditions that hold the signal in every trial the noise trials of those without any.
+
+    Where methods are compared with a reference that never holds the signal, all methods share its
+    trials. A difference between two methods takes them away again. Conditions that never hold the
+    signal then have no d' of their own, and are left out.
+    """
+    there = (rows["expected"].astype(str) == signal).groupby(rows["condition"]).agg(["any", "all"])
+    only_signal = there.index[there["all"]]
+    only_noise = there.index[~there["any"]]
+    if only_signal.empty or only_noise.empty:
+        return rows
+    noise = rows[rows["condition"].isin(only_noise)]
+    shared = [noise.assign(condition=name) for name in only_signal]
+    kept = rows[~rows["condition"].isin(only_noise)]
+    return pd.concat([kept, *shared], ignore_index=True)
+
+
+def _cells(one: Measure | None) -> tuple[str, str, str]:
+    if one is None:
+        return NONE, NONE, NONE
+    return number(one.value), number_range(one.lower, one.upper), p_number(one.p)
+
+
+def _line(one: YesNo) -> dict[str, object]:
+    counts = ("condition", "hits", "misses", "false_alarms", "correct_rejections")
+    line: dict[str, object] = {name: getattr(one, name) for name in counts}
+    for name, measure in (("d_prime", one.d_prime), ("criterion", one.criterion)):
+        for key in ("value", "lower", "upper", "p"):
+            column = name if key == "value" else f"{name}_{key}"
+            line[column] = None if measure is None else getattr(measure, key)
+    line |= {"correct": one.correct.share, f"share_{one.bias_answer}": one.bias.share}
+    return line | {"warnings": "; ".join(one.warnings)}
+
+
+def apa_yes_no(one: YesNo, *, name: str = "") -> str:
+    """Return d', criterion and bias of one condition as sentences."""
+    who = name or one.condition
+    bias = one.bias
+    said = (
+        f'"{one.bias_answer}" was answered in {share(bias.share)} of trials,'
+        f" {level_text(bias.level)} {share_range(bias.lower, bias.upper)}, {p_text(bias.p)}"
+    )
+    if one.d_prime is None or one.criterion is None:
+        return f"In condition {who}, {said} (signal and noise were not both shown: no d')."
+    return f"In condition {who}, d' = {_said(one.d_prime)}; c = {_said(one.criterion)}; {said}."
+
+
+def _said(one: Measure) -> str:
+    law = "z" if np.isinf(one.df) else f"t({one.df:.1f})"
+    ratio = one.value / max(one.standard_error, 1e-12)
+    return (
+        f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f" {law} = {number(ratio)}, {p_text(one.p)}"
+    )
+
+
+def methods_yes_no(results: YesNoResults) -> str:
+    """Return how a yes-no task was analysed, ready to paste."""
+    by = clusters(one.correct for one in results.conditions)
+    two_way = "two-way, Cameron, Gelbach & Miller, 2011, of" if " and " in by else "of"
+    return (
+        "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
+        f" condition's table{_corrected(results.correction)}. Limits and tests, also between"
+        f" conditions, are t with standard errors clustered by {by} ({two_way}"
+        " each trial's influence on z); shares have Wilson"
+        " limits with the effective number of trials, and p from the same score test. Tests"
+        " between conditions are Holm-adjusted."
+    )
+
+
+def _corrected(correction: str) -> str:
+    return (
+        ", with one trial at chance added to every rate of every condition (log-linear correction,"
+        " Hautus, 1995)"
+        if correction == "log-linear"
+        else ", without correction"
+    )
+
+
+@dataclass(frozen=True)
+class Typical:
+    """Probit mixed models by condition; their slope is d' of the typical participant."""
+
+    fits: tuple[tuple[str, ModelFit], ...]
+    notes: tuple[str, ...]
+
+
+class TypicalPart(Part[RateSettings, Typical]):
+    """d' and criterion of the typical participant of a yes-no task."""
+
+    name: ClassVar[str] = "typical"
+    section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> Typical:
+        """Fit d' of the typical participant, condition by condition."""
+        rows, signal = with_shared_noise(table, plan.answers[0]), plan.answers[0]
+        found, notes = [], list[str]()
+        for name in shown_in(table, plan):
+            part = rows[rows["condition"] == name]
+            there, said = (part[column].astype(str) == signal for column in ("expected", "answer"))
+            groups = [column for column in ("participant", "scene") if column in part]
+            groups = [column for column in groups if part[column].nunique() > 1]
+            if there.all() or not there.any() or not groups:
+                continue
+            fit = tried(
+                partial(
+                    glmm_probit,
+                    "said ~ 1 + signal",
+                    part[groups].assign(said=said.astype(int), signal=there.astype(float) - 0.5),
+                    groups=groups,
+                    slopes=[("signal", "participant")] if "participant" in groups else (),
+                    level=plan.confidence,
+                ),
+                f"mixed model of {name}",
+                notes,
+            )
+            if fit is not None:
+                found.append((name, fit))
+        if not found:
+            raise ValueError("; ".join(notes) or "one participant and one scene vary in nothing")
+        return Typical(tuple(found), tuple(notes))
+
+    def show(self, found: Typical, plan: RateSettings) -> Shown:
+        """Return both with their errors."""
+        lines = [
+            {
+                "condition": name,
+                "d_prime": fit["signal"].estimate,
+                "d_prime_se": fit["signal"].standard_error,
+                "criterion": -fit["Intercept"].estimate,
+                "criterion_se": fit["Intercept"].standard_error,
+            }
+            for name, fit in found.fits
+        ]
+        warned = [(f"{plan.label(name)}, mixed model", fit.warnings) for name, fit in found.fits]
+        return Shown(
+            blocks=(
+                Table.each(
+                    "d' and criterion of the typical participant: probit mixed models",
+                    found.fits,
+                    ("Condition", "l c", lambda one: plan.label(one[0])),
+                    ("d'", "strong", lambda one: number(one[1]["signal"].estimate)),
+                    ("SE", "", lambda one: number(one[1]["signal"].standard_error)),
+                    ("c", "strong", lambda one: number(-one[1]["Intercept"].estimate)),
+                    ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
+                    ("Random SD", "l", lambda one: random_sd(one[1])),
+                ),
+                Cautions(TRUST, grouped(warned)),
+            ),
+            sentences=tuple(
+                f"The typical participant's d' in condition {plan.label(name)} was"
+                f" {number(fit['signal'].estimate)}, SE = {number(fit['signal'].standard_error)},"
+                f" and c {number(-fit['Intercept'].estimate)}, SE ="
+                f" {number(fit['Intercept'].standard_error)} ({fit.method})."
+                for name, fit in found.fits
+            ),
+            methods=(
+                "d' and c of the typical participant come from a probit mixed model of each"
+                " condition, with random intercepts and participants' own slopes of the signal."
+            ),
+            tables={"typical.csv": pd.DataFrame(lines)},
+        )
+
+
+@dataclass(frozen=True)
+class ChoiceSensitivity(DiscriminationResults):
+    """Every number of an identification or ABX task.
+
+    `answered`: of two answers, how often the first was given, against one half.
+    """
+
+    answered: Rate | None
+    notes: tuple[str, ...]
+
+    @property
+    def planned(self) -> tuple[Difference, ...]:
+        """What a study compares."""
+        return self.contrasts
+
+
+Sense = Callable[[pd.DataFrame, RateSettings], DiscriminationResults]
+
+
+class DiscriminationPart(Part[RateSettings, ChoiceSensitivity]):
+    """d' from shares of right answers; `sense` takes it from prepared rows.
+
+    `sides`: its two answers are places, of which one may be preferred.
+    """
+
+    name: ClassVar[str] = "sensitivity"
+    section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
+
+    def __init__(self, sense: Sense, *, sides: bool = False) -> None:
+        self._sense, self._sides = sense, sides
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RateSettings,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> ChoiceSensitivity:
+        """Turn shares into d'; compare them as shares."""
+        found, answers, answered = self._sense(table, plan), answers_in(table, plan), None
+        if self._sides and answers:
+            said = (table["answer"] == answers[0]).astype(float)
+            answered = rate(said, grid(table), condition=answers[0], level=plan.confidence)
+        return ChoiceSensitivity(
+            in_order(found.conditions, plan, lambda one: one.condition),
+            told_apart(found.contrasts, plan),
+            found.rule,
+            found.correction,
+            answered,
+            alone(table, plan),
+        )
+
+    def estimates(self, found: ChoiceSensitivity, plan: RateSettings) -> Sequence[Estimate]:
+        """Return shares of right answers and what they differ by, unless levels adapt."""
+        rates = [one.correct for one in found.conditions]
+        shares = [
+            Estimate(
+                f"right answers, {plan.label(one.condition)}",
+                one.share,
+                one.lower,
+                one.upper,
+                one.p,
+                one.trials,
+            )
+            for one in rates
+        ]
+        trials = {one.condition: one.trials for one in rates}
+        differing = difference_estimates(found.planned, trials, plan)
+        return () if plan.adaptive else (*shares, *differing)
+
+    def show(self, found: ChoiceSensitivity, plan: RateSettings) -> Shown:
+        """Return d' by condition, and differences of shares."""
+        label, cells = plan.label, found.conditions
+        caption = f"Sensitivity d' by condition with {100 * plan.confidence:g} % limits."
+        draw = partial(d_prime_plot, found, label=label)
+        return Shown(
+            blocks=(
+                Picture("sensitivity"),
+                Table.each(
+                    f"d' from shares of right answers ({found.rule})",
+                    cells,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    ("Share", "", lambda one: share(one.correct.share)),
+                    ("d'", "strong", lambda one: number(one.d_prime)),
+                    (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
+                    ("p", "n", lambda one: p_number(one.correct.p)),
+                ),
+                Paragraph(
+                    "d': how far the stimuli lie apart, in standard deviations of the noise, for an"
+                    " observer who decides as the rule in brackets says. Limits and p are the"
+                    " share's.",
+                    muted=True,
+                ),
+                *difference_tables("Differences of shares of right answers", found.contrasts, plan),
+                *(
+                    rate_table(
+                        f'How often "{label(plan.answers[0])}" was answered, against one half',
+                        (one,),
+                        plan,
+                    )
+                    for one in (found.answered,)
+                    if one is not None
+                ),
+                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+            ),
+            sentences=(
+                *(apa_discrimination(one, found.rule, name=label(one.condition)) for one in cells),
+                *(apa_difference(one) for one in found.contrasts if not plan.adaptive),
+            ),
+            methods=methods_discrimination(found),
+            tables={
+                "sensitivity.csv": pd.DataFrame(
+                    {
+                        "condition": one.condition,
+                        "share": one.correct.share,
+                        "d_prime": one.d_prime,
+                        "lower": one.lower,
+                        "upper": one.upper,
+                        "p": one.correct.p,
+                        "warnings": "; ".join(one.warnings),
+                    }
+                    for one in cells
+                ).replace([np.inf, -np.inf], np.nan),
+                "sensitivity_differences.csv": frame_of(Difference, found.contrasts),
+            },
+            figures=(PartFigure("sensitivity", caption, draw),),
+        )
+
+
+def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str:
+    """Return d' of one condition of an identification or ABX task as a sentence."""
+    right = one.correct
+    return (
+        f"In condition {name or one.condition}, d' = {number(one.d_prime)},"
+        f" {level_text(right.level)} {number_range(one.lower, one.upper)} ({rule}), from"
+        f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
+        f" ({share(right.chance)})."
+    )
+
+
+def methods_discrimination(results: DiscriminationResults) -> str:
+    """Return how d' of an identification or ABX task was made, ready to paste."""
+    by = clusters(one.correct for one in results.conditions)
+    return (
+        f"d' ({results.rule}) was taken from each condition's share of correct answers"
+        f"{_corrected(results.correction)}; its limits are those of the share (Wilson, effective"
+        f" number of trials clustered by {by}), mapped to d'. Conditions were"
+        " compared as shares correct, Holm-adjusted."
+    )
