@@ -207,6 +207,24 @@ class Part(ABC, Generic[P, R]):
         """Return what readers see of these numbers."""
 
 
+class SimplePart(Part[P, R]):
+    """A part that needs no other, and draws nothing by chance."""
+
+    @abstractmethod
+    def of(self, table: pd.DataFrame, plan: P) -> R:
+        """Return every number, as `compute` does."""
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: P,
+        _found: Mapping[str, Any],
+        _chance: np.random.Generator,
+    ) -> R:
+        """Return every number."""
+        return self.of(table, plan)
+
+
 AnyPart: TypeAlias = Part[Any, Any]
 
 

@@ -1,20 +1,21 @@
 """Right answers by condition, against chance; which answer was given where which was right."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
-from analysis.parts import Part, PartFigure, Plan, Shown
+from analysis.parts import PartFigure, Plan, Shown, SimplePart
 from analysis.parts.differences import in_order, limits_title
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import heat_map, rates_plot
 from analysis.rates import Rate, correct_rates
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
+from analysis.report.values import flat_table
 from analysis.report.wording import (
     grouped,
     level_text,
@@ -46,20 +47,14 @@ class Rates:
     notes: tuple[str, ...]
 
 
-class RatesPart(Part[RateSettings, Rates]):
+class RatesPart(SimplePart[RateSettings, Rates]):
     """Shares of right answers."""
 
     name: ClassVar[str] = "rates"
     section: ClassVar[tuple[str, str]] = ("correct", "Right answers")
     essential: ClassVar[bool] = True
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Rates:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Rates:
         """Count right answers, and each answer where each was right."""
         rates = correct_rates(table, plan.compared, chance=plan.chance, level=plan.confidence)
         notes = odd_answers(table, plan)
@@ -86,8 +81,7 @@ class RatesPart(Part[RateSettings, Rates]):
             f" {respected(rates)}; p against chance, which is dashed."
         )
         figures = [PartFigure("correct", caption, partial(rates_plot, rates, label=label))]
-        lines = [vars(one) | {"warnings": "; ".join(one.warnings)} for one in rates]
-        tables = {"rates.csv": pd.DataFrame(lines)}
+        tables = {"rates.csv": flat_table(rates)}
         if len(found.answers) > 2:
             matrix = np.array(found.confusion, dtype=np.float64)
             answers = [label(one) for one in found.answers]

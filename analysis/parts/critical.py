@@ -3,20 +3,20 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.critical_scaling import CriticalScaling, critical_scalings
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.differences import difference_tables, in_order
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.plans.rates import RateSettings
 from analysis.plots import scaling_plot
 from analysis.rates import Difference
 from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
+from analysis.report.values import flat_table
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -41,7 +41,7 @@ class Critical:
     notes: tuple[str, ...] = ()
 
 
-class CriticalPart(Part[RateSettings, Critical]):
+class CriticalPart(SimplePart[RateSettings, Critical]):
     """The largest scaling that cannot be told apart, of ABX and which-half."""
 
     name: ClassVar[str] = "critical"
@@ -51,13 +51,7 @@ class CriticalPart(Part[RateSettings, Critical]):
         """Return whether there is a level along which answers get better."""
         return plan.level is not None and not plan.falling
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Critical:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Critical:
         """Fit every condition."""
         column = str(plan.level)
         if (pd.to_numeric(table[column]) <= 0).any():
@@ -103,40 +97,22 @@ class CriticalPart(Part[RateSettings, Critical]):
             blocks=(
                 Heading("Critical scaling"),
                 Picture("scaling"),
-                Table.each(
+                Table.of(
                     "The largest scaling that cannot be told apart",
-                    fits,
-                    ("Condition", "l c", lambda one: label(one.condition)),
                     (
-                        "Critical scaling",
-                        "strong",
-                        lambda one: (
-                            size(one.critical) if one.critical_identified else NOT_IDENTIFIED
-                        ),
+                        *(("Condition", "l c"), ("Critical scaling", "strong"), ("Limits", "n")),
+                        *(("Gain", ""), ("Limits", "n"), ("SD of ln s", ""), ("Lapse rate", "")),
                     ),
-                    (
-                        "Limits",
-                        "n",
-                        lambda one: size_range(
-                            one.critical_limits if one.critical_identified else None
-                        ),
-                    ),
-                    (
-                        "Gain",
-                        "",
-                        lambda one: _known(one.gain, known=one.gain_identified),
-                    ),
-                    (
-                        "Limits",
-                        "n",
-                        lambda one: size_range(one.gain_limits if one.gain_identified else None),
-                    ),
-                    (
-                        "SD of ln s",
-                        "",
-                        lambda one: number(one.critical_sd) if one.critical_identified else NONE,
-                    ),
-                    ("Lapse rate", "", lambda one: share(one.lapse)),
+                    [
+                        (
+                            label(one.condition),
+                            *_cells(one.critical_identified, one.critical, one.critical_limits),
+                            *_cells(one.gain_identified, one.gain, one.gain_limits),
+                            number(one.critical_sd) if one.critical_identified else NONE,
+                            share(one.lapse),
+                        )
+                        for one in fits
+                    ],
                 ),
                 Paragraph(
                     "Of the typical participant. d' is 0 up to the critical scaling s and rises"
@@ -170,15 +146,15 @@ class CriticalPart(Part[RateSettings, Critical]):
                 " over participants."
             ),
             tables={
-                "critical.csv": pd.DataFrame(map(_line, fits)),
+                "critical.csv": flat_table(fits),
                 "critical_differences.csv": frame_of(Difference, found.contrasts),
             },
             figures=(PartFigure("scaling", caption, draw),),
         )
 
 
-def _known(value: float, *, known: bool) -> str:
-    return size(value) if known else NOT_IDENTIFIED
+def _cells(known: bool, value: float, ends: tuple[float, float] | None) -> tuple[str, str]:
+    return (size(value), size_range(ends)) if known else (NOT_IDENTIFIED, NONE)
 
 
 def _own(one: CriticalScaling, who: str) -> str:
@@ -186,16 +162,6 @@ def _own(one: CriticalScaling, who: str) -> str:
         return NONE
     alone = f" ({size(one.alone[who])})" if who in one.alone else ""
     return f"{size(one.individual[who][0])}{alone}"
-
-
-def _line(one: CriticalScaling) -> dict[str, object]:
-    line: dict[str, object] = {"condition": one.condition}
-    for name, known in (("critical", one.critical_identified), ("gain", one.gain_identified)):
-        lower, upper = getattr(one, f"{name}_limits") or (None, None)
-        numbers = {"": getattr(one, name), "_lower": lower, "_upper": upper}
-        numbers["_sd"] = getattr(one, f"{name}_sd")
-        line |= {f"{name}{key}": value if known else None for key, value in numbers.items()}
-    return line | {"lapse": one.lapse, "warnings": "; ".join(one.warnings)}
 
 
 def apa_critical(fit: CriticalScaling) -> str:

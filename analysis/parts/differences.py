@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.detection import Measure
 from analysis.parts import Estimate, Part, Plan, Shown
 from analysis.plans.rates import RateSettings
 from analysis.rates import Difference, Rate
@@ -68,6 +69,11 @@ def difference_tables(caption: str, found: Sequence[Difference], plan: Plan) -> 
 def limits_title(plan: Plan) -> str:
     """Return what heads limits."""
     return f"{100 * plan.confidence:g} % limits"
+
+
+def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estimate:
+    """Return one of the main numbers of a report."""
+    return Estimate(what, value, one.lower, one.upper, one.p, trials)
 
 
 def difference_estimates(

@@ -1,9 +1,9 @@
 """Psychometric functions along a level: of all answers, of the population, of each person."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.cells import conditions
 from analysis.columns import frame_of
-from analysis.parts import Estimate, Part, PartFigure, Shown, tried
+from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
 from analysis.parts.differences import (
     apa_difference,
     difference_estimates,
@@ -29,7 +29,7 @@ from analysis.psychometric_posterior import (
     psychometric_posterior,
 )
 from analysis.rates import Difference
-from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
+from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -43,10 +43,11 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from analysis.thresholds import Threshold, ThresholdModel, fit_thresholds
+from analysis.thresholds import ThresholdModel, fit_thresholds
 from protocols.adaptive.psychometric import Shape
 
 Floats = NDArray[np.float64]
+Ends = tuple[float | None, float | None]
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
@@ -71,25 +72,19 @@ class Counts:
     trials: tuple[int, ...]
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats]:
+    def arrays(self) -> tuple[Floats, ...]:
         """Levels, right answers and trials."""
-        x, right, trials = (
-            np.array(values, dtype=np.float64) for values in (self.levels, self.right, self.trials)
-        )
-        return x, right, trials
+        return tuple(np.array(one, np.float64) for one in (self.levels, self.right, self.trials))
 
 
 def counts_in(table: pd.DataFrame, plan: RateSettings) -> dict[str, Counts]:
     """Return counts by condition."""
     found = {}
     for name in shown_in(table, plan):
-        rows = table[table[plan.compared[0]] == name]
+        rows = table[table["condition"] == name]
         each = rows.groupby(pd.to_numeric(rows[plan.level]))["correct"].agg(["sum", "size"])
-        found[name] = Counts(
-            tuple(map(float, each.index)),
-            tuple(map(int, each["sum"])),
-            tuple(map(int, each["size"])),
-        )
+        columns = (map(float, each.index), map(int, each["sum"]), map(int, each["size"]))
+        found[name] = Counts(*map(tuple, columns))
     return found
 
 
@@ -103,7 +98,7 @@ def curves_figure(
     name: str,
     fits: str,
     counts: Mapping[str, Counts],
-    curves: Mapping[str, Curve | None],
+    curves: Mapping[str, Curve],
     plan: RateSettings,
 ) -> PartFigure:
     """Return the figure of shares along the level, and of curves that `fits` names."""
@@ -111,7 +106,7 @@ def curves_figure(
     wide = bool(levels.min() > 0 and levels.max() / levels.min() > WIDELY_SPACED)
     draw = partial(
         psychometric_plot,
-        {condition: (*one.arrays, curves.get(condition)) for condition, one in counts.items()},
+        {key: (*one.arrays, curves.get(key)) for key, one in counts.items()},
         x_label=levels_axis(plan),
         chance=plan.guess,
         logarithmic=wide or plan.logarithmic,
@@ -124,7 +119,15 @@ def curves_figure(
     return PartFigure(name, caption, draw)
 
 
-class LevelsPart:
+def _cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
+    """Return threshold, limits and width as text; none where the answers do not place them."""
+    return (size(value), size_range(ends), size(width)) if known else (NOT_IDENTIFIED, NONE, NONE)
+
+
+R = TypeVar("R", bound=Found)
+
+
+class LevelsPart(SimplePart[RateSettings, R]):
     """What parts along a level have in common."""
 
     section: ClassVar[tuple[str, str]] = SECTION
@@ -147,59 +150,48 @@ class Curves:
     notes: tuple[str, ...]
 
 
-class CurvesPart(LevelsPart, Part[RateSettings, Curves]):
+class CurvesPart(LevelsPart[Curves]):
     """Psychometric functions of all participants together."""
 
     name: ClassVar[str] = "curves"
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Curves:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Curves:
         """Count, and fit each condition."""
-        counts, notes = counts_in(table, plan), list[str]()
-        fits = {
-            name: tried(
-                partial(
-                    fit_psychometric,
-                    *one.arrays,
-                    guess=plan.guess,
-                    shape=plan.shape,
-                    falling=plan.falling,
-                    level=plan.confidence,
-                ),
-                f"psychometric function of {plan.label(name)}",
-                notes,
-            )
-            for name, one in counts.items()
-        }
-        return Curves(counts, {k: fit for k, fit in fits.items() if fit is not None}, tuple(notes))
+        counts, notes, found = counts_in(table, plan), list[str](), {}
+        fitted = partial(
+            fit_psychometric,
+            guess=plan.guess,
+            shape=plan.shape,
+            falling=plan.falling,
+            level=plan.confidence,
+        )
+        for name, one in counts.items():
+            what = f"psychometric function of {plan.label(name)}"
+            fit = tried(partial(fitted, *one.arrays), what, notes)
+            if fit is not None:
+                found[name] = fit
+        return Curves(counts, found, tuple(notes))
 
     def show(self, found: Curves, plan: RateSettings) -> Shown:
         """Return data and curves."""
-        label = plan.label
-        fits = found.curves.items()
+        fits = [
+            (plan.label(name), fit, fit.identified(found.counts[name].levels))
+            for name, fit in found.curves.items()
+        ]
         table = Table.of(
             "Psychometric functions, all participants together",
             (
-                ("Condition", "l c"),
-                ("Threshold", "strong"),
-                ("Limits", "n"),
-                ("Width", ""),
-                ("Lapse rate", ""),
-                ("Misfit p", "n"),
+                *(("Condition", "l c"), ("Threshold", "strong"), ("Limits", "n"), ("Width", "")),
+                *(("Lapse rate", ""), ("Misfit p", "n")),
             ),
             [
                 (
-                    label(name),
-                    *_placed(fit, found.counts[name].levels),
+                    name,
+                    *_cells(known, fit.threshold, fit.threshold_limits, fit.width),
                     share(fit.lapse),
                     p_number(fit.p) if fit.df > 0 else NONE,
                 )
-                for name, fit in fits
+                for name, fit, known in fits
             ],
         )
         told = Paragraph(
@@ -208,46 +200,37 @@ class CurvesPart(LevelsPart, Part[RateSettings, Curves]):
             " not of people; the next table's do.",
             muted=True,
         )
+        counted = [
+            {"condition": name, "level": x, "right": right, "trials": trials}
+            for name, one in found.counts.items()
+            for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
+        ]
+        guess = "a guess rate of chance" if plan.guess is not None else "a free guess rate"
         return Shown(
             title=self.title(plan),
             blocks=(
                 Picture("levels"),
                 *((table, told) if fits else ()),
-                Cautions(TRUST, grouped([(label(name), fit.warnings) for name, fit in fits])),
+                Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
             sentences=tuple(
-                f"All answers to {label(name)} together have their threshold at"
-                f" {size(fit.threshold)}, {level_text(fit.level)}"
-                f" {size_range(fit.threshold_limits)} of answers, not of people."
-                for name, fit in fits
-                if fit.identified(found.counts[name].levels)
+                f"All answers to {name} together have their threshold at {size(fit.threshold)},"
+                f" {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not of"
+                " people."
+                for name, fit, known in fits
+                if known
             ),
             methods=(
                 f"Psychometric functions over {plan.level} were fitted by maximum likelihood with"
-                f" {'a guess rate of chance' if plan.guess is not None else 'a free guess rate'}."
+                f" {guess}."
             ),
-            tables={
-                "levels.csv": pd.DataFrame(
-                    [
-                        {"condition": name, "level": x, "right": right, "trials": trials}
-                        for name, one in found.counts.items()
-                        for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
-                    ]
-                )
-            },
+            tables={"levels.csv": pd.DataFrame(counted)},
             figures=(
                 curves_figure(
                     "levels", "fitted psychometric functions", found.counts, found.curves, plan
                 ),
             ),
         )
-
-
-def _placed(fit: Psychometric, levels: Sequence[float]) -> tuple[str, str, str]:
-    """Return threshold, limits and width as text; none where the answers do not place them."""
-    if not fit.identified(levels):
-        return NOT_IDENTIFIED, NONE, NONE
-    return size(fit.threshold), size_range(fit.threshold_limits), size(fit.width)
 
 
 @dataclass(frozen=True)
@@ -257,23 +240,18 @@ class Thresholds(ThresholdModel):
     counts: Mapping[str, Counts]
     notes: tuple[str, ...] = ()
 
-    def places(self, one: Threshold) -> bool:
-        """Return whether the answers place a threshold among the levels shown."""
-        return one.identified([x for counts in self.counts.values() for x in counts.levels])
+    @property
+    def levels(self) -> list[float]:
+        """All levels shown."""
+        return [x for one in self.counts.values() for x in one.levels]
 
 
-class ThresholdsPart(LevelsPart, Part[RateSettings, Thresholds]):
+class ThresholdsPart(LevelsPart[Thresholds]):
     """Thresholds in the population: one model, random over participants and scenes."""
 
     name: ClassVar[str] = "thresholds"
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Thresholds:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Thresholds:
         """Fit the model."""
         if table["participant"].nunique() < 2:
             raise ValueError("one participant only: nothing is said about other people")
@@ -303,51 +281,93 @@ class ThresholdsPart(LevelsPart, Part[RateSettings, Thresholds]):
 
     def show(self, found: Thresholds, plan: RateSettings) -> Shown:
         """Return thresholds, what differs, and each participant's own."""
-        placed = {one.condition for one in found.thresholds if found.places(one)}
-        curves: dict[str, Curve | None] = {
-            one.condition: partial(found.average, one.condition)
-            for one in found.thresholds
-            if one.individual
+        label, each, several = plan.label, found.thresholds, len(found.thresholds) > 1
+        placed = {one.condition: one.identified(found.levels) for one in each}
+        curves = {
+            one.condition: partial(found.average, one.condition) for one in each if one.individual
         }
-        effects = ["participants"]
+        spread = f"differ between participants by SD {sd_digits(found.participant_sd)}"
+        effects = "participants"
         if found.scene_sd:
-            effects.append("scenes")
-        if len(found.thresholds) > 1:
-            effects.append("participants x conditions")
+            effects += ", scenes"
+        if several:
+            effects += ", participants x conditions"
+            between = sd_digits(found.interaction_sd)
+            spread += f", of one participant between conditions by SD {between}"
+        if found.scene_sd:
+            spread += f", between scenes by SD {sd_digits(found.scene_sd)}"
+        if found.logarithmic:
+            spread += " of the threshold's natural logarithm"
+        own = sorted({who for one in each for who in one.individual})
+        people = (
+            Table.of(
+                "Participants' thresholds",
+                (("Participant", "l"), *((label(one.condition), "") for one in each)),
+                [
+                    (
+                        who,
+                        *(
+                            size(one.individual.get(who) if placed[one.condition] else None)
+                            for one in each
+                        ),
+                    )
+                    for who in own
+                ],
+            ),
+            Paragraph(
+                "Each is drawn towards the mean as far as the participant's answers leave open.",
+                muted=True,
+            ),
+        )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
+        lines = [
+            {"condition": one.condition, "participant": who, "threshold": value}
+            | ({} if who else {"lower": one.lower, "upper": one.upper, "width": one.width})
+            for one in each
+            for who, value in (("", one.value), *one.individual.items())
+        ]
         return Shown(
             title=self.title(plan),
             blocks=(
                 Picture("psychometric"),
-                *_population(found, placed, plan),
+                Table.of(
+                    "Thresholds in the population: one model, random over participants"
+                    + (" and scenes" if found.scene_sd else ""),
+                    (
+                        ("Condition", "l c"),
+                        ("Threshold", "strong"),
+                        (f"{100 * found.level:g} % limits", "n"),
+                        ("Width, as a ratio" if found.logarithmic else "Width", ""),
+                    ),
+                    [
+                        (
+                            label(one.condition),
+                            *_cells(
+                                placed[one.condition], one.value, (one.lower, one.upper), one.width
+                            ),
+                        )
+                        for one in each
+                    ],
+                ),
+                Paragraph(
+                    f"Lapse rate {share(found.lapse)}, shared by all; thresholds {spread}.",
+                    muted=True,
+                ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
-                *_individuals(found, placed, plan),
+                *(people if own else ()),
                 Cautions("When not to trust these thresholds", found.warnings),
             ),
             sentences=(
-                apa_thresholds(found, levels=[x for c in found.counts.values() for x in c.levels]),
+                apa_thresholds(found, levels=found.levels),
                 *map(apa_difference, found.contrasts),
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
-                f" {', '.join(effects)} (Laplace approximation), with one lapse rate, drawn towards"
-                " small ones, for all."
+                f" {effects} (Laplace approximation), with one lapse rate, drawn towards small"
+                " ones, for all."
             ),
             tables={
-                "thresholds.csv": pd.DataFrame(
-                    [
-                        {"condition": one.condition, "participant": who, "threshold": value}
-                        | {"lower": lower, "upper": upper, "width": width}
-                        for one in found.thresholds
-                        for who, value, lower, upper, width in (
-                            ("", one.value, one.lower, one.upper, one.width),
-                            *(
-                                (name, own, None, None, None)
-                                for name, own in one.individual.items()
-                            ),
-                        )
-                    ]
-                ),
+                "thresholds.csv": pd.DataFrame(lines),
                 "threshold_differences.csv": frame_of(Difference, found.contrasts),
             },
             figures=(
@@ -360,73 +380,6 @@ class ThresholdsPart(LevelsPart, Part[RateSettings, Thresholds]):
                 ),
             ),
         )
-
-
-def _population(
-    model: Thresholds, placed: Iterable[str], plan: RateSettings
-) -> tuple[Block, Block]:
-    spread = f"differ between participants by SD {sd_digits(model.participant_sd)}"
-    if len(model.thresholds) > 1:
-        spread += f", of one participant between conditions by SD {sd_digits(model.interaction_sd)}"
-    if model.scene_sd:
-        spread += f", between scenes by SD {sd_digits(model.scene_sd)}"
-    if model.logarithmic:
-        spread += " of the threshold's natural logarithm"
-    return (
-        Table.each(
-            "Thresholds in the population: one model, random over participants"
-            + (" and scenes" if model.scene_sd else ""),
-            model.thresholds,
-            ("Condition", "l c", lambda one: plan.label(one.condition)),
-            (
-                "Threshold",
-                "strong",
-                lambda one: size(one.value) if one.condition in placed else NOT_IDENTIFIED,
-            ),
-            (
-                f"{100 * model.level:g} % limits",
-                "n",
-                lambda one: size_range((one.lower, one.upper) if one.condition in placed else None),
-            ),
-            (
-                "Width, as a ratio" if model.logarithmic else "Width",
-                "",
-                lambda one: size(one.width) if one.condition in placed else NONE,
-            ),
-        ),
-        Paragraph(
-            f"Lapse rate {share(model.lapse)}, shared by all; thresholds {spread}.", muted=True
-        ),
-    )
-
-
-def _individuals(model: Thresholds, placed: Iterable[str], plan: RateSettings) -> tuple[Block, ...]:
-    own = sorted({who for one in model.thresholds for who in one.individual})
-    if not own:
-        return ()
-    return (
-        Table.of(
-            "Participants' thresholds",
-            (
-                ("Participant", "l"),
-                *((plan.label(one.condition), "") for one in model.thresholds),
-            ),
-            [
-                (
-                    who,
-                    *(
-                        size(one.individual.get(who)) if one.condition in placed else NONE
-                        for one in model.thresholds
-                    ),
-                )
-                for who in own
-            ],
-        ),
-        Paragraph(
-            "Each is drawn towards the mean as far as the participant's answers leave open.",
-            muted=True,
-        ),
-    )
 
 
 def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[float] = ()) -> str:
@@ -460,6 +413,11 @@ class PersonFit:
     condition: str
     fit: PsychometricPosterior
 
+    @property
+    def known(self) -> bool:
+        """Whether the answers, and not the prior, place the threshold."""
+        return not self.fit.unidentified
+
 
 @dataclass(frozen=True)
 class OwnCurves:
@@ -481,30 +439,22 @@ class OwnCurves:
     notes: tuple[str, ...]
 
 
-class OwnCurvesPart(LevelsPart, Part[RateSettings, OwnCurves]):
+class OwnCurvesPart(LevelsPart[OwnCurves]):
     """Psychometric functions of each person, by their posterior; thresholds compared."""
 
     name: ClassVar[str] = "psychometric"
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> OwnCurves:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> OwnCurves:
         """Fit each person in each condition, and compare what the answers place."""
         notes, people = list[str](), list[PersonFit]()
         for name, rows in conditions(table, plan.compared):
             for who, part in rows.groupby("participant", sort=True):
-                counts = part.groupby(plan.level)["correct"].agg(["sum", "size"])
-                if len(counts) < 2:
+                ((_, counts),) = counts_in(part, plan).items()
+                if len(counts.levels) < 2:
                     notes.append(f"{who}, {name}: shown at one level only; no curve")
                     continue
                 fit = psychometric_posterior(
-                    counts.index.to_numpy(dtype=np.float64),
-                    counts["sum"].to_numpy(dtype=np.float64),
-                    counts["size"].to_numpy(dtype=np.float64),
+                    *counts.arrays,
                     guess=plan.guess,
                     shape="gumbel" if plan.shape == "weibull" else plan.shape,
                     falling=plan.falling,
@@ -512,23 +462,25 @@ class OwnCurvesPart(LevelsPart, Part[RateSettings, OwnCurves]):
                     level=plan.confidence,
                 )
                 people.append(PersonFit(str(who), name, fit))
-        within, between = {}, {}
-        for who in dict.fromkeys(one.participant for one in people):
-            own = {p.condition: p.fit for p in people if p.participant == who and _known(p)}
-            if len(own) > 1:
-                within[who] = compare_thresholds(own)
-        for name in dict.fromkeys(one.condition for one in people):
-            own = {p.participant: p.fit for p in people if p.condition == name and _known(p)}
-            if len(own) > MOST_PEOPLE:
-                notes.append(f"{len(own)} people: not compared with each other, one by one")
-            elif len(own) > 1:
-                between[name] = compare_thresholds(own)
-        return OwnCurves(tuple(people), within, between, tuple(notes))
+        known = [one for one in people if one.known]
+        within = {who: {} for who in dict.fromkeys(one.participant for one in people)}
+        between = {name: {} for name in dict.fromkeys(one.condition for one in people)}
+        for one in known:
+            within[one.participant][one.condition] = one.fit
+            between[one.condition][one.participant] = one.fit
+        for name, fits in between.items():
+            if len(fits) > MOST_PEOPLE:
+                notes.append(f"{len(fits)} people: not compared with each other, one by one")
+                between[name] = {}
+        compared = (
+            {name: compare_thresholds(fits) for name, fits in groups.items() if len(fits) > 1}
+            for groups in (within, between)
+        )
+        return OwnCurves(tuple(people), *compared, tuple(notes))
 
     def show(self, found: OwnCurves, plan: RateSettings) -> Shown:
         """Return each person's curve in a row, and what differs within people."""
         label = plan.label
-        names = ("threshold", "width", "guess", "lapse", "spread")
         compared = [
             {"within": kind, "of": who} | vars(one)
             for kind, groups in (("participant", found.within), ("condition", found.between))
@@ -541,23 +493,21 @@ class OwnCurvesPart(LevelsPart, Part[RateSettings, OwnCurves]):
                 Table.of(
                     "Each participant's curve, from these answers alone",
                     (
-                        ("Participant", "l"),
-                        ("Condition", "l c"),
-                        ("Threshold", "strong"),
-                        ("Limits", "n"),
-                        ("Width", ""),
-                        ("Lapse rate", ""),
-                        ("Spread", ""),
+                        *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
+                        *(("Limits", "n"), ("Width", ""), ("Lapse rate", ""), ("Spread", "")),
                     ),
                     [
                         (
                             one.participant,
                             label(one.condition),
-                            *_own(one.fit),
-                            size(one.fit.lapse.value, 2),
-                            size(one.fit.spread.value, 2),
+                            *_cells(
+                                one.known, place.value, (place.lower, place.upper), fit.width.value
+                            ),
+                            size(fit.lapse.value, 2),
+                            size(fit.spread.value, 2),
                         )
                         for one in found.people
+                        for fit, place in [(one.fit, one.fit.threshold)]
                     ],
                 ),
                 Paragraph(
@@ -588,20 +538,7 @@ class OwnCurvesPart(LevelsPart, Part[RateSettings, OwnCurves]):
                 " 2016); thresholds are compared by their posteriors, Holm-adjusted."
             ),
             tables={
-                "people.csv": pd.DataFrame(
-                    [
-                        {"participant": one.participant, "condition": one.condition}
-                        | {
-                            name if part == "value" else f"{name}_{part}": None
-                            if name in one.fit.unidentified
-                            else getattr(getattr(one.fit, name), part)
-                            for name in names
-                            for part in ("value", "lower", "upper")
-                        }
-                        | {"trials": one.fit.trials, "warnings": "; ".join(one.fit.warnings)}
-                        for one in found.people
-                    ]
-                ),
+                "people.csv": pd.DataFrame(map(_line, found.people)),
                 "comparisons_of_people.csv": pd.DataFrame(
                     compared, columns=["within", "of", *ThresholdDifference.__dataclass_fields__]
                 ),
@@ -609,14 +546,11 @@ class OwnCurvesPart(LevelsPart, Part[RateSettings, OwnCurves]):
         )
 
 
-def _known(one: PersonFit) -> bool:
-    """Return whether the answers, and not the prior, place the threshold."""
-    return not one.fit.unidentified
-
-
-def _own(fit: PsychometricPosterior) -> tuple[str, str, str]:
-    """Return threshold, limits and width as text; none where the prior decides them."""
-    if fit.unidentified:
-        return NONE, NONE, NONE
-    place = fit.threshold
-    return size(place.value), size_range((place.lower, place.upper)), size(fit.width.value)
+def _line(one: PersonFit) -> dict[str, object]:
+    line: dict[str, object] = {"participant": one.participant, "condition": one.condition}
+    for name in ("threshold", "width", "guess", "lapse", "spread"):
+        known = name not in one.fit.unidentified
+        for part in ("value", "lower", "upper"):
+            column = name if part == "value" else f"{name}_{part}"
+            line[column] = getattr(getattr(one.fit, name), part) if known else None
+    return line | {"trials": one.fit.trials, "warnings": "; ".join(one.fit.warnings)}

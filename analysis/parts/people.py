@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
-from analysis.parts import Part, PartFigure, Plan, Shown
+from analysis.parts import PartFigure, Plan, Shown, SimplePart
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import heat_map
 from analysis.report.blocks import Picture
@@ -26,19 +26,13 @@ class People:
     notes: tuple[str, ...] = ()
 
 
-class PeoplePart(Part[RateSettings, People]):
+class PeoplePart(SimplePart[RateSettings, People]):
     """Who was right how often, and where."""
 
     name: ClassVar[str] = "people"
     section: ClassVar[tuple[str, str]] = ("people", "Participants")
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> People:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> People:
         """Return shares by participant and scene."""
         scenes = _shares(table, plan, "scene") if "scene" in table else {}
         return People(_shares(table, plan, "participant"), scenes)

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
@@ -43,20 +42,14 @@ class Ratings:
     notes: tuple[str, ...] = ()
 
 
-class RatingsPart(Part[RatingSettings, Ratings]):
+class RatingsPart(SimplePart[RatingSettings, Ratings]):
     """Where conditions lie on the latent axis that ratings cut, and what differs."""
 
     name: ClassVar[str] = "ratings"
     section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")
     essential: ClassVar[bool] = True
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RatingSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Ratings:
+    def of(self, table: pd.DataFrame, plan: RatingSettings) -> Ratings:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.baseline, "link": plan.link}
         if plan.by is None:

@@ -1,15 +1,14 @@
 """Logistic models of right answers: trials as independent, clustered, and mixed."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from analysis.models import ModelFit, ModelsBeside, models_beside
-from analysis.parts import Part, Shown
+from analysis.parts import Shown, SimplePart
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
@@ -32,7 +31,7 @@ class RightModels(ModelsBeside):
         )
 
 
-class ModelsPart(Part[RateSettings, RightModels]):
+class ModelsPart(SimplePart[RateSettings, RightModels]):
     """Logistic models of right answers."""
 
     name: ClassVar[str] = "models"
@@ -44,13 +43,7 @@ class ModelsPart(Part[RateSettings, RightModels]):
             plan.by is not None and baseline_in(table, plan) is not None
         )
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> RightModels:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> RightModels:
         """Fit the models, with names that a formula can hold."""
         held: dict[str, pd.Series] = {}
         reference = {}

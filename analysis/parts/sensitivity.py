@@ -1,9 +1,9 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -19,13 +19,14 @@ from analysis.detection import (
     yes_no,
 )
 from analysis.models import ModelFit, glmm_probit
-from analysis.parts import Estimate, Part, PartFigure, Shown, tried
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.differences import (
     alone,
     apa_difference,
     difference_estimates,
     difference_tables,
+    estimate,
     in_order,
     limits_title,
     told_apart,
@@ -35,6 +36,7 @@ from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
 from analysis.rates import Difference, Rate, rate
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
+from analysis.report.values import flat_table
 from analysis.report.wording import (
     NONE,
     grouped,
@@ -71,20 +73,14 @@ class YesNoSensitivity(YesNoResults):
         )
 
 
-class YesNoPart(Part[RateSettings, YesNoSensitivity]):
+class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
     """d', criterion and bias of a yes-no task."""
 
     name: ClassVar[str] = "sensitivity"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
     essential: ClassVar[bool] = True
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> YesNoSensitivity:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> YesNoSensitivity:
         """Take them from hits and false alarms; conditions without noise share that of others."""
         rows = with_shared_noise(table, plan.answers[0])
         notes = [*alone(table, plan)]
@@ -110,13 +106,11 @@ class YesNoPart(Part[RateSettings, YesNoSensitivity]):
         """Return d' and what they differ by, unless levels adapt."""
         trials = {one.condition: one.correct.trials for one in found.conditions}
         measured = [
-            Estimate(
+            estimate(
                 f"d' of {plan.label(one.condition)}",
                 one.d_prime.value,
-                one.d_prime.lower,
-                one.d_prime.upper,
-                one.d_prime.p,
-                trials[one.condition],
+                one.d_prime,
+                one.correct.trials,
             )
             for one in found.conditions
             if one.d_prime is not None
@@ -198,7 +192,7 @@ class YesNoPart(Part[RateSettings, YesNoSensitivity]):
             ),
             methods=methods_yes_no(found),
             tables={
-                "sensitivity.csv": pd.DataFrame([_line(one) for one in cells]),
+                "sensitivity.csv": flat_table(cells),
                 "sensitivity_differences.csv": frame_of(Difference, compared),
             },
             figures=figures,
@@ -227,17 +221,6 @@ def _cells(one: Measure | None) -> tuple[str, str, str]:
     if one is None:
         return NONE, NONE, NONE
     return number(one.value), number_range(one.lower, one.upper), p_number(one.p)
-
-
-def _line(one: YesNo) -> dict[str, object]:
-    counts = ("condition", "hits", "misses", "false_alarms", "correct_rejections")
-    line: dict[str, object] = {name: getattr(one, name) for name in counts}
-    for name, measure in (("d_prime", one.d_prime), ("criterion", one.criterion)):
-        for key in ("value", "lower", "upper", "p"):
-            column = name if key == "value" else f"{name}_{key}"
-            line[column] = None if measure is None else getattr(measure, key)
-    line |= {"correct": one.correct.share, f"share_{one.bias_answer}": one.bias.share}
-    return line | {"warnings": "; ".join(one.warnings)}
 
 
 def apa_yes_no(one: YesNo, *, name: str = "") -> str:
@@ -293,19 +276,13 @@ class Typical:
     notes: tuple[str, ...]
 
 
-class TypicalPart(Part[RateSettings, Typical]):
+class TypicalPart(SimplePart[RateSettings, Typical]):
     """d' and criterion of the typical participant of a yes-no task."""
 
     name: ClassVar[str] = "typical"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Typical:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Typical:
         """Fit d' of the typical participant, condition by condition."""
         rows, signal = with_shared_noise(table, plan.answers[0]), plan.answers[0]
         found, notes = [], list[str]()
@@ -337,14 +314,7 @@ class TypicalPart(Part[RateSettings, Typical]):
     def show(self, found: Typical, plan: RateSettings) -> Shown:
         """Return both with their errors."""
         lines = [
-            {
-                "condition": name,
-                "d_prime": fit["signal"].estimate,
-                "d_prime_se": fit["signal"].standard_error,
-                "criterion": -fit["Intercept"].estimate,
-                "criterion_se": fit["Intercept"].standard_error,
-            }
-            for name, fit in found.fits
+            {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
         ]
         warned = [(f"{plan.label(name)}, mixed model", fit.warnings) for name, fit in found.fits]
         return Shown(
@@ -395,7 +365,7 @@ class ChoiceSensitivity(DiscriminationResults):
 Sense = Callable[[pd.DataFrame, RateSettings], DiscriminationResults]
 
 
-class DiscriminationPart(Part[RateSettings, ChoiceSensitivity]):
+class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
     """d' from shares of right answers; `sense` takes it from prepared rows.
 
     `sides`: its two answers are places, of which one may be preferred.
@@ -407,13 +377,7 @@ class DiscriminationPart(Part[RateSettings, ChoiceSensitivity]):
     def __init__(self, sense: Sense, *, sides: bool = False) -> None:
         self._sense, self._sides = sense, sides
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RateSettings,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> ChoiceSensitivity:
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> ChoiceSensitivity:
         """Turn shares into d'; compare them as shares."""
         found, answers, answered = self._sense(table, plan), answers_in(table, plan), None
         if self._sides and answers:
@@ -432,14 +396,7 @@ class DiscriminationPart(Part[RateSettings, ChoiceSensitivity]):
         """Return shares of right answers and what they differ by, unless levels adapt."""
         rates = [one.correct for one in found.conditions]
         shares = [
-            Estimate(
-                f"right answers, {plan.label(one.condition)}",
-                one.share,
-                one.lower,
-                one.upper,
-                one.p,
-                one.trials,
-            )
+            estimate(f"right answers, {plan.label(one.condition)}", one.share, one, one.trials)
             for one in rates
         ]
         trials = {one.condition: one.trials for one in rates}
@@ -487,18 +444,7 @@ class DiscriminationPart(Part[RateSettings, ChoiceSensitivity]):
             ),
             methods=methods_discrimination(found),
             tables={
-                "sensitivity.csv": pd.DataFrame(
-                    {
-                        "condition": one.condition,
-                        "share": one.correct.share,
-                        "d_prime": one.d_prime,
-                        "lower": one.lower,
-                        "upper": one.upper,
-                        "p": one.correct.p,
-                        "warnings": "; ".join(one.warnings),
-                    }
-                    for one in cells
-                ).replace([np.inf, -np.inf], np.nan),
+                "sensitivity.csv": flat_table(cells),
                 "sensitivity_differences.csv": frame_of(Difference, found.contrasts),
             },
             figures=(PartFigure("sensitivity", caption, draw),),

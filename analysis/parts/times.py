@@ -4,14 +4,14 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
-from analysis.parts import Part, PartFigure, Plan, Shown, tried
+from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.plots import reaction_plot
 from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
@@ -43,7 +43,7 @@ class Times:
     notes: tuple[str, ...]
 
 
-class TimesPart(Part[Plan, Times]):
+class TimesPart(SimplePart[Plan, Times]):
     """Reaction times of any task; EZ diffusion where one of two answers is right."""
 
     name: ClassVar[str] = "times"
@@ -53,13 +53,7 @@ class TimesPart(Part[Plan, Times]):
         """Return whether there are times above 0."""
         return "rt_s" in table and bool((table["rt_s"] > 0).any())
 
-    def compute(
-        self,
-        table: pd.DataFrame,
-        plan: Plan,
-        _found: Mapping[str, Any],
-        _chance: np.random.Generator,
-    ) -> Times:
+    def of(self, table: pd.DataFrame, plan: Plan) -> Times:
         """Summarise the times above 0, and model them where the plan asks for it."""
         rows = table[table["rt_s"] > 0].reset_index(drop=True)
         level = plan.confidence

@@ -193,6 +193,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         protocol_sha256=study.sha256,
         shape=shape,
+        rule=getattr(analysis, "rule", "differencing"),
         reaction=analysis.reaction,
     )
 
@@ -255,6 +256,7 @@ def common_settings_of_table(
         planned_trials=None,
         protocol_sha256=None,
         shape=options.shape,
+        rule=getattr(options, "rule", "differencing"),
         reaction=options.reaction,
     )
 

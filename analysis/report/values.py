@@ -1,7 +1,7 @@
 """Results as plain JSON: every number, none that is not finite."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Protocol, runtime_checkable
 
@@ -59,3 +59,31 @@ def rows_as_json(table: pd.DataFrame) -> list[Json]:
     """Return a table's rows as JSON objects; missing values become null."""
     plain = table.astype(object).where(table.notna(), None)
     return [as_json(row) for row in plain.to_dict("records")]
+
+
+def flat_table(results: Iterable[object]) -> pd.DataFrame:
+    """Return results as a table, one a row: numbers of nested ones by both names, no mappings.
+
+    Pairs are limits; what is not identified, or not finite, is missing.
+    """
+    rows = []
+    for one in results:
+        held = as_json(one)
+        assert isinstance(held, dict)
+        plain = {name: held[name] for name in held if not isinstance(vars(one)[name], Mapping)}
+        rows.append(dict(_flat(plain, "")))
+    return pd.DataFrame(rows)
+
+
+def _flat(value: Json, name: str) -> Iterator[tuple[str, object]]:
+    match value:
+        case dict():
+            for key, one in value.items():
+                yield from _flat(one, name if key == "value" else f"{name}_{key}".strip("_"))
+        case [float() | int() as lower, float() | int() | None as upper]:
+            stem = name.removesuffix("_limits")
+            yield from ((f"{stem}_lower", lower), (f"{stem}_upper", upper))
+        case list():
+            yield name, "; ".join(map(str, value))
+        case _:
+            yield name, value

@@ -67,12 +67,6 @@ class TableOfLevels(RatesTask):
         found = super().settings_of_table(decisions, name, options)
         return CurveSettings(**vars(found), guessed=options.guess, log=options.log)
 
-    def options_of(self, settings: RateSettings) -> CurveOptions:
-        """Return the options that say the same."""
-        return CurveOptions(
-            guess=settings.guess, log=settings.logarithmic, **self._shared_options(settings)
-        )
-
     def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read trials; refuse levels along which no psychometric function can run."""
         table = opened(table, mapping)

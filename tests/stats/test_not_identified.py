@@ -194,7 +194,7 @@ def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answ
 
     assert result.exit_code == 0, result.output
     assert re.search(r"all +not identified by these data +none +none", result.output)
-    assert re.search(r"P0 +all +none +none +none", result.output)
+    assert re.search(r"P0 +all +not identified by these data +none +none", result.output)
     assert "not identified by these data" in result.output
     assert population[["threshold", "lower", "upper", "width"]].isna().all()
     assert person[["threshold", "threshold_lower", "threshold_upper", "width"]].isna().all()

@@ -58,9 +58,10 @@ REWORDED = (
     ("last trial log_rt changed", "last trial logarithm of the reaction time changed"),
 )
 """What was said otherwise in sentences and notes, and what is said today."""
+_COLUMNS = [*enumerate((0, 1, 2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 18, 22, 35))]
 COMMANDS_RENAMED = {
     "command-detection": (
-        (r"conditions\.(.*)", r"sensitivity.\1"),
+        *((rf"conditions\.(\d)\.{old}", rf"sensitivity.\1.{new}") for old, new in _COLUMNS),
         (r"comparisons\.(.*)", r"sensitivity_differences.\1"),
     ),
     "command-psychometric": ((r"comparisons\.(.*)", r"threshold_differences.\1"),),

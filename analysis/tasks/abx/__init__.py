@@ -10,13 +10,10 @@ from analysis.ideal_observer import AbxRule, abx_share
 from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RateSettings, RatesOptions, baseline_in, common_settings
+from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
 from analysis.tasks.base import TableOptions
 from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import Floats, tabulated
-from protocols.schema import StudyProtocol
-from protocols.tasks.abx import AbxAnalysis
-from protocols.tasks.which_half import WhichHalfAnalysis
 
 
 class AbxOptions(RatesOptions):
@@ -41,28 +38,12 @@ class Abx(RatesTask):
 
     kind: ClassVar[str] = "abx"
     options: ClassVar[type[TableOptions]] = AbxOptions
-    _options: ClassVar[type[AbxOptions]] = AbxOptions
     task: ClassVar[str] = "ABX answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
         DiscriminationPart(_sense, sides=True), levels=(CriticalPart(),)
     )
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
-
-    def settings(self, study: StudyProtocol) -> RateSettings:
-        """Return columns, values and rules of a protocol."""
-        analysis = study.analysis
-        assert isinstance(analysis, AbxAnalysis | WhichHalfAnalysis)
-        return RateSettings(**{**vars(common_settings(study)), "rule": analysis.rule})
-
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RateSettings:
-        """Return what the options say."""
-        found = super().settings_of_table(decisions, name, options)
-        return RateSettings(**{**vars(found), "rule": options.rule})
-
-    def options_of(self, settings: RateSettings) -> AbxOptions:
-        """Return the options that say the same."""
-        return self._options(rule=settings.rule, **self._shared_options(settings))
 
     def table_answers(self, decisions: pd.DataFrame, _options: Any) -> tuple[str, ...]:
         """Return the two answers: as the table names them, if it does."""
@@ -88,6 +69,5 @@ class WhichHalf(Abx):
 
     kind: ClassVar[str] = "which-half"
     options: ClassVar[type[TableOptions]] = WhichHalfOptions
-    _options: ClassVar[type[AbxOptions]] = WhichHalfOptions
     task: ClassVar[str] = "answers which half had changed"
     named: ClassVar[tuple[str, str]] = ("left", "right")

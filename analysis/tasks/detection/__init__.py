@@ -37,10 +37,6 @@ class Detection(RatesTask):
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
-    def options_of(self, settings: RateSettings) -> DetectionOptions:
-        """Return the options that say the same."""
-        return DetectionOptions(signal=settings.answers[0], **self._shared_options(settings))
-
     def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
         table = opened(table, mapping)

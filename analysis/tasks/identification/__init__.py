@@ -42,11 +42,6 @@ class Identification(RatesTask):
     task: ClassVar[str] = "identifications"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_sense))
 
-    def options_of(self, settings: RateSettings) -> IdentificationOptions:
-        """Return the options that say the same."""
-        shared = self._shared_options(settings)
-        return IdentificationOptions(alternatives=settings.alternatives, **shared)
-
     def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
         """Return the answers, or numbers in their place where the table does not name all.
 

@@ -132,22 +132,16 @@ class RatesTask(TaskAnalysis[RateSettings, None]):
         answers = self.table_answers(decisions, options)
         return common_settings_of_table(decisions, name, self.kind, options, answers)
 
-    def options_of(self, settings: RateSettings) -> RatesOptions:
+    def options_of(self, settings: RateSettings) -> TableOptions:
         """Return the options that say the same."""
-        return RatesOptions(**self._shared_options(settings))
-
-    def _shared_options(self, settings: RateSettings) -> dict[str, Any]:
-        return {
-            "by": settings.by,
+        held = vars(settings) | {
             "baseline": settings.baseline if settings.by is not None else None,
-            "level": settings.level,
-            "falling": settings.falling,
-            "test": settings.test,
-            "correction": settings.correction,
-            "alpha": settings.alpha,
-            "shape": settings.shape,
-            "reaction": settings.reaction,
+            "guess": settings.guess,
+            "signal": next(iter(settings.answers), ""),
         }
+        return self.options(
+            **{name: held[name] for name in self.options.model_fields & held.keys()}
+        )
 
     def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
