@@ -156,7 +156,7 @@ class CurvesPart(LevelsPart[Curves]):
     name: ClassVar[str] = "curves"
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Curves:
-        """Count, and fit each condition."""
+        """Count, and fit each condition; not on logarithms, as the population's model can be."""
         counts, notes, found = counts_in(table, plan), list[str](), {}
         fitted = partial(
             fit_psychometric,
@@ -165,7 +165,8 @@ class CurvesPart(LevelsPart[Curves]):
             falling=plan.falling,
             level=plan.confidence,
         )
-        for name, one in counts.items():
+        on_axis = plan.shape == "weibull" or not plan.logarithmic
+        for name, one in counts.items() if on_axis else ():
             what = f"psychometric function of {plan.label(name)}"
             fit = tried(partial(fitted, *one.arrays), what, notes)
             if fit is not None:
@@ -223,6 +224,8 @@ class CurvesPart(LevelsPart[Curves]):
             methods=(
                 f"Psychometric functions over {plan.level} were fitted by maximum likelihood with"
                 f" {guess}."
+                if fits
+                else ""
             ),
             tables={"levels.csv": pd.DataFrame(counted)},
             figures=(

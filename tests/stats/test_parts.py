@@ -367,3 +367,31 @@ def test_medians_are_those_of_the_table(trials, tmp_path):
         assert np.exp(np.mean(np.log(medians))) == pytest.approx(
             next(one["mean_of_medians"] for one in found["summary"] if one["condition"] == name)
         )
+
+
+def test_a_table_along_a_level_can_be_imported_and_reported(tmp_path):
+    """The same parts as the command `psychometric`, by the door of reports."""
+    TABLES["four-answers"][2]().query("participant < 'P003'").to_csv(
+        tmp_path / "rows.csv", index=False
+    )
+    told = ("level=level", "by=method", "falling=true", "guess=0.25")
+    asked = [word for one in told for word in ("--set", one)]
+    for words in (
+        (
+            "import",
+            tmp_path / "rows.csv",
+            "--task",
+            "psychometric",
+            *asked,
+            "--out",
+            tmp_path / "i",
+        ),
+        ("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "out", "--no-figures"),
+    ):
+        with undrawn():
+            done = CliRunner().invoke(app, ["analysis", *map(str, words)])
+        assert done.exit_code == 0, done.output
+
+    numbers = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert len(numbers["results"]["psychometric"]["people"]) == 4
+    assert numbers["settings"]["guessed"] == 0.25
