@@ -75,7 +75,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
         """Return shares against chance, and the table of confusions of more than two answers."""
         rates, label = found.conditions, plan.label
         names = [label(one.condition) for one in rates]
-        within = f" They were given in {len(names)} conditions ({', '.join(names)})."
+        among = f"Answers were given in {len(names)} conditions ({', '.join(names)}). "
         caption = (
             f"Shares of right answers with {100 * plan.confidence:g} % limits that respect"
             f" {respected(rates)}; p against chance, which is dashed."
@@ -109,8 +109,8 @@ class RatesPart(SimplePart[RateSettings, Rates]):
             ),
             sentences=tuple(apa_rate(one, name=label(one.condition)) for one in rates),
             methods=(
-                "Shares of right answers were tested against chance with errors clustered by"
-                f" {clusters(rates)}.{within if len(names) > 1 else ''}"
+                f"{among if len(names) > 1 else ''}Shares of right answers were tested against"
+                f" chance with errors clustered by {clusters(rates)}."
             ),
             tables=tables,
             figures=figures,

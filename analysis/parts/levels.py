@@ -72,9 +72,10 @@ class Counts:
     trials: tuple[int, ...]
 
     @property
-    def arrays(self) -> tuple[Floats, ...]:
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
         """Levels, right answers and trials."""
-        return tuple(np.array(one, np.float64) for one in (self.levels, self.right, self.trials))
+        x, right, trials = np.array((self.levels, self.right, self.trials), dtype=np.float64)
+        return x, right, trials
 
 
 def counts_in(table: pd.DataFrame, plan: RateSettings) -> dict[str, Counts]:
@@ -83,8 +84,8 @@ def counts_in(table: pd.DataFrame, plan: RateSettings) -> dict[str, Counts]:
     for name in shown_in(table, plan):
         rows = table[table["condition"] == name]
         each = rows.groupby(pd.to_numeric(rows[plan.level]))["correct"].agg(["sum", "size"])
-        columns = (map(float, each.index), map(int, each["sum"]), map(int, each["size"]))
-        found[name] = Counts(*map(tuple, columns))
+        right, trials = (tuple(map(int, each[column])) for column in ("sum", "size"))
+        found[name] = Counts(tuple(map(float, each.index)), right, trials)
     return found
 
 
@@ -465,21 +466,17 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     level=plan.confidence,
                 )
                 people.append(PersonFit(str(who), name, fit))
-        known = [one for one in people if one.known]
-        within = {who: {} for who in dict.fromkeys(one.participant for one in people)}
-        between = {name: {} for name in dict.fromkeys(one.condition for one in people)}
-        for one in known:
-            within[one.participant][one.condition] = one.fit
-            between[one.condition][one.participant] = one.fit
+        within: dict[str, dict[str, PsychometricPosterior]] = {}
+        between: dict[str, dict[str, PsychometricPosterior]] = {}
+        for one in people:
+            if one.known:
+                within.setdefault(one.participant, {})[one.condition] = one.fit
+                between.setdefault(one.condition, {})[one.participant] = one.fit
         for name, fits in between.items():
             if len(fits) > MOST_PEOPLE:
                 notes.append(f"{len(fits)} people: not compared with each other, one by one")
                 between[name] = {}
-        compared = (
-            {name: compare_thresholds(fits) for name, fits in groups.items() if len(fits) > 1}
-            for groups in (within, between)
-        )
-        return OwnCurves(tuple(people), *compared, tuple(notes))
+        return OwnCurves(tuple(people), _compared(within), _compared(between), tuple(notes))
 
     def show(self, found: OwnCurves, plan: RateSettings) -> Shown:
         """Return each person's curve in a row, and what differs within people."""
@@ -547,6 +544,12 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 ),
             },
         )
+
+
+def _compared(
+    groups: Mapping[str, Mapping[str, PsychometricPosterior]],
+) -> dict[str, tuple[ThresholdDifference, ...]]:
+    return {name: compare_thresholds(fits) for name, fits in groups.items() if len(fits) > 1}
 
 
 def _line(one: PersonFit) -> dict[str, object]:

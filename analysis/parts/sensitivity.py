@@ -316,7 +316,7 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
         lines = [
             {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
         ]
-        warned = [(f"{plan.label(name)}, mixed model", fit.warnings) for name, fit in found.fits]
+        warned = [(plan.label(name), fit.warnings) for name, fit in found.fits]
         return Shown(
             blocks=(
                 Table.each(
@@ -329,7 +329,7 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
                     ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
                     ("Random SD", "l", lambda one: random_sd(one[1])),
                 ),
-                Cautions(TRUST, grouped(warned)),
+                Cautions("When not to trust these mixed models", grouped(warned)),
             ),
             sentences=tuple(
                 f"The typical participant's d' in condition {plan.label(name)} was"
