@@ -78,8 +78,6 @@ def estimates_of(
         If nothing can be said of these decisions.
     """
     main = {p.name: p for p in analysis.parts if type(p).estimates is not Part.estimates}
-    if not main:  # Until each kind of task says them by its parts.
-        return tuple(analysis.estimates(decisions, plan))
     asked = set(main)
     for part in analysis.parts[::-1]:
         asked |= {*part.needs} if part.name in asked else set()

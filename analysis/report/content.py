@@ -53,18 +53,12 @@ class Content:
 
 
 def content_of(source: Source, step: Callable[[str], None] = lambda _name: None) -> Content:
-    """Analyse a source: what its kind of analysis says by itself, and each of its parts."""
+    """Analyse a source, part by part."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
-    own = None if source.only else analysis.analyse(decisions, plan, step)
-    held = as_json(own) or {}
-    assert isinstance(held, dict)
-    parts = (
-        *analysis.parts_of(plan),
-        *added_parts({*held, *(part.name for part in analysis.parts)}),
-    )
+    parts = (*analysis.parts_of(plan), *added_parts({part.name for part in analysis.parts}))
     parts = tuple(one for one in parts if not source.only or one.name in source.only)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
-    if own is None and not found:
+    if not found:
         raise StudyError(
             f"{plan.study}: must hold what {analysis.kind} is about"
             f" ({'; '.join(notes) or 'it does not'})"
@@ -77,23 +71,6 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     sections: list[Section] = []
     figures: list[ReportFigure] = []
     planned: list[float | None] = []
-    if own is not None:
-        said = Shown(
-            lead=analysis.lead(own, plan),
-            headline=analysis.headline(own, plan),
-            sentences=analysis.sentences(own, plan),
-            methods=analysis.methods(
-                own,
-                plan,
-                people=decisions["participant"].nunique(),
-                decisions=len(decisions),
-                flow=source.tidy.flow if source.tidy else (),
-            ),
-            tables=analysis.tables(decisions, own),
-        )
-        sections += analysis.sections(own, plan)
-        figures += analysis.figures(decisions, own, plan, simulated=source.simulated)
-        planned.append(analysis.planned_p(own))
     for part, one in shown:
         name, title = part.section
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
@@ -112,11 +89,10 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         sentences=sentences,
         headline=next(filter(None, (*(one.headline for one in every), *sentences)), ""),
         tables={name: table for one in every for name, table in one.tables.items()},
-        numbers=held | {name: as_json(one) for name, one in found.items()},
+        numbers={name: as_json(one) for name, one in found.items()},
         planned_p=next((p for p in planned if p is not None), None),
         warnings=(
             *source.warnings,
-            *(analysis.warnings(own) if own is not None else ()),
             *notes,
             *(note for one in found.values() for note in one.notes),
         ),

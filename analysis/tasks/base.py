@@ -15,10 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
-from analysis.exclusions import FlowStep
 from analysis.parts import AnyPart, Plan
 from analysis.parts import Estimate as Estimate
-from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from analysis.tables.table import Source
 from protocols.columns import Column
@@ -27,7 +25,6 @@ from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.units import Model
 
-Step = Callable[[str], None]
 Counted = Callable[[int, int], None]
 
 
@@ -111,14 +108,12 @@ class PowerReport:
 
 
 S = TypeVar("S", bound=Plan)
-R = TypeVar("R")
 
 
-class TaskAnalysis(ABC, Generic[S, R]):
+class TaskAnalysis(ABC, Generic[S]):
     """The analysis of a kind of task: how its tables are read, its parts, its power.
 
-    `S` are its settings. `R` are results that no part holds yet, with what is said of them: a
-    frozen dataclass of numbers and texts, which `results.json` holds field by field.
+    `S` are its settings.
     """
 
     kind: ClassVar[str]
@@ -202,29 +197,6 @@ class TaskAnalysis(ABC, Generic[S, R]):
         """Return decisions as the parts take them."""
         return decisions
 
-    def analyse(self, _decisions: pd.DataFrame, _settings: S, _step: Step) -> R | None:
-        """Return what no part holds yet; `step` is told the name of each."""
-        return None
-
-    def estimates(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[Estimate]:
-        """Return the main numbers of these decisions, quickly; none: not said.
-
-        The report asks for those of all decisions too, and shows what exclusions changed.
-
-        Raises
-        ------
-        ValueError
-            If nothing can be said of these decisions.
-        """
-        return ()
-
-    def planned_p(self, _results: R) -> float | None:
-        """Return p of the planned test, which looks at unfinished data test; None: there is none.
-
-        Of several planned comparisons it is the least, adjusted.
-        """
-        return None
-
     def simulated_p(
         self,
         study: StudyProtocol,
@@ -250,62 +222,13 @@ class TaskAnalysis(ABC, Generic[S, R]):
             " any p"
         )
 
-    def warnings(self, _results: R) -> tuple[str, ...]:
-        """Return what is odd about the data as a whole."""
-        return ()
-
-    def tables(self, _decisions: pd.DataFrame, _results: R) -> Mapping[str, pd.DataFrame]:
-        """Return tables by file name, beside those of every study."""
-        return {}
-
     def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the decisions in forms that other programs read, by file name."""
         return {}
 
-    # The page, beside the parts.
-
     @abstractmethod
     def counted(self, settings: S) -> str:
         """Return what is compared, in two or three words for the top of the page."""
-
-    def lead(self, _results: R, _settings: S) -> Sequence[Block]:
-        """Return what stands before all sections: the result in short."""
-        return ()
-
-    def sections(self, _results: R, _settings: S) -> Sequence[Section]:
-        """Return the task's sections of the page, in reading order."""
-        return ()
-
-    def figures(
-        self,
-        _decisions: pd.DataFrame,
-        _results: R,
-        _settings: S,
-        *,
-        simulated: bool,  # noqa: ARG002
-    ) -> Sequence[ReportFigure]:
-        """Return every figure that these results allow; sections name them."""
-        return ()
-
-    def methods(
-        self,
-        _results: R,
-        _settings: S,
-        *,
-        people: int,  # noqa: ARG002
-        decisions: int,  # noqa: ARG002
-        flow: Sequence[FlowStep],  # noqa: ARG002
-    ) -> str:
-        """Return the statistical methods as a paragraph ready to paste, without the program."""
-        return ""
-
-    def sentences(self, _results: R, _settings: S) -> Sequence[str]:
-        """Return the results as sentences ready to paste."""
-        return ()
-
-    def headline(self, _results: R, _settings: S) -> str:
-        """Return the result in one sentence; empty: a part says it."""
-        return ""
 
     # Power.
 
@@ -362,4 +285,4 @@ class TaskAnalysis(ABC, Generic[S, R]):
         raise StudyError(f"analysis.kind: power of {study.analysis.kind!r} cannot be simulated")
 
 
-AnyAnalysis: TypeAlias = TaskAnalysis[Any, Any]
+AnyAnalysis: TypeAlias = TaskAnalysis[Any]

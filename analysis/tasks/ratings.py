@@ -18,7 +18,7 @@ from protocols.columns import Column, decided
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
 
-class Ratings(TaskAnalysis[RatingSettings, None]):
+class Ratings(TaskAnalysis[RatingSettings]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
     kind: ClassVar[str] = "ratings"

@@ -56,7 +56,7 @@ class TimesSettings(Plan):
         return self.baseline
 
 
-class TableOfTimes(TaskAnalysis[TimesSettings, None]):
+class TableOfTimes(TaskAnalysis[TimesSettings]):
     """Reaction times by condition, whatever was answered."""
 
     kind: ClassVar[str] = "reaction"

@@ -51,7 +51,7 @@ from protocols.schema import StudyProtocol
 POWER_STUDIES = 10_000
 
 
-class PreferenceOfPairs(TaskAnalysis[Settings, None]):
+class PreferenceOfPairs(TaskAnalysis[Settings]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"

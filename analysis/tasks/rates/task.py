@@ -72,7 +72,7 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
     )
 
 
-class RatesTask(TaskAnalysis[RateSettings, None]):
+class RatesTask(TaskAnalysis[RateSettings]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     options: ClassVar[type[TableOptions]] = RatesOptions
