@@ -1,8 +1,7 @@
 """What such an analysis hands back, and the folder it becomes."""
 
 import json
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from matplotlib.figure import Figure
 
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
 from analysis.report.values import as_json
-from analysis.report.wording import NONE
 from analysis.tables.write import write_table
 from protocols.outside import json_bytes
 
@@ -62,20 +60,3 @@ def write_found(found: Found, folder: Path) -> None:
     }
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     (folder / RESULTS).write_bytes(json_bytes(text + "\n"))
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Return a number in so many significant digits; ``none`` for None and NaN."""
-    return NONE if value is None or math.isnan(value) else f"{value:.{digits}g}"
-
-
-def limits(lower: float | None, upper: float | None) -> str:
-    """Return limits in brackets; ``none`` for None and NaN."""
-    if lower is None or upper is None or math.isnan(lower):
-        return NONE
-    return f"[{lower:.3g}, {upper:.3g}]"
-
-
-def unique(notes: Sequence[str]) -> tuple[str, ...]:
-    """Return the notes, each once, in order."""
-    return tuple(dict.fromkeys(notes))

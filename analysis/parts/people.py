@@ -1,20 +1,23 @@
 """People and scenes: how often each answered right."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from analysis.parts import PartFigure, Plan, Shown, SimplePart
+from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import heat_map
 from analysis.report.blocks import Picture
 from analysis.report.wording import share
 
-Shares = Mapping[str, tuple[tuple[str, float], ...]]
+Pairs = tuple[tuple[str, float], ...]
+Shares = Mapping[str, Pairs]
+Label = Callable[[str], str]
+K = TypeVar("K")
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,13 @@ class PeoplePart(SimplePart[RateSettings, People]):
             methods="Shares of right answers of single participants are as counted.",
             tables={"shares.csv": pd.DataFrame(lines)},
             figures=[
-                _heat_map(name, shares, plan)
+                shares_figure(
+                    name,
+                    f"Share of right answers, by {name.removesuffix('s')}.",
+                    shares,
+                    plan.label,
+                    plan.label,
+                )
                 for name, shares in (("participants", found.participants), ("scenes", found.scenes))
                 if shares
             ],
@@ -73,9 +82,19 @@ def _shares(table: pd.DataFrame, plan: RateSettings, group: str) -> Shares:
     }
 
 
-def _heat_map(name: str, shares: Shares, plan: Plan) -> PartFigure:
+def shares_figure(
+    name: str, caption: str, shares: Mapping[K, Pairs], label: Label, column: Callable[[K], str]
+) -> PartFigure:
+    """Return the heat map of shares of participants, or of scenes: a row each.
+
+    Parameters
+    ----------
+    name : str
+        Of the rows, such as ``participants``; so is the figure's.
+    shares : mapping of column to (name of row, share)
+    """
     rows = sorted({row for pairs in shares.values() for row, _ in pairs})
     table = np.array([[dict(pairs).get(row, np.nan) for pairs in shares.values()] for row in rows])
-    one, labels = name.removesuffix("s"), [plan.label(column) for column in shares]
-    draw = partial(heat_map, table, list(map(plan.label, rows)), labels, row_title=one.capitalize())
-    return PartFigure(name, f"Share of right answers, by {one}.", draw)
+    labels, columns = list(map(label, rows)), list(map(column, shares))
+    title = name.removesuffix("s").capitalize()
+    return PartFigure(name, caption, partial(heat_map, table, labels, columns, row_title=title))

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
-import numpy as np
 import pandas as pd
 from markupsafe import Markup
 from numpy.random import Generator
 
 from analysis.pairings import Comparisons, counts
 from analysis.parts import Estimate, Part, PartFigure, Shown
+from analysis.parts.people import shares_figure
 from analysis.plans.preference import Settings
-from analysis.plots import forest_plot, heat_map, preference_bars
+from analysis.plots import forest_plot, preference_bars
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 from analysis.report.wording import (
@@ -353,17 +353,12 @@ def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
 
 
 def _heat_map(name: str, shares: Shares, plan: Settings) -> PartFigure:
-    rows, one = sorted({row for pairs in shares.values() for row, _ in pairs}), name[:-1]
-    table = np.array([[dict(pairs).get(row, np.nan) for pairs in shares.values()] for row in rows])
     below = "\n{}"
-    columns = [
-        f"{plan.label(method)} / {plan.label(against)}{plan.at(size, below)}"
-        for method, against, size in shares
-    ]
-    labels = [plan.label(row) for row in rows]
-    return PartFigure(
+    return shares_figure(
         name,
-        f"Share of choices of the first method, by {one}. Blue: the first is preferred; orange:"
-        " the second.",
-        partial(heat_map, table, labels, columns, row_title=one.capitalize()),
+        f"Share of choices of the first method, by {name[:-1]}. Blue: the first is preferred;"
+        " orange: the second.",
+        shares,
+        plan.label,
+        lambda key: f"{plan.label(key[0])} / {plan.label(key[1])}{plan.at(key[2], below)}",
     )

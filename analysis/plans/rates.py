@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pandas as pd
 from pydantic import Field
@@ -186,15 +186,11 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         answers=task.answers(),
         alternatives=len(task.answers()),
         labels={**answers, **study.stimuli.labels(), **task.labels()},
-        test=analysis.test,
-        correction=analysis.correction,
-        alpha=analysis.alpha,
         planned_participants=study.study.participants,
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         protocol_sha256=study.sha256,
         shape=shape,
-        rule=getattr(analysis, "rule", "differencing"),
-        reaction=analysis.reaction,
+        **_told(analysis, "test", "correction", "alpha", "reaction", "rule"),
     )
 
 
@@ -243,22 +239,21 @@ def common_settings_of_table(
         kind=kind,
         by=by,
         values=tuple(values),
-        level=options.level,
-        falling=options.falling,
         adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
         answers=answers,
         alternatives=len(answers),
         labels=options.label,
-        test=options.test,
-        correction=options.correction,
-        alpha=options.alpha,
         planned_participants=None,
         planned_trials=None,
         protocol_sha256=None,
-        shape=options.shape,
-        rule=getattr(options, "rule", "differencing"),
-        reaction=options.reaction,
+        **_told(options, "level", "falling", "shape"),
+        **_told(options, "test", "correction", "alpha", "reaction", "rule"),
     )
+
+
+def _told(by: RatesAnalysis | RatesOptions, *names: str) -> dict[str, Any]:
+    """Return what a protocol or options say; those of other tasks lack a rule."""
+    return {name: getattr(by, name) for name in names if hasattr(by, name)}
 
 
 def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:

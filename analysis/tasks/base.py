@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.parts import AnyPart, Plan
-from analysis.parts import Estimate as Estimate
 from analysis.seed import SEED
 from analysis.tables.table import Source
 from protocols.columns import Column

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -253,13 +253,10 @@ def bayes(
 
     with user_errors():
         with one_line() as progress:
-            found = found_in(
-                table,
-                (columns, where, answer),
-                lambda rows: bayes_of_csv(
-                    rows, method=method, against=against, margin=margin, level=confidence,
-                    progress=progress,
-                ),
+            rows = table_told(table, (columns, where, answer))
+            found = bayes_of_csv(
+                rows, method=method, against=against, margin=margin, level=confidence,
+                progress=progress,
             )  # fmt: skip
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -377,11 +374,6 @@ def _printed(rows: Rows) -> Table:
 
 def _plain(text: str) -> str:
     return str(text.striptags()) if isinstance(text, Markup) else text
-
-
-def found_in(path: Path, told: Told, question: Callable[[AnyTable], Found]) -> Found:
-    """Ask a question of a table."""
-    return question(table_told(path, told))
 
 
 def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[Path] = ()) -> None:

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from undrawn_reports import undrawn
 
+from analysis.parts import Estimate
 from analysis.preference import preferences
 from analysis.report.beside import Beside, beside, beside_blocks, estimates_of
 from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions
-from analysis.tasks.base import Estimate
 from analysis.tasks.detection import Detection, DetectionOptions
 from analysis.tasks.identification import Identification, IdentificationOptions
 
