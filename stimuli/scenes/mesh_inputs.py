@@ -33,6 +33,8 @@ ENDINGS = (".glb", ".gltf", ".obj")
 PICTURES = ("map_Kd", "map_d", "map_Ke")
 """Statements of .mtl files whose pictures are drawn."""
 _MOST_CORNERS = 1000
+_LONGEST_NAME = 10_000
+"""Characters of a statement that names files; it may name several, with options."""
 _DEEPEST = 256
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
 _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
@@ -78,8 +80,9 @@ def files_of(path: Path) -> list[Path]:
     else:
         read = document(path)
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
-            for entry in read.get(kind, []):
-                uri = entry.get("uri")
+            uris = dict.fromkeys(entry.get("uri") for entry in read.get(kind, []))
+            check_within("nodes", len(uris), InputError, path, f"{kind} that differ")
+            for uri in uris:
                 if isinstance(uri, str) and not is_data(uri):
                     found.append(_named(path, path, uri, what))
     return list(dict.fromkeys(found))
@@ -91,7 +94,7 @@ def libraries_of(path: Path) -> list[str]:
     for text in words_after(path, "mtllib"):
         whole = _is_file(place_of(path, text))
         found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
-    return found
+    return list(dict.fromkeys(found))
 
 
 def place_of(mesh: Path, name: str, named_in: Path | None = None) -> Path:
@@ -441,9 +444,17 @@ def statements(path: Path) -> Iterator[tuple[int, str, str]]:
 
 
 def words_after(path: Path, key: str) -> list[str]:
-    """Return what follows a keyword at the beginning of a line, in any case."""
+    """Return what follows a keyword at the beginning of a line, in any case, each once."""
     check_within("text", path.stat().st_size, InputError, path, "bytes")
-    return [rest for _, word, rest in statements(path) if word == key.lower() and rest]
+    lines = (rest for _, word, rest in statements(path) if word == key.lower() and rest)
+    found = list(dict.fromkeys(lines))
+    check_within("nodes", len(found), InputError, path, f"{key} lines that differ")
+    if any(len(rest) > _LONGEST_NAME for rest in found):
+        raise InputError(
+            f"{path}: what follows {key} must have at most {_LONGEST_NAME:,} characters (a line has"
+            " more); export it again"
+        )
+    return found
 
 
 def _is_file(path: Path) -> bool:

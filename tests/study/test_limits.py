@@ -391,6 +391,32 @@ def test_a_list_of_a_mesh_that_is_only_stated_is_refused(tmp_path, monkeypatch):
         load_world(obj)
 
 
+@pytest.mark.parametrize(
+    ("said", "library", "found"),
+    [
+        (
+            "mtllib s.mtl\n",
+            "map_Kd" + " -clamp on" * 1000 + " t.png\n",
+            "at most 10,000 characters",
+        ),
+        ("mtllib" + " s.mtl" * 2000 + "\n", "", "at most 10,000 characters"),
+        ("mtllib s.mtl\n", "map_Kd {}.png\n", "at most 10,000 map_Kd lines that differ"),
+        ("mtllib {}.mtl\n", "", "at most 10,000 mtllib lines that differ"),
+    ],
+)
+def test_an_obj_that_names_files_without_end_is_refused_in_one_message(
+    tmp_path, said, library, found
+):
+    def many(line):
+        return "".join(map(line.format, range(10_001 if "{}" in line else 1)))
+
+    path = tmp_path / "s.obj"
+    path.write_text(many(said) + "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    (tmp_path / "s.mtl").write_text("newmtl m\n" + many(library))
+    with pytest.raises(InputError, match=found):
+        load_world(path)
+
+
 def test_a_file_name_that_is_too_long_is_a_missing_file(tmp_path):
     path = tmp_path / "s.obj"
     path.write_text(f"mtllib {'m' * 5000}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
