@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shutil
 import tempfile
@@ -48,11 +50,13 @@ def whole_folder(
     ------
     StudyError
         If `out` is a file, holds or is what the command reads, holds something else or the
-        command itself, or its parent cannot be made.
+        command itself, or lies below a file.
+    OSError
+        If it cannot be made.
     """
     place = check_result(out, replace=replace, reads=reads, keeps=keeps)
     with ExitStack() as undo:
-        _make_parents(out, place.parent, undo)
+        _make_parents(place.parent, undo)
         _clear(place, "unfinished")
         with _hidden(place, "unfinished") as hidden:
             work = hidden / _NEW
@@ -83,6 +87,11 @@ def check_result(
         As `whole_folder`.
     """
     place = _place(out)
+    above = next(folder for folder in place.parents if folder.exists())
+    if not above.is_dir():
+        raise StudyError(f"{out}: {above} must be a folder (this is a file)")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(above))
     if place.exists():
         _check_reads(out, place, reads)
         _check_held(out, place, replace, keeps)
@@ -213,18 +222,12 @@ def _check_held(out: Path, place: Path, replace: bool | None, keeps: str | None)
         )
 
 
-def _make_parents(out: Path, parent: Path, undo: ExitStack) -> None:
+def _make_parents(parent: Path, undo: ExitStack) -> None:
     """Make the folders above; those that were not there go again where nothing comes of it."""
     for folder in reversed((parent, *parent.parents)):
-        if folder.is_dir():
-            continue
-        try:
+        if not folder.is_dir():
             folder.mkdir(exist_ok=True)
-        except FileExistsError:
-            raise StudyError(f"{out}: {folder} must be a folder (this is a file)") from None
-        except NotADirectoryError:
-            raise StudyError(f"{out}: a part of this path is a file, not a folder") from None
-        undo.callback(_remove_empty, folder)
+            undo.callback(_remove_empty, folder)
 
 
 def _remove_empty(folder: Path) -> None:

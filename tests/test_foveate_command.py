@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
+from protocols.result_folder import LISTING
 from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated.any_picture import Reading, read_any
@@ -129,6 +130,7 @@ def test_steps_are_written_as_pictures(png, tmp_path):
     names = sorted(path.name for path in folder.iterdir())
     assert code == 0
     assert names == [
+        LISTING,
         "00-picture.png",
         "01-pools.png",
         "02-eccentricity.png",
@@ -453,6 +455,23 @@ def test_a_picture_of_one_pixel_is_shown(tmp_path, choice: Choice):
 
     assert code == 0
     assert read_pixels(tmp_path / "out.png").data.shape == (1, 1, 3)
+
+
+def test_pictures_of_a_user_called_as_steps_are_stay_as_they_are(png, tmp_path):
+    """Before, a name with a number at its front was taken for an earlier step."""
+    folder = tmp_path / "steps"
+    words = (png, tmp_path / "out.png", "--steps", folder, *FAST)
+    folder.mkdir()
+    (folder / "00-picture.png").write_bytes(b"mine")
+
+    code, _, said = run(*words)
+
+    assert code == 2
+    assert "must be empty or new (it holds 00-picture.png" in " ".join(said.split())
+    assert (folder / "00-picture.png").read_bytes() == b"mine"
+    assert not (tmp_path / "out.png").exists()
+    (folder / "00-picture.png").unlink()
+    assert [run(*words)[0] for _ in range(2)] == [0, 0]  # earlier steps are replaced
 
 
 def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):

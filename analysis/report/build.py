@@ -22,7 +22,7 @@ from analysis.tasks.blocks import ReportFigure
 from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.outside import inline_svg, json_bytes, page_bytes
-from protocols.result_folder import whole_folder
+from protocols.result_folder import check_result, whole_folder
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -59,6 +59,7 @@ def report_sessions(
         As `analysis.tidy.read_sessions`; also if exclusions leave no decision, or `out` holds
         something else.
     """
+    check_result(out, replace=replace, reads=[folder])
     source = from_sessions(folder, protocol, progress)
     return _write(source, folder, out, replace, figure_files, progress)
 
@@ -82,6 +83,7 @@ def report_decisions(
     `title` stands at the top of the page; left out: the protocol's, or the table's name. `where`
     are conditions that rows must fulfil.
     """
+    check_result(out, replace=replace, reads=[path])
     source = from_table(path, protocol, title, where)
     return _write(source, path, out, replace, figure_files, progress)
 

@@ -122,6 +122,8 @@ def psychometric(
                 table,
                 (columns, where, answer),
                 lambda rows: psychometric_of_csv(rows, options, progress=progress),
+                out,
+                replace,
             )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -157,6 +159,8 @@ def detection(
             lambda rows: detection_of_csv(
                 rows, signal=signal, by=by, baseline=baseline, level=confidence
             ),
+            out,
+            replace,
         )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -187,6 +191,8 @@ def reaction(
             table,
             (columns, where, answer),
             lambda rows: reaction_of_csv(rows, by=by, baseline=baseline, level=confidence),
+            out,
+            replace,
         )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -233,6 +239,8 @@ def ratings(
             lambda rows: ratings_of_csv(
                 rows, by=by, scale=levels, baseline=baseline, link=model, level=confidence
             ),
+            out,
+            replace,
         )
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -274,6 +282,8 @@ def bayes(
                     rows, method=method, against=against, margin=margin, level=confidence,
                     progress=progress,
                 ),
+                out,
+                replace,
             )  # fmt: skip
         hand_over(found, out, replace=replace, reads=[table])
 
@@ -320,8 +330,14 @@ def table_told(path: Path, told: Told, command: str = "") -> AnyTable:
     )
 
 
-def found_in(path: Path, told: Told, question: Callable[[AnyTable], Found]) -> Found:
-    """Ask a question of a table."""
+def found_in(
+    path: Path, told: Told, question: Callable[[AnyTable], Found], out: Path | None, replace: bool
+) -> Found:
+    """Ask a question of a table, after a look at the folder that `hand_over` will fill."""
+    from protocols.result_folder import check_result
+
+    if out is not None:
+        check_result(out, replace=replace, reads=[path])
     return question(table_told(path, told))
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -258,7 +259,6 @@ def warp(
     """
     from pipeline.warp.settings import WarpSettings
     from stimuli.one_picture import NEARER
-    from stimuli.pictures import check_steps_folder
     from stimuli.plane_file import DEPTH_IS
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
@@ -275,7 +275,7 @@ def warp(
             [Path(source), disparity, right, flow, depth, truth],
         )
         if steps is not None:
-            check_steps_folder(steps)
+            check_result(steps, replace=True)
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),

@@ -13,9 +13,11 @@ import sys
 import zlib
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 import trimesh
 from PIL import Image
@@ -510,6 +512,24 @@ def test_a_photograph_is_read_where_a_flat_picture_of_its_size_is_refused(tmp_pa
     check_fits(path, "read")
     with pytest.raises(InputError, match="GB of memory"):
         check_fits(flat(path, 200), "read")
+
+
+@pytest.mark.parametrize("words", ["foveate p.png o.png", "compress p.png --out o.metamer"])
+def test_a_photograph_that_takes_more_memory_than_is_free_is_refused_before_it_is_read(
+    tmp_path, monkeypatch, words
+):
+    noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "p.png")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pipeline.image_file.read_pixels", None)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=-(1 << 40)))
+    done = CliRunner().invoke(app, words.split())
+    said = " ".join(done.output.split())
+    assert done.exit_code == 2
+    assert re.search(
+        r"p\.png: must take at most .* free here \(200 x 200 px .* take 0\.\d+ GB", said
+    )
+    assert said.endswith("make it smaller, or end other programs")
 
 
 def test_no_command_refuses_a_picture_that_fits_its_limit():
