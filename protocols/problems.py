@@ -14,8 +14,8 @@ from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS
 from protocols.suggest import cure_for_key, cure_for_key_name, did_you_mean, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 
-MOST_PROBLEMS = 500
-"""Mistakes of one file that are told, which is more than a terminal shows."""
+MOST_PROBLEMS = 150
+"""Mistakes of one file that are told; their count stands among the lines that a command prints."""
 _WANTED_TYPE = {
     "float_type": "a number",
     "int_type": "a whole number",
