@@ -61,6 +61,8 @@ FOUND = [
     ("gaze-asc", "a blink that ends first", replaced(b"EBLINK L 136", b"EBLINK L 999")),
     ("display-toml", "400 digits", replaced(rb"width_px = \d+", b"width_px = " + b"9" * 400)),
     ("study-toml", "an endless pattern", replaced(rb"\{2,32\}", b"{" + b"9" * 30 + b"}")),
+    ("mesh-gltf", "400 digits of bytes", replaced(rb'h": ?\d+', b'h":' + b"9" * 400)),
+    ("mesh-gltf", "bytes without end", replaced(rb'h": ?\d+', b'h":1e999')),
     ("pose", "an infinite place", lambda _data: b"0 0 0 0 0 0 1\ninf 0 0 0 0 0 1\n"),
     ("mesh-gltf", "a name that is no text", replaced(rb'"name": ?"[^"]*"', rb'"name":"\ud800"')),
     ("study-toml", "clips of 1e308 s", replaced(rb"duration_s = 1.0", b"duration_s = 1e308")),

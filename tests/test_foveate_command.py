@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
-from protocols.result_folder import LISTING
 from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated.any_picture import Reading, read_any
@@ -127,10 +126,9 @@ def test_steps_are_written_as_pictures(png, tmp_path):
     folder = tmp_path / "steps"
     code, _, _ = run(png, tmp_path / "out.png", "-m", "warped-metamer", "--steps", folder, *FAST)
 
-    names = sorted(path.name for path in folder.iterdir())
+    names = sorted(path.name for path in folder.glob("*.png"))
     assert code == 0
     assert names == [
-        LISTING,
         "00-picture.png",
         "01-pools.png",
         "02-eccentricity.png",
@@ -457,7 +455,7 @@ def test_a_picture_of_one_pixel_is_shown(tmp_path, choice: Choice):
     assert read_pixels(tmp_path / "out.png").data.shape == (1, 1, 3)
 
 
-def test_pictures_of_a_user_called_as_steps_are_stay_as_they_are(png, tmp_path):
+def test_pictures_of_a_user_that_are_called_as_steps_stay_as_they_are(png, tmp_path):
     """Before, a name with a number at its front was taken for an earlier step."""
     folder = tmp_path / "steps"
     words = (png, tmp_path / "out.png", "--steps", folder, *FAST)

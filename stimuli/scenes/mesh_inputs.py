@@ -36,6 +36,8 @@ _MOST_CORNERS = 1000
 _LONGEST_NAME = 10_000
 """Characters of a statement that names files; it may name several, with options."""
 _DEEPEST = 256
+_MOST_BYTES = 1 << 60
+"""What is longer is as much too long, and can be counted in floats."""
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
 _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
 """What parts of a mesh take in memory, measured: a vertex twice as much each time that it is shown,
@@ -80,10 +82,11 @@ def files_of(path: Path) -> list[Path]:
     else:
         read = document(path)
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
-            uris = dict.fromkeys(entry.get("uri") for entry in read.get(kind, []))
+            named = (entry.get("uri") for entry in read.get(kind, []))
+            uris = dict.fromkeys(uri for uri in named if isinstance(uri, str))
             check_within("nodes", len(uris), InputError, path, f"{kind} that differ")
             for uri in uris:
-                if isinstance(uri, str) and not is_data(uri):
+                if not is_data(uri):
                     found.append(_named(path, path, uri, what))
     return list(dict.fromkeys(found))
 
@@ -183,9 +186,16 @@ def check_lists(path: Path) -> None:
     try:
         _check_gltf(path, read, packed)
         _check_pictures(path, _pictures(path, read), packed)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except (
+        LookupError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        AttributeError,
+        struct.error,
+    ) as error:
         raise InputError(
             f"{path}: must be a whole glTF 2.0 file ({visible_line(repr(error))}); export it again"
         ) from None
@@ -225,7 +235,8 @@ def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
     longest = max(len(primitives), *(len(read.get(kind, [])) for kind in kinds))
     check_within("nodes", longest, InputError, path, "meshes, nodes, materials, ... each")
     numbers = [n * _PARTS.get(entry["type"], 1) for entry, n in zip(accessors, counts, strict=True)]
-    taken = sum(int(view["byteLength"]) for view in views) + _NUMBER_BYTES * sum(numbers)
+    taken = sum(min(int(view["byteLength"]), _MOST_BYTES) for view in views)
+    taken += _NUMBER_BYTES * sum(numbers)
     each = [_bytes_of(mesh, counts) for mesh in read.get("meshes", [])]
     taken += sum(each)
     shown: Counter[int] = Counter()
