@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
@@ -87,15 +86,26 @@ def check_result(
         As `whole_folder`.
     """
     place = _place(out)
-    above = next(folder for folder in place.parents if folder.exists())
-    if not above.is_dir():
-        raise StudyError(f"{out}: {above} must be a folder (this is a file)")
-    if not os.access(above, os.W_OK | os.X_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(above))
+    check_folder(out)
     if place.exists():
         _check_reads(out, place, reads)
         _check_held(out, place, replace, keeps)
     return place
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that is not there and cannot be made.
+
+    Raises
+    ------
+    StudyError
+        Saying which part of the path stands in the way.
+    """
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
 
 
 def stranger(folder: Path, keeps: str | None = None) -> str | None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from protocols.result_folder import check_result
+from protocols.result_folder import check_folder, check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -17,7 +17,6 @@ from study_app.cli.one_picture import (
     NumpyOption,
     SeedOption,
     check_file,
-    check_folder,
     check_outputs,
     look_option,
     renderer,
