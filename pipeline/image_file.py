@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
-from pipeline.image_statements import COLOUR_SPACES, check_statements
 from pipeline.limits import check_need, check_values
 from pipeline.netpbm import read_netpbm
+from pipeline.statements.check import check_statements, refusal
+from pipeline.statements.rows import COLOUR_SPACES
 from protocols.outside import reading, visible_line
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
@@ -130,9 +131,7 @@ def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
         If a pixel may hold any number of samples.
     """
     if spec.deep:
-        raise InputError(
-            f"{path}: must hold one value a pixel (it is deep: any number of samples); flatten it"
-        )
+        raise refusal(path, "deep", "it is deep: any number of samples")
 
 
 def in_display_window(
@@ -151,11 +150,8 @@ def in_display_window(
     width, height = spec.full_width, spec.full_height
     whole = f"{width} x {height} px"
     if min(left, top) < 0 or left + width > spec.width or top + height > spec.height:
-        raise InputError(
-            f"{path}: must store its whole display window, {whole} (its data window has"
-            f" {spec.width} x {spec.height} px from column {-left}, row {-top}); render or save it"
-            " whole, without a crop or a render region"
-        )
+        found = f"of {whole}, its data window has {spec.width} x {spec.height} px from column"
+        raise refusal(path, "windows", f"{found} {-left}, row {-top}")
     if (spec.width, spec.height) == (width, height):
         return data
     note(path, f"cropped from {spec.width} x {spec.height} px to its display window, {whole}")
@@ -217,7 +213,7 @@ def check_picture(
     Parameters
     ----------
     handled : sequence of str
-        Statements that the caller deals with; see `pipeline.image_statements`.
+        Statements that the caller deals with; see `pipeline.statements`.
     encoded : bool
         Floats were said to hold encoded colour.
 
@@ -272,12 +268,13 @@ def check_numbers(path: Path, pixels: Pixels) -> float | None:
             f" {pixels.kind}); save them as one of these"
         )
     check_statements(path, pixels.kind, _general(path, pixels), ("numbers",))
-    named = [part["42113"] for part in read_statements(path, pixels.kind) if "42113" in part]
+    tags = read_statements(path, "tiff")[0] if pixels.kind == "tiff" else {}
     try:
-        return float(named[0].strip(b"\0 ")) if named and pixels.kind == "tiff" else None
+        return float(tags["tag 42113"].strip(b"\0 ")) if "tag 42113" in tags else None
     except ValueError:
+        said = tags["tag 42113"][:40]
         raise InputError(
-            f"{path}: GDAL_NODATA must be a number (it says {named[0][:40]!r}); write it again"
+            f"{path}: GDAL_NODATA must be a number (it says {said!r}); write it again"
         ) from None
 
 
@@ -285,7 +282,7 @@ def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
     """What OpenImageIO says of a file in any format."""
     found = {name: pixels.attributes[name] for name in _ANY if name in pixels.attributes}
     if "ICCProfile" in found:
-        found["ICCProfile tone"] = found["ICCProfile"]
+        found["ICCProfile greys"] = found["ICCProfile"]
     if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
         found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
     if pixels.kind not in _LAYERED:

@@ -98,7 +98,7 @@ def _tiff(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
         if length > size:
             file.seek(struct.unpack(order + word, data)[0])
             data = _taken(file, length)
-        yield 0, str(tag), _tiff_value(order, kind, form, number, data[:length])
+        yield 0, f"tag {tag}", _tiff_value(order, kind, form, number, data[:length])
 
 
 def _tiff_value(order: str, kind: int, form: str, number: int, data: bytes) -> Any:

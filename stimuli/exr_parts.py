@@ -48,7 +48,7 @@ def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Pa
         If there is no such file.
     InputError
         If it is not a whole image, its parts differ in size, or its header says what no reader
-        honours (`pipeline.image_statements`).
+        honours (`pipeline.statements`).
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))

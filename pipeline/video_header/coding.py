@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from pipeline.statements.check import UPRIGHT, Said
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
 from pipeline.video_header.mp4 import stereo
-from pipeline.video_header.statements import UPRIGHT, Said
 
 _DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
 _ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")

@@ -31,9 +31,9 @@ from video_patch import (
 
 from pipeline.errors import InputError
 from pipeline.methods.frames import FramesOnDisk
+from pipeline.statements.rows import ROWS as TABLE
 from pipeline.video_file import VideoFrames
 from pipeline.video_header.coding import of_pixel_format, of_stream
-from pipeline.video_header.statements import HONOURED, NOTED, REFUSED, ROWS
 from stimuli.read_file import read_frames, stated
 from stimuli.video import unpacked_video
 
@@ -44,7 +44,7 @@ HEAD, JPEG = (*TRAK, "tkhd"), (*MP4_ENTRY[:-1], "jpeg")
 COLOUR, PROJECTION = 0x55B0, 0x7670
 MKV_VIDEO, MKV_TRACK = (SEGMENT, TRACKS, TRACK, VIDEO), (SEGMENT, TRACKS, TRACK)
 STREAM = ("AVI ", "hdrl", "strl")
-DECISIONS = {row.statement: row.decision for row in ROWS}
+ROWS = {row.names: row for row in TABLE if row.of.startswith("video")}
 HEVC = (
     "0101600000009000000000001ef000fcfdf8f800000f04200001001840010c01ffff016000000300900000030000"
     "03001e959809210001002c42010101600000030090000003000003001ea024839c9265959ae4caf0{}"
@@ -400,12 +400,12 @@ NOTES = (
         ".mkv",
         MKV_VIDEO,
         add(element(0x4FFE, 1)),
-        "0x4FFE in the video's settings",
+        "'4FFE' in the video's settings",
     ),
-    Case("whatever else", ".mkv", MKV_TRACK, add(element(0x4FFE, 1)), "0x4FFE in the video track"),
-    Case("whatever else", ".mkv", MKV_VIDEO, add(element(COLOUR, element(0x55FE, 1))), "0x55FE"),
+    Case("whatever else", ".mkv", MKV_TRACK, add(element(0x4FFE, 1)), "'4FFE' in the video track"),
+    Case("whatever else", ".mkv", MKV_VIDEO, add(element(COLOUR, element(0x55FE, 1))), "55FE"),
     Case(
-        "whatever else", ".mkv", (SEGMENT,), add(element(0x1FFFFFFE, 1)), "0x1FFFFFFE in the file"
+        "whatever else", ".mkv", (SEGMENT,), add(element(0x1FFFFFFE, 1)), "'1FFFFFFE' in the file"
     ),
     Case("whatever else", ".avi", STREAM, add(chunk("zzzz", b"ab")), "'zzzz' in the video stream"),
     Case("whatever else", ".avi", ("AVI ",), add(chunk("zzzz", b"ab")), "'zzzz' in the file"),
@@ -439,12 +439,12 @@ def test_a_video_that_says_nothing_special_is_read_in_silence(tmp_path, ending):
 
 @pytest.mark.parametrize("case", REFUSALS, ids=name)
 def test_what_changes_the_picture_is_refused_with_what_to_do(made, case):
-    row = next(row for row in ROWS if row.statement == case.statement)
+    row = ROWS[case.statement]
     path = made(case)
     with pytest.raises(InputError) as refused:
         len(VideoFrames(path))
     message = str(refused.value)
-    assert message.startswith(f"{path}: {row.must} (")
+    assert message.startswith(f"{path}: {row.rule.partition('; ')[0]} (")
     assert case.said in message
     assert ("this makes such a file: ffmpeg" in message) == (
         case.mends or case.statement == "several video tracks"
@@ -453,9 +453,9 @@ def test_what_changes_the_picture_is_refused_with_what_to_do(made, case):
 
 @pytest.mark.parametrize("case", NOTES, ids=name)
 def test_what_is_not_followed_is_noted_and_the_frames_stay(made, case):
-    row = next(row for row in ROWS if row.statement == case.statement)
+    row = ROWS[case.statement]
     video = VideoFrames(made(case))
-    (note,) = [note for note in video.notes if row.happens in note]
+    (note,) = [note for note in video.notes if row.words in note]
     assert case.said in note
     if case.statement != "PQ, HLG":  # OpenCV takes seconds for each frame of these
         assert len(list(video)) == 6
@@ -493,21 +493,10 @@ def test_colours_that_only_the_stream_of_vp9_or_av1_says_are_noted(codec):
 def test_every_row_of_the_table_is_tried():
     tried = {case.statement for case in (*REFUSALS, *NOTES)}
     by_frames = {"more than 8 bits", "length", "no colour matrix", "colours of VP9 or AV1"}
-    wanted = {row.statement for row in ROWS if row.decision != HONOURED}
+    wanted = {name for name, row in ROWS.items() if row.verdict != "honoured"}
     assert wanted - tried == by_frames
-    for cases, decision in ((REFUSALS, REFUSED), (NOTES, NOTED)):
-        assert {DECISIONS[case.statement] for case in cases} == {decision}
-
-
-def test_the_page_shows_the_table(repository):
-    lines = [
-        "| format | a video says | decision | what happens |",
-        "| --- | --- | --- | --- |",
-        *(f"| {' | '.join(row[:4])} |" for row in ROWS),
-    ]
-    page = (repository / "docs/images.md").read_text()
-    shown = page.partition("<!-- videos: begin -->\n")[2].partition("<!-- videos: end -->")[0]
-    assert shown.splitlines() == lines
+    for cases, verdict in ((REFUSALS, "refused"), (NOTES, "noted")):
+        assert {ROWS[case.statement].verdict for case in cases} == {verdict}
 
 
 @pytest.mark.parametrize(
@@ -666,7 +655,7 @@ def test_the_cure_shows_what_the_file_meant(tmp_path, ending, place, change, rig
 def test_the_coded_stream_itself_is_listened_to(codec, header, packet, statements):
     """The container says BT.709 each time. Headers are those that FFmpeg's encoders wrote."""
     found = of_stream(codec, bytes.fromhex(header), bytes.fromhex(packet), 1)
-    said = [one.statement for one in found if DECISIONS[one.statement] != HONOURED]
+    said = [one.statement for one in found if ROWS[one.statement].verdict != "honoured"]
     assert said == statements
 
 

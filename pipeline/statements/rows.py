@@ -1,0 +1,556 @@
+"""Table of what pictures and videos may say, with the judges of their statements.
+
+A judge finds words for what a value says, or None where it is at its default.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from PIL import Image, ImageCms
+
+from pipeline.statements.row import Judge, Row, Use
+
+Statements = Mapping[str, Any]
+
+_REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
+_D65 = (0.3127, 0.329)
+_RADIANCE = (0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 0.333, 0.333)
+_PRIMARIES_APART = 0.005  # of a coordinate; writers round to three or four digits
+_GAMMA = 1 / 2.2
+_GAMMA_APART = 0.02  # of it
+_VIDEO_GAMMA = 0.50994  # what FFmpeg writes for the transfer of BT.709
+_VIDEO_CODES = tuple((1, transfer, 0, 1) for transfer in (1, 6, 14, 15))  # shown as in videos
+_MOST_OF_PROFILE = 1 << 24  # bytes
+_ASPECT_APART = 0.01
+_SRGB_APART = 2  # of 255, between a profile's colours and sRGB's
+_TONE_APART = 12  # of 255, between a profile's greys and sRGB's; of a gamma of 2.2: 9, of 1.8: 19
+_CURVE_APART = 0.05  # of light, at half of the code
+_LINEAR = re.compile(r"(scene_)?lin(ear)?\b.*|lin_(rec709|srgb).*|scene[-_ ]?linear.*", re.I)
+_WIDE = re.compile(r"aces|ap0|ap1|p3|2020|xyz|adobe|prophoto|log", re.I)
+_ENCODED = re.compile(r"srgb|rec[-_. ]?709", re.I)
+
+
+def _but(words: str, *defaults: object) -> Judge:
+    """Return the judge of a plain value, or the first of a tag, that has these defaults."""
+
+    def judge(value: Any, _all: Statements) -> str | None:
+        plain = value[0] if isinstance(value, tuple) else value
+        return None if plain in defaults else words.format(plain)
+
+    return judge
+
+
+def _named(words: str, names: Mapping[object, str]) -> Judge:
+    """Return the judge of a plain value, or the first of a tag, that says nothing but these."""
+
+    def judge(value: Any, _all: Statements) -> str | None:
+        plain = value[0] if isinstance(value, tuple) else value
+        return words.format(names[plain]) if plain in names else None
+
+    return judge
+
+
+def _only(words: str, number: int) -> Judge:
+    return _named(words, {number: str(number)})
+
+
+def _aspect(value: Any, _all: Statements) -> str | None:
+    ratio = float(value)
+    near = ratio <= 0 or abs(ratio - 1) <= _ASPECT_APART
+    return None if near else f"its header says {ratio:g} to 1"
+
+
+def _several(value: Any, _all: Statements) -> str | None:
+    return f"it holds several, {value}" if int(value) > 1 else None
+
+
+def _primaries(values: Sequence[float], white: Sequence[float]) -> str | None:
+    wanted = (*_REC709[: len(values)], *_D65[: len(white)])
+    apart = max(abs(a - b) for a, b in zip((*values, *white), wanted, strict=False))
+    if apart <= _PRIMARIES_APART:
+        return None
+    return f"its header says {', '.join(f'{number:.4g}' for number in (*values, *white))}"
+
+
+# ---- PNG
+
+
+def _overridden(everything: Statements) -> bool:
+    """Whether what says more of its colour counts instead."""
+    profile = everything.get("iCCP")
+    usable = profile is not None and _png_profile(profile, everything) is None
+    return usable or "sRGB" in everything or "cICP" in everything
+
+
+def _png_profile(value: bytes, everything: Statements) -> str | None:
+    _, _, packed = value.partition(b"\0")
+    try:
+        profile = zlib.decompressobj().decompress(packed[1:], _MOST_OF_PROFILE)
+    except zlib.error:
+        profile = b""
+    grey = everything.get("IHDR", b"")[9:10] in (b"\0", b"\4")
+    kind = b"GRAY" if grey else b"RGB "
+    whole = 132 <= int.from_bytes(profile[:4]) <= len(profile)
+    if whole and (profile[16:20], profile[36:40]) == (kind, b"acsp"):
+        return None
+    return "its colour profile is damaged or of another kind of colour"
+
+
+def _png_video(value: bytes, everything: Statements) -> str | None:
+    near = abs(int.from_bytes(value) / 1e5 - _VIDEO_GAMMA) <= 1e-3
+    said = tuple(value) in _VIDEO_CODES or (near and not _overridden(everything))
+    return "it says that it is encoded as video (BT.709)" if said else None
+
+
+def _png_gamma(value: bytes, everything: Statements) -> str | None:
+    gamma = struct.unpack(">I", value)[0] / 1e5
+    if _overridden(everything) or abs(gamma / _GAMMA - 1) <= _GAMMA_APART:
+        return None
+    if abs(gamma - _VIDEO_GAMMA) <= 1e-3:
+        return None
+    kind = "linear light" if gamma == 1 else f"light to the power {gamma:g}"
+    return f"its gAMA chunk says {kind}"
+
+
+def _png_primaries(value: bytes, everything: Statements) -> str | None:
+    numbers = [number / 1e5 for number in struct.unpack(">8I", value)]
+    return None if _overridden(everything) else _primaries(numbers[2:], numbers[:2])
+
+
+def _code_points(value: Sequence[int], _all: Statements) -> str | None:
+    known = tuple(value[:4]) in ((1, 13, 0, 1), *_VIDEO_CODES)
+    return None if known else f"its header says code points {', '.join(map(str, value[:4]))}"
+
+
+def _png_offset(value: bytes, _all: Statements) -> str | None:
+    place = struct.unpack_from(">ii", value)
+    return f"it lies at {place[0]}, {place[1]}" if any(place) else None
+
+
+def _png_palette(value: bytes, everything: Statements) -> str | None:
+    indexed = everything.get("IHDR", b"")[9:10] == b"\3"
+    grey = value[::3] == value[1::3] == value[2::3]
+    return "they are places in a palette of colours" if indexed and not grey else None
+
+
+# ---- TIFF
+
+
+def _bits(everything: Statements) -> int:
+    return int(everything.get("tag 258", (1,))[0])
+
+
+def _tiff_palette(value: Any, everything: Statements) -> str | None:
+    entries = everything.get("tag 320", ())
+    third = len(entries) // 3
+    grey = entries[:third] == entries[third : 2 * third] == entries[2 * third :]
+    return "they are places in a palette of colours" if value[0] == 3 and not grey else None
+
+
+def _tiff_deep_white(value: Any, everything: Statements) -> str | None:
+    said = value[0] == 0 and _bits(everything) > 8
+    return "it says that 0 is white" if said else None
+
+
+def _tiff_white_point(value: Any, _all: Statements) -> str | None:
+    return _primaries((), value[:2])
+
+
+def _tiff_primaries(value: Any, _all: Statements) -> str | None:
+    return _primaries(value[:6], ())
+
+
+def _tiff_curve(value: Any, everything: Statements) -> str | None:
+    half = value[min(2 ** _bits(everything) // 2, len(value) - 1)] / 65535
+    if abs(half - 0.2159) <= _CURVE_APART:
+        return None
+    return f"its transfer function shows half of the code as {half:.2f} of the light"
+
+
+def _tiff_scale(value: bytes, _all: Statements) -> str | None:
+    text = value.decode("utf-8", "replace")
+    found = dict(re.findall(r'role="(scale|offset)"[^>]*>\s*([-+.\deE]+)', text))
+    if float(found.get("scale", 1)) == 1 and float(found.get("offset", 0)) == 0:
+        return None
+    return f"its header says {', '.join(f'{name} {number}' for name, number in found.items())}"
+
+
+# ---- OpenEXR, Radiance and others
+
+
+def _exr_views(value: Any, _all: Statements) -> str | None:
+    if isinstance(value, bytes):  # of each its length, then its name
+        value = [word for word in re.split(r"[\x00-\x1f]+", value.decode("latin-1")) if word]
+    return f"it holds the views {', '.join(value)}" if len(value) > 1 else None
+
+
+def _exr_primaries(value: Any, _all: Statements) -> str | None:
+    return _primaries(value[:6], value[6:8])
+
+
+def _encoded_space(value: Any, _all: Statements) -> str | None:
+    text = str(value)
+    return None if _linear(text) or not _ENCODED.search(text) else f"it says {text[:40]!r}"
+
+
+def _wide_space(value: Any, _all: Statements) -> str | None:
+    text = str(value)
+    return None if _linear(text) or _ENCODED.search(text) else f"it says {text[:40]!r}"
+
+
+def _linear(text: str) -> bool:
+    return bool(_LINEAR.fullmatch(text)) and not _WIDE.search(text)
+
+
+def _other_space(value: Any, _all: Statements) -> str | None:
+    known = re.search(r"srgb|rec\.?709|^$", str(value), re.I) and not _WIDE.search(str(value))
+    return None if known else f"its colour space is {str(value)[:40]!r}"
+
+
+def _hdr_format(value: Any, _all: Statements) -> str | None:
+    return None if "rgbe" in str(value) else f"its format is {str(value)[:40]}"
+
+
+def _hdr_factor(value: Any, _all: Statements) -> str | None:
+    plain = all(float(word) == 1 for word in str(value).split())
+    return None if plain else f"its exposure or colour correction is {value}"
+
+
+def _hdr_gamma(value: Any, _all: Statements) -> str | None:
+    return None if float(value) == 1 else f"its gamma is {value}"
+
+
+def _hdr_primaries(value: Any, _all: Statements) -> str | None:
+    numbers = [float(word) for word in str(value).split()]
+    own = len(numbers) == 8 and np.allclose(numbers, _RADIANCE, rtol=0, atol=_PRIMARIES_APART)
+    return None if own else _primaries(numbers[:6], numbers[6:8])
+
+
+def _hdr_aspect(value: Any, everything: Statements) -> str | None:
+    return _aspect(str(value).split()[0], everything)
+
+
+def _bmp_aspect(value: Any, everything: Statements) -> str | None:
+    across, down = value
+    return _aspect(across / down, everything) if across > 0 and down > 0 else None
+
+
+def _gif_aspect(value: Any, everything: Statements) -> str | None:
+    return _aspect((value + 15) / 64, everything) if value else None
+
+
+# ---- colour profiles
+
+
+def _exif_space(value: Any, everything: Statements) -> str | None:
+    plain = int(value) == 1 or "ICCProfile" in everything
+    return None if plain else "its Exif says another colour space (Adobe RGB?)"
+
+
+def _profile(value: Any, _all: Statements) -> str | None:
+    name, tone, colour = _apart_from_srgb(bytes(value))
+    if colour is None:
+        return None if "sRGB" in name else f"its colour profile says {name!r}"
+    if max(tone or 0, colour) <= _SRGB_APART:
+        return None
+    return f"its colour profile says {name!r} (up to {colour} of 255 off)"
+
+
+def _profile_greys(value: Any, _all: Statements) -> str | None:
+    name, tone, _ = _apart_from_srgb(bytes(value))
+    if tone is None or tone <= _TONE_APART:
+        return None
+    return f"its colour profile {name!r} shows greys up to {tone} of 255 off"
+
+
+def _apart_from_srgb(data: bytes) -> tuple[str, int | None, int | None]:
+    """A profile's name, and how far its greys and all its colours are from sRGB's, of 255."""
+    try:
+        opened = ImageCms.ImageCmsProfile(io.BytesIO(data))
+        name = ImageCms.getProfileDescription(opened).strip()
+    except (ImageCms.PyCMSError, OSError, ValueError):
+        return "which cannot be read", None, None
+    steps = np.linspace(0, 255, 17).round().astype(np.uint8)
+    grey = np.repeat(steps[None, :, None], 3, axis=-1)
+    every = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(1, -1, 3)
+    mode = {"RGB": "RGB", "GRAY": "L"}.get(opened.profile.xcolor_space.strip())
+    if mode is None:
+        return name, None, None
+    try:
+        change = ImageCms.buildTransform(
+            opened,
+            ImageCms.createProfile("sRGB"),
+            mode,
+            "RGB",
+            renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC,
+        )
+        apart = []
+        for asked in (grey, every if mode == "RGB" else grey):
+            given = Image.fromarray(asked if mode == "RGB" else asked[..., 0])
+            shown = np.asarray(ImageCms.applyTransform(given, change), np.int64)
+            apart.append(int(np.abs(shown - asked).max()))
+    except (ImageCms.PyCMSError, OSError, ValueError):
+        return name, None, None
+    return name, apart[0], apart[1]
+
+
+# ---- the table
+
+_SQUARE = "must have square pixels; resample it to square ones"
+_SRGB = "must hold sRGB colour; convert it to sRGB, and save it as that"
+_PRIMARIES = (
+    "must have the primaries and white of Rec.709 and sRGB; convert it to Rec.709 primaries, and"
+    " save it as that"
+)
+_PALETTE = "must hold numbers; write the numbers anew"
+_BLACK_IS_0 = "must store 0 as black; write it again as MinIsBlack"
+_COLOUR: Sequence[Use] = ("colour",)
+_NUMBERS: Sequence[Use] = ("numbers",)
+_LAYOUT = (
+    "25[4-79]|26[36]|269|27[0-3]|27[7-9]|28[0-9]|29[67]|305|306|31[5-7]|32[0-5]|33[0-46]|34[0-1]"
+    "|347|51[2-9]|52[0-1]|529|53[0-1]|700|33432|33550|33723|33922|34264|34377|3473[5-7]|34853|34665"
+    "|37724|50341|4027[0-9]|270|271|272|274|34675"
+)
+_REMARKS = (
+    "channels|lineOrder|screenWindow(Center|Width)|tiles|type|name|version|chunkCount|preview|owner"
+    "|maxSamplesPerPixel|comments|capDate|utcOffset|longitude|latitude|altitude|focus|expTime|iso.*"
+    "|aperture|framesPerSecond|imageCounter|reelName|timeCode|keyCode|wrapmodes|dwaCompressionLevel"
+    "|originalDataWindow|worldTo(Camera|NDC|clip)|sensor.*|camera.*|lens.*|shutter.*|nominal.*|Scene"
+    "|(effective|pin|entrance).*|capture.*|software.*|Software|HostComputer|DateTime|Exif:.*|File"
+    "|Copyright|Artist|ImageDescription|Date|Time|Frame|FrameRange|Camera|RenderTime|Note|Marker"
+    "|Memory|Hostname|Strip|SequencerStrip|BlenderMultiChannel|rgbCompat|ID|openexr:.*|metamerlab:.*"
+    "|Make|Model|Keywords|DocumentName|fovcot|textureformat|XResolution|YResolution|ResolutionUnit"
+    "|(nuke|unreal|arnold|cryptomatte|exr|input|rman|render|vray|houdini|maya|blender|smpte|cycles"
+    "|karma|redshift|octane|corona|mitsuba|pbrt)\\w*([/.:].*)?|dataWindow|displayWindow|view"
+    "|(oiio|jpeg|tiff|pnm|png|dpx|IPTC|GPS|XMP|xmp|photoshop|ICCProfile):.*|pixelAspectRatio"
+    "|deepImageState"
+)
+COLOUR_SPACES: Final = ("oiio:ColorSpace", "colorInteropID", "colorSpace")
+"""Of floats; they say what `stimuli.exr.Transfer` says."""
+
+_PICTURES = (
+    Row("any", "Orientation", "refused", "an Exif orientation other than upright",
+        "must be stored upright; turn it and save it again",
+        _but("its Exif orientation is {}", 0, 1)),
+    Row("any", "PixelAspectRatio", "refused", "pixels that are not square", _SQUARE, _aspect),
+    Row("any", "ICCProfile greys", "refused", "a profile whose greys are not sRGB's", _SRGB,
+        _profile_greys, _COLOUR),
+    Row("any", "ICCProfile", "noted", "a profile other than sRGB's; taken as sRGB", "", _profile,
+        _COLOUR),
+    Row("any", "Exif:ColorSpace", "noted", "Adobe RGB; taken as sRGB", "", _exif_space, _COLOUR),
+    Row("any", "pictures", "refused", "several pictures: pages, frames, an animation",
+        "must hold one picture; save the one that is meant", _several),
+    Row("any", "CICP", "refused", "code points other than sRGB's", _SRGB, _code_points, _COLOUR),
+    Row("any", "colour space", "refused", "a colour space other than sRGB or linear Rec.709, of a"
+        " format that is not below", _SRGB, _other_space, _COLOUR),
+    Row("any", "deep", "refused", "pixels of any number of samples",
+        "must hold one value a pixel; flatten it"),
+    Row("any", "windows", "refused", "a data window smaller than the display window",
+        "must store its whole display window; render or save it whole, without a crop or a render"
+        " region"),
+    Row("any", "overscan", "noted", "what lies around the display window is cut off"),
+    Row("png", "IHDR|IDAT|IEND", "honoured", "size, bits, interlacing"),
+    Row("png", "PLTE", "honoured", "a palette", "", None, _COLOUR),
+    Row("png", "PLTE", "refused", "a palette of colours", _PALETTE, _png_palette, _NUMBERS),
+    Row("png", "tRNS", "honoured", "transparency"),
+    Row("png", "gAMA", "refused", "a gamma other than 1/2.2 and video's, without"
+        " sRGB, iCCP or cICP", _SRGB, _png_gamma, _COLOUR),
+    Row("png", "cHRM", "refused", "primaries other than Rec.709's, without sRGB, iCCP or cICP",
+        _PRIMARIES, _png_primaries, _COLOUR),
+    Row("png", "cICP", "refused", "code points other than sRGB's and video's (PQ, HLG, P3, ...)",
+        _SRGB, _code_points, _COLOUR),
+    Row("png", "cICP|gAMA", "noted", "the encoding of video, BT.709; taken as shown, as video is",
+        "", _png_video, _COLOUR),
+    Row("png", "iCCP", "noted", "a damaged profile, or one of another kind of colour; it is left"
+        " out, and what it would override counts", "", _png_profile, _COLOUR),
+    Row("png", "vpAg|caNv|iDOT|dSIG|prVW|mk(BF|BS|BT|TS)|sRGB|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT"
+        "|iTXt|zTXt|tEXt", "honoured"),
+    Row("png", "mDCV|mDCv|cLLI|cLLi", "noted", "how bright its mastering display was: not used"),
+    Row("png", "oFFs", "noted", "a place on a page: not used", "", _png_offset),
+    Row("png", "pCAL", "noted", "a calibration of its numbers: not applied"),
+    Row("png", "sTER", "refused", "both views of a stereo pair side by side",
+        "must hold one view; cut it in two"),
+    Row("png", "sCAL", "noted", "a physical size of its pixels: not used"),
+    Row("png", "acTL|fcTL|fdAT", "honoured", "an animation, counted as pictures"),
+    Row("jpeg", r"APP0 JF(IF|XX)|APP1 (Exif|http.*)|APP12 (Ducky|PictureInfo).*|APP2 ICC_PROFILE"
+        r"|APP13 (Photoshop|Adobe).*|APP14 Adobe.*|COM", "honoured"),
+    Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
+    Row("tiff", "tag 262", "refused", "kinds other than grey, RGB, palette, CMYK, YCbCr",
+        "must hold grey, RGB, CMYK or YCbCr; convert it",
+        _but("its photometric kind is {}", 0, 1, 2, 3, 5, 6), _COLOUR),
+    Row("tiff", "tag 262", "refused", "0 as white in more than 8 bits", _BLACK_IS_0,
+        _tiff_deep_white, _COLOUR),
+    Row("tiff", "tag 262", "refused", "0 as white", _BLACK_IS_0, _only("it says that {} is white",
+        0), _NUMBERS),
+    Row("tiff", "tag 262", "refused", "a palette of colours", _PALETTE, _tiff_palette, _NUMBERS),
+    Row("tiff", "tag 339", "refused", "complex numbers", "must hold real numbers; write one real"
+        " number a pixel", _but("they are complex", 1, 2, 3, 4)),
+    Row("tiff", "tag 258", "refused", "numbers of 24 bits", "must store numbers of 8, 16 or 32"
+        " bits; save it anew", _only("has {}, which are not read right", 24)),
+    Row("tiff", "tag 338", "honoured", "alpha, associated or not"),
+    Row("tiff", "tag 318", "refused", "a white point other than D65", _PRIMARIES, _tiff_white_point,
+        _COLOUR),
+    Row("tiff", "tag 319", "refused", "primaries other than Rec.709's", _PRIMARIES, _tiff_primaries,
+        _COLOUR),
+    Row("tiff", "tag 301", "refused", "a transfer function unlike sRGB's", _SRGB, _tiff_curve,
+        _COLOUR),
+    Row("tiff", "tag 290|tag 291|tag 532", "noted", "a curve of greys, reference black and white:"
+        " not applied"),
+    Row("tiff", "tag 42112", "noted", "GDAL's scale and offset; the options of the units apply"
+        " one", "", _tiff_scale, _NUMBERS),
+    Row("tiff", "tag 42113", "honoured", "GDAL's number for unknown", "", None, _NUMBERS),
+    Row("tiff", "tag 50706", "refused", "a camera's raw file (DNG)",
+        "must be a developed picture; develop it"),
+    Row("tiff", f"tag ({_LAYOUT})", "honoured"),
+    Row("openexr", "chromaticities", "refused", "chromaticities other than Rec.709's", _PRIMARIES,
+        _exr_primaries, _COLOUR),
+    Row("openexr", "|".join(COLOUR_SPACES), "refused", "a colour space for a display",
+        "must hold light; save it as PNG, or say that it is encoded: --encoded of warp and foveate,"
+        " transfer = 'linear' in a study", _encoded_space, _COLOUR),
+    Row("openexr", "|".join(COLOUR_SPACES), "refused", "a colour space other than linear Rec.709",
+        "must hold light with Rec.709 primaries; convert it, and save it as that", _wide_space,
+        _COLOUR),
+    Row("openexr", "whiteLuminance|adoptedNeutral|lookModTransform|renderingTransform"
+        "|acesImageContainerFlag", "noted", "luminance of white, a look: not applied"),
+    Row("openexr", "multiView", "noted", "several views; the first is taken", "", _exr_views),
+    Row("openexr", "envmap", "noted", "an environment map; taken for a flat picture"),
+    Row("openexr", "compression", "noted", "a compression that may have changed numbers", "",
+        _named("its compression is {}", {5: "pxr24", 6: "b44", 7: "b44a", 8: "dwaa", 9: "dwab"}),
+        _NUMBERS),
+    Row("openexr", _REMARKS, "honoured"),
+    Row("hdr", "FORMAT", "refused", "XYZ in place of RGB", "must hold RGB; convert it",
+        _hdr_format),
+    Row("hdr", "EXPOSURE|COLORCORR", "noted", "exposure and colour correction: not applied", "",
+        _hdr_factor),
+    Row("hdr", "GAMMA", "refused", "a gamma other than 1", "must hold light; convert it",
+        _hdr_gamma),
+    Row("hdr", "PRIMARIES", "refused", "primaries other than Radiance's or Rec.709's", _PRIMARIES,
+        _hdr_primaries, _COLOUR),
+    Row("hdr", "PIXASPECT", "refused", "pixels that are not square", _SQUARE, _hdr_aspect),
+    Row("hdr", "size", "refused", "lines in another order", "must run by rows from the top; save it"
+        " again like that", _but("its size line says {}", "-Y +X")),
+    Row("hdr", "SOFTWARE|VIEW|CAPDATE|GMT|OWNER|CREATOR|DATE", "honoured"),
+    Row("webp", "VP8|VP8L|VP8X|ALPH|ICCP|EXIF|XMP|ANIM|ANMF", "honoured"),
+    Row("bmp", "bV4CSType", "noted", "a colour space of its own; taken as sRGB", "",
+        _but("its colour space is {!r}", b"sRGB", b"Win ", bytes(4)), _COLOUR),
+    Row("bmp", "pixels per metre", "refused", "pixels that are not square", _SQUARE, _bmp_aspect),
+    Row("gif", "pixel aspect", "refused", "pixels that are not square", _SQUARE, _gif_aspect),
+)  # fmt: skip
+
+_MP4, _MKV = "video (MP4, MOV)", "video (Matroska, WebM)"
+_BOTH = "video (MP4, MOV, Matroska, WebM)"
+_TO_SRGB = (
+    "-vf format=gbrp16,zscale=primariesin={primaries}:transferin={transfer}:primaries=709"
+    ":transfer={to}"
+)
+_PADDING = "free|skip|wide"
+# Of videos, a cure that begins with - is options of FFmpeg, none where reading it is enough.
+_VIDEOS = (
+    Row("video", "pixel aspect", "refused", "pixels that are not square, also by the track's size",
+        "must have square pixels; -vf \"scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1\""),
+    Row("video", "turn by 90, 180 or 270 degrees", "honoured", "frames are turned upright"),
+    Row(_BOTH, "mirror image, other turn", "refused", "a matrix or a pose that is no quarter turn",
+        "must be stored upright, or be turned by 90, 180 or 270 degrees"),
+    Row("video", "clean aperture, crop", "refused", "less than the stored picture is to be shown",
+        "must show all of its stored picture;"
+        " -vf \"crop={width}:{height}:if(gt(iw\\,{width})\\,{x}\\,0)"
+        ":if(gt(ih\\,{height})\\,{y}\\,0)\""),
+    Row(_BOTH, "display size", "noted", "a size other than the stored one, of the same shape:"
+        " frames keep their stored size"),
+    Row("video", "interlacing", "refused", "frames of two fields, also by H.264, HEVC, MPEG-2,"
+        " MPEG-4, ProRes and DV themselves", "must hold whole frames, not fields;"
+        " -vf bwdif=mode=send_frame:deint=interlaced,setfield=prog"),
+    Row("video", "colour matrix and range", "honoured", "BT.709, BT.601, FCC, SMPTE 240M, BT.2020,"
+        " RGB; limited or full. Where nothing is said: BT.601, limited"),
+    Row("video", "no colour matrix", "noted", "above 576 lines, by H.264 and MPEG-4: BT.601 is"
+        " taken, though some players take BT.709"),
+    Row("video", "colours of VP9 or AV1", "noted", "colours that the stream itself says are not"
+        " read"),
+    Row(_BOTH, "other colour matrix", "refused", "YCgCo, ICtCp and others",
+        "must have a colour matrix that is read right: BT.709, BT.601, BT.2020 or RGB;"
+        " -vf zscale=primariesin={primaries}:primaries={primaries}:transferin={transfer}"
+        ":transfer={transfer}:matrix=gbr:range=full,format=gbrp"),
+    Row(_BOTH, "colour matrix twice", "refused", "the container says another one than ProRes or"
+        " Motion JPEG, whose own is taken",
+        "must say one colour matrix; -vf setparams=colorspace={name}"),
+    Row(_BOTH, "transfer of a display", "honoured", "BT.709, BT.601, BT.2020 and sRGB: values are"
+        " shown as they are"),
+    Row(_BOTH, "gamma 2.2, gamma 2.8, SMPTE 240M, xvYCC, BT.1361", "noted", "values are shown as"
+        " they are"),
+    Row(_BOTH, "PQ, HLG", "noted", "light is mapped to what a display of sRGB shows"),
+    Row(_BOTH, "other transfer", "refused", "linear light, logarithms, SMPTE 428 and others",
+        f"must be encoded for a display; {_TO_SRGB}"),
+    Row(_BOTH, "primaries of BT.470 BG, BT.601, SMPTE 240M", "noted", "taken as those of sRGB"),
+    Row(_BOTH, "other primaries", "refused", "BT.2020, Display P3 and others, unless with PQ or"
+        " HLG", f"must have the primaries of BT.709 and sRGB; {_TO_SRGB}"),
+    Row(_MP4, "ICC profile", "noted", "not applied"),
+    Row(_BOTH, "gamma value", "noted", "from 1.7 to 2.8: values are shown as they are; any other is"
+        " refused as another transfer"),
+    Row(_BOTH, "light levels of the mastering display", "noted", "not used"),
+    Row(_BOTH, "Dolby Vision", "noted", "only the base layer is shown"),
+    Row(_BOTH, "Dolby Vision without a base layer", "refused", "its colours need the other data",
+        "must hold colours that can be shown without Dolby Vision; export it as HDR10 or SDR"),
+    Row("video", "alpha", "refused", "transparency, by pixel format or track",
+        "must be opaque; -vf format=gbrap,premultiply=inplace=1"),
+    Row("video", "more than 8 bits", "noted", "frames are rounded to 8 bits"),
+    Row(_BOTH, "chroma siting", "noted", "chroma is taken to lie on the left, as in MPEG-2"),
+    Row("video", "frame times", "refused", "frames that do not come at the file's rate: variable"
+        " rates, gaps, times given twice", "must show its frames at one rate; -vf fps={rate}"),
+    Row(_MP4, "edit list", "honoured", "frames outside the edits are left out"),
+    Row("video", "late start", "noted", "shown from its first frame on"),
+    Row(_MP4, "playback speed", "refused", "another speed than 1",
+        "must play at its own speed; -vf setpts=PTS/{speed},fps=source_fps"),
+    Row("video (AVI)", "two frame rates", "noted", "that of the stream is taken"),
+    Row("video", "length", "noted", "more frames promised than can be read"),
+    Row("video", "several video tracks", "refused", "which one is shown would be chance",
+        "must hold one video track"),
+    Row("video", "track that is switched off", "noted", "shown all the same"),
+    Row(_BOTH, "stereo", "refused", "two views in one frame or track",
+        "must hold one view; -vf stereo3d={name}:ml -metadata:s:v stereo_mode=mono"),
+    Row(_BOTH, "spherical", "refused", "a panorama that is to be projected",
+        "must be a flat picture, not a panorama;"
+        " -vf v360=input={name}:output=flat:h_fov=90:v_fov=60"),
+    Row("video", "sound", "noted", "not played"),
+    Row(_BOTH, "other tracks", "noted", "subtitles, time codes, data: not used"),
+    Row(_BOTH, "encryption", "refused", "frames that need a key",
+        "must not be encrypted; decrypt it first"),
+    Row(_MKV, "ordered chapters", "noted", "frames come in the order of the file"),
+    Row(_MP4, "graphics mode", "noted", "the picture replaces what lies behind it"),
+    Row("video", "titles, dates, authors, cover pictures", "honoured", "they do not change frames"),
+    Row("video", "whatever else", "noted", "not known here, so nothing is done about it"),
+    # Boxes, elements and chunks that say nothing of the picture, or what FFmpeg follows.
+    Row("MP4: the file", f"ftyp|mdat|moov|moof|mfra|sidx|ssix|styp|prft|emsg|pdin|meta|{_PADDING}",
+        "honoured"),
+    Row("MP4: the movie", f"mvhd|trak|udta|meta|mvex|iods|{_PADDING}", "honoured"),
+    Row("MP4: the video track", f"tkhd|mdia|edts|udta|meta|tref|load|tapt|{_PADDING}", "honoured"),
+    Row("MP4: the video's media", f"mdhd|hdlr|minf|elng|udta|meta|{_PADDING}", "honoured"),
+    Row("MP4: the video's media information", f"vmhd|hdlr|dinf|stbl|gmhd|{_PADDING}", "honoured"),
+    Row("MP4: the video's tables", "stsd|stts|ctts|stss|stsc|stsz|stz2|stco|co64|sdtp|sbgp|sgpd"
+        f"|cslg|stsh|subs|padb|stdp|stps|saiz|saio|{_PADDING}", "honoured"),
+    Row("MP4: the video's coding", "avcC|hvcC|vvcC|av1C|vpcC|esds|d263|glbl|dvc1|jp2h|APRG|ARES"
+        f"|ACLR|AORD|btrt|strf|{_PADDING}", "honoured"),
+    Row("MP4: the user data", "\xa9.*|meta|name|kywd|cprt|titl|auth|dscp|perf|gnre|albm|yrrc|rtng"
+        f"|clsf|loci|hnti|hinf|tsel|tagc|date|chpl|XMP_|{_PADDING}", "honoured"),
+    Row("Matroska: the file", "1A45DFA3|18538067|114D9B74|1549A966|1654AE6B|1F43B675|1C53BB6B"
+        "|1941A469|1043A770|1254C367|EC|BF", "honoured"),
+    Row("Matroska: the segment's information", "2AD7B1|4489|7BA9|4D80|5741|4461|73A4|7384|4444|6924"
+        "|EC|BF", "honoured"),
+    Row("Matroska: the video track", "D7|73C5|83|88|55A[A-F]|9C|6DE7|23314F|6DF8|23E383|55EE|536E"
+        "|22B59C|22B59D|86|63A2|258688|7446|AA|56AA|56BB|6624|EC|BF", "honoured"),
+    Row("Matroska: the video's settings", "9D|53B9|B0|BA|54B[0234A]|2EB524|2383E3|54CC|54BB|54DD"
+        "|54AA|EC|BF", "honoured"),
+    Row("Matroska: the video's colour", "55B[1-9AB]|EC|BF", "honoured"),
+    Row("AVI: the file", "hdrl|movi|idx1|JUNK|INFO|junk", "honoured"),
+    Row("AVI: the header", "avih|strl|odml|JUNK|junk", "honoured"),
+    Row("AVI: the video stream", "strh|strf|strd|strn|indx|vprp|JUNK|junk", "honoured"),
+)  # fmt: skip
+
+ROWS: Final = (*_PICTURES, *_VIDEOS)
+"""The table of pictures and videos; docs/images.md shows it."""
