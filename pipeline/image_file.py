@@ -131,7 +131,7 @@ def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
         If a pixel may hold any number of samples.
     """
     if spec.deep:
-        raise refusal(path, "deep", "it is deep: any number of samples")
+        raise refusal(path, "deep pixels", "it is deep: any number of samples")
 
 
 def in_display_window(
@@ -151,7 +151,7 @@ def in_display_window(
     whole = f"{width} x {height} px"
     if min(left, top) < 0 or left + width > spec.width or top + height > spec.height:
         found = f"of {whole}, its data window has {spec.width} x {spec.height} px from column"
-        raise refusal(path, "windows", f"{found} {-left}, row {-top}")
+        raise refusal(path, "small data window", f"{found} {-left}, row {-top}")
     if (spec.width, spec.height) == (width, height):
         return data
     note(path, f"cropped from {spec.width} x {spec.height} px to its display window, {whole}")
@@ -286,7 +286,7 @@ def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
     if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
         found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
     if pixels.kind not in _LAYERED:
-        found["pictures"] = count_pictures(path)
+        found["several pictures"] = count_pictures(path)
     return found
 
 

@@ -70,6 +70,11 @@ class Row:
         return InputError(f"{path}: {must} ({found}); {cure or own}")
 
 
+def but(words: str, *defaults: object) -> Judge:
+    """Return the judge of a value that has these defaults."""
+    return lambda value, _all: None if value in defaults else words.format(value)
+
+
 def rows_of(rows: Iterable[Row], of: str, name: str) -> list[Row]:
     """Return the rows about a statement; none about one that is not known."""
     return [row for row in rows if row.of == of and re.fullmatch(row.names, name)]
@@ -80,14 +85,13 @@ def table(rows: Iterable[Row]) -> str:
     lines = ["| of | statement | is | what |", "| --- | --- | --- | --- |"]
     for row in rows:
         if row.words:
-            names = ", ".join(map(_shown, re.split(r"(?<!\\)\|", row.names)))
+            names = ", ".join(_shown(row.of, name) for name in row.names.split("|"))
             use = f" in {row.use[0]}" if len(row.use) == 1 else ""
-            words = row.words.replace("|", "\\|")
-            lines.append(f"| {row.of} | {names} | {row.verdict}{use} | {words} |")
+            lines.append(f"| {row.of} | {names} | {row.verdict}{use} | {row.words} |")
     return "\n".join(lines)
 
 
-def _shown(name: str) -> str:
+def _shown(of: str, name: str) -> str:
     """Return a name as people write it: those of machines as code, with n for a number."""
     plain = name.replace(r"\d+", "n").replace(".*", "*")
-    return plain if re.fullmatch("[a-z]+|.* .*", plain) else f"`{plain}`"
+    return plain if " " in plain or of.startswith("video") else f"`{plain}`"

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from PIL import Image, ImageCms
 
-from pipeline.statements.row import Judge, Row, Use
+from pipeline.statements.row import Judge, Row, Use, but
 
 Statements = Mapping[str, Any]
 
@@ -37,28 +37,9 @@ _WIDE = re.compile(r"aces|ap0|ap1|p3|2020|xyz|adobe|prophoto|log", re.I)
 _ENCODED = re.compile(r"srgb|rec[-_. ]?709", re.I)
 
 
-def _but(words: str, *defaults: object) -> Judge:
-    """Return the judge of a plain value, or the first of a tag, that has these defaults."""
-
-    def judge(value: Any, _all: Statements) -> str | None:
-        plain = value[0] if isinstance(value, tuple) else value
-        return None if plain in defaults else words.format(plain)
-
-    return judge
-
-
 def _named(words: str, names: Mapping[object, str]) -> Judge:
-    """Return the judge of a plain value, or the first of a tag, that says nothing but these."""
-
-    def judge(value: Any, _all: Statements) -> str | None:
-        plain = value[0] if isinstance(value, tuple) else value
-        return words.format(names[plain]) if plain in names else None
-
-    return judge
-
-
-def _only(words: str, number: int) -> Judge:
-    return _named(words, {number: str(number)})
+    """Return the judge of a value that says nothing but these."""
+    return lambda value, _all: words.format(names[value]) if value in names else None
 
 
 def _aspect(value: Any, _all: Statements) -> str | None:
@@ -145,6 +126,14 @@ def _png_palette(value: bytes, everything: Statements) -> str | None:
 
 def _bits(everything: Statements) -> int:
     return int(everything.get("tag 258", (1,))[0])
+
+
+def _tiff_complex(value: Any, _all: Statements) -> str | None:
+    return None if value[0] in (1, 2, 3, 4) else "they are complex"
+
+
+def _tiff_24(value: Any, _all: Statements) -> str | None:
+    return "has 24, which are not read right" if value[0] == 24 else None
 
 
 def _tiff_palette(value: Any, everything: Statements) -> str | None:
@@ -338,24 +327,24 @@ COLOUR_SPACES: Final = ("oiio:ColorSpace", "colorInteropID", "colorSpace")
 _PICTURES = (
     Row("any", "Orientation", "refused", "an Exif orientation other than upright",
         "must be stored upright; turn it and save it again",
-        _but("its Exif orientation is {}", 0, 1)),
+        but("its Exif orientation is {}", 0, 1)),
     Row("any", "PixelAspectRatio", "refused", "pixels that are not square", _SQUARE, _aspect),
     Row("any", "ICCProfile greys", "refused", "a profile whose greys are not sRGB's", _SRGB,
         _profile_greys, _COLOUR),
     Row("any", "ICCProfile", "noted", "a profile other than sRGB's; taken as sRGB", "", _profile,
         _COLOUR),
     Row("any", "Exif:ColorSpace", "noted", "Adobe RGB; taken as sRGB", "", _exif_space, _COLOUR),
-    Row("any", "pictures", "refused", "several pictures: pages, frames, an animation",
+    Row("any", "several pictures", "refused", "several pictures: pages, frames, an animation",
         "must hold one picture; save the one that is meant", _several),
     Row("any", "CICP", "refused", "code points other than sRGB's", _SRGB, _code_points, _COLOUR),
     Row("any", "colour space", "refused", "a colour space other than sRGB or linear Rec.709, of a"
         " format that is not below", _SRGB, _other_space, _COLOUR),
-    Row("any", "deep", "refused", "pixels of any number of samples",
+    Row("any", "deep pixels", "refused", "pixels of any number of samples",
         "must hold one value a pixel; flatten it"),
-    Row("any", "windows", "refused", "a data window smaller than the display window",
+    Row("any", "small data window", "refused", "a data window smaller than the display window",
         "must store its whole display window; render or save it whole, without a crop or a render"
         " region"),
-    Row("any", "overscan", "noted", "what lies around the display window is cut off"),
+    Row("any", "large data window", "noted", "what lies around the display window is cut off"),
     Row("png", "IHDR|IDAT|IEND", "honoured", "size, bits, interlacing"),
     Row("png", "PLTE", "honoured", "a palette", "", None, _COLOUR),
     Row("png", "PLTE", "refused", "a palette of colours", _PALETTE, _png_palette, _NUMBERS),
@@ -384,16 +373,16 @@ _PICTURES = (
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
     Row("tiff", "tag 262", "refused", "kinds other than grey, RGB, palette, CMYK, YCbCr",
         "must hold grey, RGB, CMYK or YCbCr; convert it",
-        _but("its photometric kind is {}", 0, 1, 2, 3, 5, 6), _COLOUR),
+        but("its photometric kind is {[0]}", (0,), (1,), (2,), (3,), (5,), (6,)), _COLOUR),
     Row("tiff", "tag 262", "refused", "0 as white in more than 8 bits", _BLACK_IS_0,
         _tiff_deep_white, _COLOUR),
-    Row("tiff", "tag 262", "refused", "0 as white", _BLACK_IS_0, _only("it says that {} is white",
-        0), _NUMBERS),
+    Row("tiff", "tag 262", "refused", "0 as white", _BLACK_IS_0, _named("it says that {}"
+        " is white", {(0,): "0"}), _NUMBERS),
     Row("tiff", "tag 262", "refused", "a palette of colours", _PALETTE, _tiff_palette, _NUMBERS),
     Row("tiff", "tag 339", "refused", "complex numbers", "must hold real numbers; write one real"
-        " number a pixel", _but("they are complex", 1, 2, 3, 4)),
+        " number a pixel", _tiff_complex),
     Row("tiff", "tag 258", "refused", "numbers of 24 bits", "must store numbers of 8, 16 or 32"
-        " bits; save it anew", _only("has {}, which are not read right", 24)),
+        " bits; save it anew", _tiff_24),
     Row("tiff", "tag 338", "honoured", "alpha, associated or not"),
     Row("tiff", "tag 318", "refused", "a white point other than D65", _PRIMARIES, _tiff_white_point,
         _COLOUR),
@@ -435,11 +424,11 @@ _PICTURES = (
         _hdr_primaries, _COLOUR),
     Row("hdr", "PIXASPECT", "refused", "pixels that are not square", _SQUARE, _hdr_aspect),
     Row("hdr", "size", "refused", "lines in another order", "must run by rows from the top; save it"
-        " again like that", _but("its size line says {}", "-Y +X")),
+        " again like that", but("its size line says {}", "-Y +X")),
     Row("hdr", "SOFTWARE|VIEW|CAPDATE|GMT|OWNER|CREATOR|DATE", "honoured"),
     Row("webp", "VP8|VP8L|VP8X|ALPH|ICCP|EXIF|XMP|ANIM|ANMF", "honoured"),
     Row("bmp", "bV4CSType", "noted", "a colour space of its own; taken as sRGB", "",
-        _but("its colour space is {!r}", b"sRGB", b"Win ", bytes(4)), _COLOUR),
+        but("its colour space is {!r}", b"sRGB", b"Win ", bytes(4)), _COLOUR),
     Row("bmp", "pixels per metre", "refused", "pixels that are not square", _SQUARE, _bmp_aspect),
     Row("gif", "pixel aspect", "refused", "pixels that are not square", _SQUARE, _gif_aspect),
 )  # fmt: skip

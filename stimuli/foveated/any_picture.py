@@ -100,7 +100,7 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
             f"{path}: stops and encoded are for files of floats, such as .exr and .hdr"
             " (this one holds encoded integers)"
         )
-    check_picture(path, pixels, ("Orientation", "pictures"), encoded=reading.encoded)
+    check_picture(path, pixels, ("Orientation", "several pictures"), encoded=reading.encoded)
     notes: list[str] = []
     if integers and (count := count_pictures(path)) > 1:
         notes.append(f"holds {count} pictures: the first is taken")

@@ -7,6 +7,7 @@ glTF 2.0 specification.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from stimuli.scenes.mesh_features import COMPONENTS, GLTF_EXTENSIONS, Notes
+from stimuli.scenes.mesh_features import NUMBERS, Notes, row_of, unsupported
 from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, is_data, place_of
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded, shares
 
@@ -50,7 +51,8 @@ class _Placed:
 
 def _fallback(name: str) -> bool:
     """Whether an extension stands for what it does not say itself: it may have a fallback."""
-    return name in GLTF_EXTENSIONS and GLTF_EXTENSIONS[name].fallback
+    row = row_of("glTF extension", name)
+    return row is not None and row.verdict == "refused"
 
 
 def placed(translation: Array, rotation: Array, scale: Array) -> Array:
@@ -236,7 +238,7 @@ class Document:
         lists = [*attributes.values(), *([part["indices"]] if "indices" in part else [])]
         for name in filter(_fallback, part.get("extensions", {})):
             if any("bufferView" not in self._entry("accessors", index) for index in lists):
-                raise self._unsupported(name)
+                raise unsupported(self.path, name)
         surface, where = self._surface(part.get("material"))
         wanted = {"POSITION": "position", "NORMAL": "normal", "COLOR_0": "colour"}
         if surface.picture is not None or surface.glow is not None:
@@ -331,14 +333,12 @@ class Document:
     def _accessor(self, index: object, semantic: str) -> Array:
         """Numbers of an accessor, shape (count, width), as 3.6.2 defines them."""
         entry = self._entry("accessors", index)
-        kinds, components = COMPONENTS.get(semantic) or COMPONENTS[semantic.split("_")[0] + "_n"]
         component, shares = entry["componentType"], bool(entry.get("normalized", False))
-        if entry["type"] not in kinds or (component, shares) not in components:
-            name = _TYPES.get(component, f"type {str(component)[:20]}").strip("<")
+        name = NUMBERS.get(component, f"type {str(component)[:20]}")
+        stored = f"{str(entry['type'])[:20]} of {name}{' normalized' if shares else ''}"
+        if row_of("glTF numbers of " + re.sub(r"_\d+$", "_n", semantic), stored) is None:
             raise self._wrong(
-                f"{semantic} must not be {str(entry['type'])[:20]} of {name},"
-                f" {'' if shares else 'not '}normalized",
-                "export it again, as float numbers",
+                f"{semantic} must not be {stored}", "export it again, as float numbers"
             )
         width, count = _WIDTHS[entry["type"]], entry["count"]
         if not isinstance(count, int) or count < 0:
@@ -396,18 +396,12 @@ class Document:
         data = self._buffers[view["buffer"]]
         if data is None:
             for name in filter(_fallback, view.get("extensions", {})):
-                raise self._unsupported(name)
+                raise unsupported(self.path, name)
             raise self._wrong(f"buffer {view['buffer']} has no bytes")
         first, length = view.get("byteOffset", 0), view["byteLength"]
         if not 0 <= first <= first + length <= len(data):
             raise self._wrong(f"bufferView {number} ends beyond its buffer of {len(data)} bytes")
         return memoryview(data)[first : first + length]
-
-    def _unsupported(self, name: str) -> InputError:
-        return InputError(
-            f"{self.path}: needs glTF extensions that are not supported ({name});"
-            f" {GLTF_EXTENSIONS[name].says}"
-        )
 
     # Materials
 

@@ -27,7 +27,7 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.limits import check_memory, check_vertices
 from protocols.outside import bounded_bytes, check_within, parsed_json, visible_line
-from stimuli.scenes.mesh_features import MTL_OPTIONS
+from stimuli.scenes.mesh_features import row_of
 
 ENDINGS = (".glb", ".gltf", ".obj")
 PICTURES = ("map_Kd", "map_d", "map_Ke")
@@ -142,7 +142,7 @@ def name_and_options(
     words, options = text.split(), []
     while words and words[0].startswith("-") and not _is_file(place_of(mesh, text, library)):
         option = words.pop(0).lower()
-        if option not in MTL_OPTIONS:
+        if row_of("options of map_", option) is None:
             raise InputError(
                 f"{library}: must have options that are known (got {option[:40]!r}, in"
                 f" {text[:80]!r}); leave it out, or export it again"

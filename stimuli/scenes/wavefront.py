@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from protocols.outside import visible_line
-from stimuli.scenes.mesh_features import MTL, MTL_OPTIONS, OBJ, Notes, check_statement
+from stimuli.scenes.mesh_features import Notes, check_statement, row_of
 from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, decoded, shares
 
@@ -62,7 +62,7 @@ def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
                 corners = [_absolute(corner, lists) for corner in corners]
             faces.corners += corners
             faces.lengths.append(len(corners))
-        elif not check_statement(notes, OBJ, word, number):
+        elif not check_statement(notes, ".obj", word, number):
             continue
         elif word == "usemtl":
             material = rest or None
@@ -304,7 +304,7 @@ def _materials(path: Path, notes: Notes, used: set[str]) -> dict[str | None, tup
     for library in dict.fromkeys(libraries):
         beside = notes.beside(library)
         for number, word, _ in statements(library):
-            check_statement(beside, MTL, word, number)
+            check_statement(beside, ".mtl", word, number)
         for name, (place, entries) in described.items():
             if place == library and name in used:
                 found[name] = _Described(path, beside, name, entries, pictures).surface()
@@ -417,7 +417,6 @@ class _Described:
         name, options = name_and_options(self.path, self.notes.path, self.entries[key])
         laid, channel = _Laid(), ""
         for option, values in options:
-            feature = MTL_OPTIONS[option]
             numbers = tuple(map(float, values)) if option in ("-s", "-o", "-mm", "-t") else ()
             given = numbers or values[0].lower()
             if option == "-s":
@@ -428,14 +427,11 @@ class _Described:
                 laid = replace(laid, clamp=given == "on")
             elif option == "-imfchan" and key == "map_d":
                 channel = values[0].lower()
-            elif option == "-imfchan" or (feature.verdict == "noted" and
-                                          given not in feature.harmless):  # fmt: skip
-                self.notes.left_out(f"{option} of {key}", feature.says or "colours are three")
-            elif feature.verdict == "refused" and given not in feature.harmless:
-                raise InputError(
-                    f"{self.notes.path}: material {self.name!r}: {key} must not have {option}"
-                    f" {' '.join(values)}; {feature.says}"
-                )
+            elif option == "-imfchan":
+                self.notes.left_out(f"{option} of {key}", "colours are three")
+            elif row := row_of("options of map_", option):
+                found = f"{key} of material {self.name!r} has {option} {' '.join(values)}"
+                self.notes.judge(row, f"{option} of {key}", given, found)
         if self.laid not in (None, laid):
             raise InputError(
                 f"{self.notes.path}: the pictures of material {self.name!r} must lie alike (-s, -o"

@@ -20,9 +20,9 @@ from PIL import Image, ImageCms, ImageOps
 
 from pipeline.errors import FileNote, InputError
 from pipeline.image_file import read_pixels, three_channels
+from pipeline.methods.frames import FramesOnDisk
 from pipeline.statements.row import Row, table
 from pipeline.statements.rows import ROWS
-from pipeline.methods.frames import FramesOnDisk
 from stimuli.exr import load_colour
 from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
@@ -118,16 +118,17 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("any", "ICCProfile", "p.png",
      lambda p: odd.png(p, odd.icc_chunk(odd.profile(2.2, adobe=True))),
      lambda p: odd.png(p, odd.icc_chunk(odd.profile())), C),
-    ("any", "pictures", "p.tif", paged(2), paged(1), C),
-    ("any", "pictures", "p.gif", lambda p: odd.gif(p, frames=2), odd.gif, C),
-    ("any", "pictures", "p.png", moving_png(3), moving_png(1), C),
-    ("any", "deep", "p.exr", odd.deep_exr, odd.exr, C),
-    ("any", "deep", "p.exr", odd.deep_exr, odd.exr, read_parts),
-    ("any", "windows", "p.exr", lambda p: odd.exr(p, window=(0, 0, 12, 9), data_at=(2, 1)),
-     odd.exr, C),
-    ("any", "windows", "p.exr", lambda p: odd.exr(p, window=(0, 0, 8, 6), data_at=(2, 1)),
-     odd.exr, read_parts),
-    ("any", "overscan", "p.exr", lambda p: odd.exr(p, window=(0, 0, 4, 3), data_at=(-2, -1)),
+    ("any", "several pictures", "p.tif", paged(2), paged(1), C),
+    ("any", "several pictures", "p.gif", lambda p: odd.gif(p, frames=2), odd.gif, C),
+    ("any", "several pictures", "p.png", moving_png(3), moving_png(1), C),
+    ("any", "deep pixels", "p.exr", odd.deep_exr, odd.exr, C),
+    ("any", "deep pixels", "p.exr", odd.deep_exr, odd.exr, read_parts),
+    ("any", "small data window", "p.exr",
+     lambda p: odd.exr(p, window=(0, 0, 12, 9), data_at=(2, 1)), odd.exr, C),
+    ("any", "small data window", "p.exr",
+     lambda p: odd.exr(p, window=(0, 0, 8, 6), data_at=(2, 1)), odd.exr, read_parts),
+    ("any", "large data window", "p.exr",
+     lambda p: odd.exr(p, window=(0, 0, 4, 3), data_at=(-2, -1)),
      lambda p: odd.exr(p, window=(5, 5, 8, 6), data_at=(5, 5)), C),
     ("any", "Exif:ColorSpace", "p.jpg", lambda p: odd.jpeg(p, exif={40961: 65535}),
      lambda p: odd.jpeg(p, exif={40961: 1}), C),
@@ -155,10 +156,12 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("png", "sTER", "p.png", png(b"sTER", b"\0"), odd.png, C),
     ("png", "sCAL", "p.png", png(b"sCAL", b"\x011\x002"), odd.png, C),
     ("jpeg", "APP2 MPF", "p.jpg", lambda p: odd.jpeg(p, (2, b"MPF\0II*\0")), odd.jpeg, C),
-    ("tiff", "tag 262", "p.tif", lambda p: odd.tiff(p, picture=Image.fromarray(odd.RGB).convert("LAB")),
-     odd.tiff, C),
-    ("tiff", "tag 262", "p.tif", retagged({262: 0}, odd.GREY), retagged({262: 0}, odd.RGB[..., 0]), C),
-    ("tiff", "tag 262", "p.tif", retagged({262: 0}, odd.LIGHT[..., 0]), tiff({}, picture=odd.GREY), C),
+    ("tiff", "tag 262", "p.tif",
+     lambda p: odd.tiff(p, picture=Image.fromarray(odd.RGB).convert("LAB")), odd.tiff, C),
+    ("tiff", "tag 262", "p.tif", retagged({262: 0}, odd.GREY),
+     retagged({262: 0}, odd.RGB[..., 0]), C),
+    ("tiff", "tag 262", "p.tif", retagged({262: 0}, odd.LIGHT[..., 0]),
+     tiff({}, picture=odd.GREY), C),
     ("tiff", "tag 262", "d.tif", retagged({262: 0}, odd.GREY), tiff({}, picture=odd.GREY), N),
     ("tiff", "tag 262", "d.tif", palette(grey=False), palette(grey=True), N),
     ("tiff", "tag 258", "d.tif", lambda p: odd.raw_tiff(p, 24, 1, bytes(27), (3, 3)),

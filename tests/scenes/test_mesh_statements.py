@@ -6,6 +6,7 @@ import base64
 import copy
 import io
 import json
+import re
 import struct
 import zlib
 from urllib.parse import quote
@@ -17,23 +18,29 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.errors import InputError
+from pipeline.statements.row import table
 from stimuli.bring_in import bring_scene
 from stimuli.render import Renderer
 from stimuli.scenes import mesh_surface
-from stimuli.scenes.mesh_features import (
-    COMPONENTS,
-    GLTF,
-    GLTF_EXTENSIONS,
-    MTL,
-    MTL_OPTIONS,
-    OBJ,
-)
+from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import data_of_uri, files_of, place_of
 from stimuli.world import Viewpoint
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 
+
+def features(of):
+    """Rows by every name that they have."""
+    return {name: row for row in ROWS if row.of == of for name in row.names.split("|")}
+
+
+OTHERS = {"extension", "objects"}
+KINDS_OF_OBJECTS = {row.of[5:] for row in ROWS if row.of.startswith("glTF ")} - OTHERS
+GLTF = {kind: features(f"glTF {kind}") for kind in KINDS_OF_OBJECTS if "numbers of" not in kind}
+GLTF_EXTENSIONS, OPTIONS = features("glTF extension"), features("options of map_")
+OBJ, MTL = features(".obj"), features(".mtl")
+FALLBACKS = [name for name, row in GLTF_EXTENSIONS.items() if row.verdict == "refused"]
 VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
 BYTE, UBYTE, SHORT, USHORT, UINT, FLOAT = 5120, 5121, 5122, 5123, 5125, 5126
 KINDS = {BYTE: "i1", UBYTE: "u1", SHORT: "<i2", USHORT: "<u2", UINT: "<u4", FLOAT: "<f4"}
@@ -543,17 +550,15 @@ def objects(found, kind):
     for entry in found if isinstance(found, list) else [found]:
         yield kind, entry
         for key, value in entry.items():
-            feature = GLTF[kind].get(key)
-            if feature is not None and feature.of:
-                yield from objects(value, feature.of)
+            if key in INSIDE.get(kind, {}):
+                yield from objects(value, INSIDE[kind][key])
         for name, content in entry.get("extensions", {}).items():
-            if GLTF_EXTENSIONS[name].of:
-                yield from objects(content, GLTF_EXTENSIONS[name].of)
+            if name in GLTF:
+                yield from objects(content, name)
 
 
 def generic(key):
-    return {"TEXCOORD_1": "TEXCOORD_n", "TEXCOORD_0": "TEXCOORD_n", "JOINTS_0": "JOINTS_n",
-            "WEIGHTS_0": "WEIGHTS_n"}.get(key, key)  # fmt: skip
+    return key if key == "COLOR_0" else re.sub(r"_\d+$", r"_\\d+", key)
 
 
 def test_every_key_that_is_honoured_is_in_a_file_with_a_control():
@@ -609,7 +614,7 @@ NOTED = [
     if feature.verdict == "noted"
 ] + [(kind, "wibble") for kind in GLTF]
 VALUES = {"mode": 1, "cameras": [{}], "animations": [{}], "minFilter": 9728,
-          "COLOR_n": "COLOR_0", "_*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
+          r"COLOR_\d+": "COLOR_0", "_.*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
 
 
 def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, tmp_path):
@@ -617,7 +622,7 @@ def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, 
     for kind, key in NOTED:
         made = everything()
         place = next(entry for of, entry in objects(made.doc, "document") if of == kind)
-        name = {"COLOR_n": "COLOR_1", "_*": "_TEMPERATURE"}.get(key, key)
+        name = {r"COLOR_\d+": "COLOR_1", "_.*": "_TEMPERATURE"}.get(key, key)
         if key == "mode":  # lines beside the triangles, which stay
             place = copy.deepcopy(place)
             made.doc["meshes"][0]["primitives"].append(place)
@@ -626,7 +631,7 @@ def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, 
         world = load_world(made.save(tmp_path / "n.glb"))
         said = [note for note in world.notes if f"{kind}.{name}" in note]
         assert len(said) == 1, (kind, key, world.notes)
-        assert (GLTF[kind][key].says if key != "wibble" else "not known") in said[0]
+        assert (GLTF[kind][key].words if key != "wibble" else "not known") in said[0]
     assert (draw(made) == control).all()
     assert load_world(everything().save(tmp_path / "n.glb")).notes == ()
 
@@ -739,8 +744,9 @@ REFUSED = {
     "a primitive's mode must be 0 to 6": (lambda: in_mode(7, FACES), lambda: in_mode(4, FACES)),
     "an alphaMode is WIBBLE": (lambda: Gltf(alphaMode="WIBBLE"), Gltf),
     "wrap modes must be": (lambda: moved().sampled(1, 10497), moved),
-    "TEXCOORD_0 must not be VEC2 of u4": (lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
-    "COLOR_0 must not be VEC3 of u1, not normalized": (
+    "TEXCOORD_0 must not be VEC2 of unsigned int normalized": (
+        lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
+    "COLOR_0 must not be VEC3 of unsigned byte": (
         lambda: coloured(3, UBYTE, False), lambda: coloured(3, UBYTE, True)),
     "an index names vertex 9 of 4": (lambda: in_mode(4, [0, 1, 9]), moved),
     "two parents": (lambda: standing(PLACES, [{"children": [0]}]), lambda: standing(PLACES)),
@@ -765,7 +771,7 @@ def test_what_cannot_be_drawn_is_refused_and_its_cure_works(tmp_path, said):
     load_world(cured().save(tmp_path / "r.glb"))
 
 
-@pytest.mark.parametrize("name", [n for n, f in GLTF_EXTENSIONS.items() if f.fallback])
+@pytest.mark.parametrize("name", FALLBACKS)
 def test_compressed_data_beside_plain_ones_change_nothing(draw, tmp_path, name):
     made = moved()
     if "texture" in name:
@@ -971,7 +977,7 @@ def test_every_statement_that_is_honoured_is_in_a_file_with_a_control():
     for features, tried in (
         (OBJ, {line.split()[0].lower() for line in texts.splitlines()}),
         (MTL, {line.split()[0].lower() for line in libraries.splitlines()}),
-        (MTL_OPTIONS, set(libraries.lower().split())),
+        (OPTIONS, set(libraries.lower().split())),
     ):
         assert {n for n, f in features.items() if f.verdict == "honoured"} - tried == set()
 
@@ -988,7 +994,7 @@ def test_what_an_obj_says_besides_is_noted_and_changes_nothing(draw, obj):
         (note,) = load_world(path).notes
         assert f"m.mtl: left out {word}: " in note
     assert (draw(path) == control).all()
-    for option in [word for word, feature in MTL_OPTIONS.items() if feature.verdict == "noted"]:
+    for option in [word for word, feature in OPTIONS.items() if feature.verdict == "noted"]:
         path = obj(library=f"map_Kd {option} off p.png\n")
         (note,) = load_world(path).notes
         assert f"left out {option} of map_kd" in note
@@ -1422,42 +1428,7 @@ def test_a_picture_that_is_drawn_smaller_is_noted(tmp_path, monkeypatch):
 # The page
 
 
-def names(features, verdict):
-    found = []
-    for name, feature in features.items():
-        if feature.verdict == verdict and name not in ("extras", "extensions", "name"):
-            plain = [
-                " ".join(map("{:g}".format, value)) if isinstance(value, tuple) else str(value)
-                for value in feature.harmless
-                if value not in (None, [])
-            ]
-            told = f" other than {', '.join(plain)}" if plain else ""
-            told += " with no other" if feature.fallback else ""
-            told += f" ({feature.says})" if verdict == "honoured" and feature.says else ""
-            found.append(f"`{name}`{told}")
-    return ", ".join(found)
-
-
-def mesh_table():
-    """The lists as the table of docs/stimuli.md."""
-    rows = [(f"glTF {kind}", features) for kind, features in GLTF.items()]
-    rows += [("glTF extensions", GLTF_EXTENSIONS), (".obj", OBJ), (".mtl, in any case", MTL),
-             ("options of map_ in .mtl", MTL_OPTIONS)]  # fmt: skip
-    lines = ["| of | honoured | noted | refused |", "| --- | --- | --- | --- |"]
-    for kind, features in rows:
-        cells = [names(features, verdict) for verdict in ("honoured", "noted", "refused")]
-        lines.append("| " + " | ".join([kind, *cells]) + " |")
-    kinds = {BYTE: "byte", UBYTE: "unsigned byte", SHORT: "short", USHORT: "unsigned short",
-             UINT: "unsigned int", FLOAT: "float"}  # fmt: skip
-    for semantic, (shapes, components) in COMPONENTS.items():
-        types = ", ".join(kinds[c] + " normalized" * shares for c, shares in components)
-        lines.append(
-            f"| glTF numbers of `{semantic}` | {', '.join(shapes)} of {types} | | others |"
-        )
-    return "\n".join(line.replace("|  |", "| |").replace("|  |", "| |") for line in lines)
-
-
 def test_the_page_shows_the_lists_as_they_are(repository):
     page = (repository / "docs" / "stimuli.md").read_text(encoding="utf-8")
     begin, end = "<!-- mesh features: begin -->\n", "\n<!-- mesh features: end -->"
-    assert page.partition(begin)[2].partition(end)[0] == mesh_table()
+    assert page.partition(begin)[2].partition(end)[0] == table(ROWS)
