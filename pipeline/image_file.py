@@ -92,20 +92,28 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     if source is None:
         no_file = "it is a folder" if path.is_dir() else "it is no regular file"
         reason = visible_line(oiio.geterror()) if path.is_file() else no_file
-        raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
+        raise InputError(
+            f"{path}: must be an image ({reason}); is it damaged? If not, save it as PNG, TIFF or"
+            " OpenEXR"
+        )
     try:
         spec = source.spec()
         if not ours:
             check_values(path, spec.width, spec.height, spec.nchannels)
         check_flat(path, spec)
+        name = source.format_name()
+        plain = read_netpbm(path) if name == "pnm" else None
     except Exception:
         source.close()
         raise
+    if plain is not None:
+        source.close()
+        data = plain.stretched() if stretched else plain.data
+        return Pixels(data, tuple(spec.channelnames), {}, name)
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)
     error = source.geterror()
-    name = source.format_name()
     source.close()
     if data is None or error:
         raise InputError(
@@ -114,9 +122,7 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
         )
     data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
     attributes = {item.name: item.value for item in spec.extra_attribs}
-    if name == "pnm" and (plain := read_netpbm(path)) is not None:
-        data = plain.stretched() if stretched else plain.data
-    elif not stretched and data.dtype.kind == "u":
+    if not stretched and data.dtype.kind == "u":
         data = _narrow(data, _bits(path, name, attributes))
     data = in_display_window(path, spec, name, data)
     return Pixels(data, tuple(spec.channelnames), attributes, name)
@@ -294,7 +300,8 @@ def count_pictures(path: Path) -> int:
     """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
     for part in read_statements(path, "png"):
         if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
-            return int.from_bytes(frames[:4], "big")
+            beside = [name for name in part if name in ("fcTL", "IDAT")] == ["IDAT", "fcTL"]
+            return int.from_bytes(frames[:4], "big") + beside
     source, count = oiio.ImageInput.open(str(path)), 0
     while source is not None and source.seek_subimage(count, 0):
         count += 1
@@ -330,7 +337,8 @@ def three_channels(path: Path, pixels: Pixels, *, encoded: bool = False) -> NDAr
         return np.repeat(data, 3, axis=-1)
     if set(names) != {"R", "G", "B"}:
         raise InputError(
-            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)})"
+            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)}); save it"
+            " as a PNG in colour"
         )
     return data[..., [names.index(name) for name in "RGB"]]
 

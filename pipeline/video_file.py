@@ -76,7 +76,10 @@ def _capture(path: Path) -> cv2.VideoCapture:
     with quiet_stderr():
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
-        raise InputError(f"{path}: must be a video that OpenCV reads (or it is damaged)")
+        raise InputError(
+            f"{path}: must be a video that OpenCV reads (it is damaged, or its codec is not known);"
+            " export it anew, in a common codec such as H.264"
+        )
     return video
 
 
@@ -144,7 +147,8 @@ class VideoFrames:
         count = self._next
         self.release()
         if not count:
-            raise InputError(f"{self.path}: must have frames (has none, or is damaged)")
+            words = "has none, or is damaged, or its codec is not known"
+            judged(self.path, [Said("no frames", words)])
         return count
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:

@@ -427,9 +427,10 @@ def test_pairs_whose_sizes_differ_are_refused(stereo):
     rest = (stereo / "out.png", "-m", "telea", "--disparity", stereo / "disparity.png")
 
     assert "must be as large as" in refusal(stereo / "small.png", *rest)
-    assert "must be as large as" in refusal(
-        stereo / "left.png", *rest, "--right", stereo / "small.png"
-    )
+    for option in ("--right", "--truth"):
+        assert "small.png: must be as large as" in refusal(
+            stereo / "left.png", *rest, option, stereo / "small.png"
+        )
 
 
 def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng):
@@ -439,7 +440,7 @@ def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng
     write_pixels(tmp_path / "hdr.exr", data, ("R", "G", "B", "Z", "flow.x", "flow.y"))
     arguments = (tmp_path / "hdr.exr", tmp_path / "out.png", "-m", "telea")
 
-    assert "allow clipping" in refusal(*arguments)
+    assert "lower the exposure, or allow clipping" in refusal(*arguments)
     assert run(*arguments, "--clip")[0] == 0
     assert gl_context is not None
 

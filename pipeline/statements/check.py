@@ -57,15 +57,16 @@ def check_statements(
     unknown: dict[str, None] = {}
     for of, statements in (("any", general), *((kind, s) for s in read_statements(path, kind))):
         for name, value in statements.items():
-            rows = [] if name in handled else rows_of(ROWS, of, name)
-            if not rows and name not in handled:
+            rows = [row for kind in {of: 0, "any": 0} for row in rows_of(ROWS, kind, name)]
+            if not rows:
                 unknown[name] = None
             for row in rows:
-                if not row.words or row.verdict == "honoured" or not set(row.use) & set(use):
+                counts = row.words and row.verdict != "honoured" and set(row.use) & set(use)
+                if not counts or name in handled:
                     continue
                 try:
                     found = f"its header has {name}" if row.judge is None else row.judge(
-                        value, statements
+                        value, {**general, **statements}
                     )  # fmt: skip
                 except (struct.error, ValueError, IndexError, TypeError, ZeroDivisionError):
                     noted[f"{name} is not understood, and left out: {row.words}"] = None
@@ -105,22 +106,50 @@ def judged(path: Path, said: Iterable[Said]) -> list[str]:
     Raises
     ------
     InputError
-        At the first statement whose row says so, with a command of FFmpeg that mends the file.
+        If a row says so, with a command of FFmpeg that mends the file. A statement that no command
+        mends comes first.
     """
     notes: dict[str, None] = {}
+    refused: dict[str, tuple[str, Mapping[str, object]]] = {}
     for statement, found, values in said:
         row = _VIDEOS[statement]
-        if row.verdict != "honoured":
-            cure = str(values.get("cure", row.rule.partition("; ")[2]))
-            if not cure or cure.startswith("-"):
-                cure = f"this makes such a file: {_command(path, cure, values)}"
-            notes[row.said(path, visible_line(found), cure)] = None
+        if row.verdict == "noted":
+            notes[row.said(path, visible_line(found))] = None
+        elif row.verdict == "refused":
+            if cure := _words(statement, values):
+                raise row.error(path, visible_line(found), cure)
+            refused.setdefault(statement, (visible_line(found), values))
+    if refused:
+        musts = [
+            f"{_VIDEOS[statement].rule.partition('; ')[0]} ({found})"
+            for statement, (found, _) in refused.items()
+        ]
+        raise InputError(
+            f"{path}: {', and '.join(musts)}; this makes such a file: {_command(path, refused)}"
+        )
     return list(notes)
 
 
-def _command(path: Path, options: str, values: Mapping[str, object]) -> str:
+def _words(statement: str, values: Mapping[str, object]) -> str:
+    """A cure that is no command of FFmpeg."""
+    cure = str(values.get("cure", _VIDEOS[statement].rule.partition("; ")[2]))
+    return "" if cure.startswith("-") else cure
+
+
+def _command(path: Path, refused: Mapping[str, tuple[str, Mapping[str, object]]]) -> str:
     mended = path.with_name(f"{path.stem}-mended.mov")
-    words = ["ffmpeg", str(values.get("decoder", "")), "-i", shlex.quote(str(path))]
-    words += ["-map 0:v:0 -map_metadata -1", options.format_map({"aspect": "sar", **values})]
-    words += ["-c:v ffv1 -pix_fmt bgr0", shlex.quote(str(mended))]
+    before: list[str] = []
+    filters: list[str] = []
+    after: list[str] = []
+    # Fields are joined first: everything else is meant for whole frames.
+    for statement in sorted(refused, key=lambda name: name != "interlacing"):
+        values = {"aspect": "sar", **refused[statement][1]}
+        options = str(values.get("cure", _VIDEOS[statement].rule.partition("; ")[2]))
+        chain, *rest = options.format_map(values).removeprefix("-vf ").split(" -", 1)
+        filters.append(chain)
+        before.append(str(values.get("reader", "")))
+        after += [f"-{options}" for options in rest]
+    chain = f'-vf "{",".join(filter(None, filters))}"' if any(filters) else ""
+    words = ["ffmpeg", *before, "-i", shlex.quote(str(path)), "-map 0:v:0 -map_metadata -1", chain]
+    words += [*after, "-c:v ffv1 -pix_fmt bgr0", shlex.quote(str(mended))]
     return " ".join(filter(None, words))

@@ -121,6 +121,12 @@ def _png_palette(value: bytes, everything: Statements) -> str | None:
     return "they are places in a palette of colours" if indexed and not grey else None
 
 
+def _late_exif(value: bytes, _all: Statements) -> str | None:
+    said = Image.Exif()
+    said.load(value)
+    return but("its Exif orientation is {}", 0, 1)(said.get(274, 1), {})
+
+
 # ---- TIFF
 
 
@@ -134,6 +140,17 @@ def _tiff_complex(value: Any, _all: Statements) -> str | None:
 
 def _tiff_24(value: Any, _all: Statements) -> str | None:
     return "has 24, which are not read right" if value[0] == 24 else None
+
+
+def _tiff_subfile(value: Any, _all: Statements) -> str | None:
+    kinds = [word for bit, word in ((1, "a reduced copy"), (4, "a mask")) if value[0] & bit]
+    return f"it says that it is {' and '.join(kinds)} of another one" if kinds else None
+
+
+def _tiff_range(value: Any, everything: Statements) -> str | None:
+    ends = {0, 2 ** _bits(everything) - 1}
+    numbers = all(isinstance(number, int) for number in value)
+    return f"its header says {value[0]}" if numbers and not set(value) <= ends else None
 
 
 def _tiff_palette(value: Any, everything: Statements) -> str | None:
@@ -243,6 +260,23 @@ def _exif_space(value: Any, everything: Statements) -> str | None:
     return None if plain else "its Exif says another colour space (Adobe RGB?)"
 
 
+def _in_xmp(value: bytes, name: bytes) -> str:
+    """What XMP says by one name, as an attribute or an element; empty where it says nothing."""
+    found = re.search(name + rb"(?:\s*=\s*[\"']|>\s*)([\w-]+)", value)
+    return "" if found is None else found[1].decode("latin-1")
+
+
+def _xmp_orientation(value: bytes, everything: Statements) -> str | None:
+    said = _in_xmp(value, b"tiff:Orientation")
+    plain = said in ("", "0", "1", str(everything.get("Orientation", 1)))
+    return None if plain else f"its XMP says the orientation {said}"
+
+
+def _xmp_panorama(value: bytes, _all: Statements) -> str | None:
+    said = _in_xmp(value, b"GPano:ProjectionType")
+    return f"its XMP says the projection {said}" if said else None
+
+
 def _profile(value: Any, _all: Statements) -> str | None:
     name, tone, colour = _apart_from_srgb(bytes(value))
     if colour is None:
@@ -303,7 +337,7 @@ _BLACK_IS_0 = "must store 0 as black; write it again as MinIsBlack"
 _COLOUR: Sequence[Use] = ("colour",)
 _NUMBERS: Sequence[Use] = ("numbers",)
 _LAYOUT = (
-    "25[4-79]|26[36]|269|27[0-3]|27[7-9]|28[0-9]|29[67]|305|306|31[5-7]|32[0-5]|33[0-46]|34[0-1]"
+    "25[679]|26[36]|269|27[0-3]|27[7-9]|28[2-9]|29[67]|305|306|31[5-7]|32[0-5]|33[0-46]"
     "|347|51[2-9]|52[0-1]|529|53[0-1]|700|33432|33550|33723|33922|34264|34377|3473[5-7]|34853|34665"
     "|37724|50341|4027[0-9]|270|271|272|274|34675"
 )
@@ -345,6 +379,9 @@ _PICTURES = (
         "must store its whole display window; render or save it whole, without a crop or a render"
         " region"),
     Row("any", "large data window", "noted", "what lies around the display window is cut off"),
+    Row("any", "XMP", "noted", "an orientation that only XMP says: not turned", "",
+        _xmp_orientation),
+    Row("any", "XMP", "noted", "a panorama; taken for a flat picture", "", _xmp_panorama, _COLOUR),
     Row("png", "IHDR|IDAT|IEND", "honoured", "size, bits, interlacing"),
     Row("png", "PLTE", "honoured", "a palette", "", None, _COLOUR),
     Row("png", "PLTE", "refused", "a palette of colours", _PALETTE, _png_palette, _NUMBERS),
@@ -361,6 +398,8 @@ _PICTURES = (
         " out, and what it would override counts", "", _png_profile, _COLOUR),
     Row("png", "vpAg|caNv|iDOT|dSIG|prVW|mk(BF|BS|BT|TS)|sRGB|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT"
         "|iTXt|zTXt|tEXt", "honoured"),
+    Row("png", "late eXIf", "refused", "an orientation in Exif behind the pixels",
+        "must be stored upright; turn it and save it again", _late_exif),
     Row("png", "mDCV|mDCv|cLLI|cLLi", "noted", "how bright its mastering display was: not used"),
     Row("png", "oFFs", "noted", "a place on a page: not used", "", _png_offset),
     Row("png", "pCAL", "noted", "a calibration of its numbers: not applied"),
@@ -371,6 +410,13 @@ _PICTURES = (
     Row("jpeg", r"APP0 JF(IF|XX)|APP1 (Exif|http.*)|APP12 (Ducky|PictureInfo).*|APP2 ICC_PROFILE"
         r"|APP13 (Photoshop|Adobe).*|APP14 Adobe.*|COM", "honoured"),
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
+    Row("tiff", "tag 254", "refused", "a small copy, or a mask, of another picture",
+        "must hold the picture itself; save the picture that it belongs to", _tiff_subfile),
+    Row("tiff", "tag 255", "refused", "a small copy of another picture",
+        "must hold the picture itself; save the picture that it belongs to",
+        _named("it says that it is {}", {(2,): "a reduced one"})),
+    Row("tiff", "tag 280|tag 281|tag 340|tag 341", "noted", "its least and largest number: white is"
+        " the largest one of its type all the same", "", _tiff_range, _COLOUR),
     Row("tiff", "tag 262", "refused", "kinds other than grey, RGB, palette, CMYK, YCbCr",
         "must hold grey, RGB, CMYK or YCbCr; convert it",
         but("its photometric kind is {[0]}", (0,), (1,), (2,), (3,), (5,), (6,)), _COLOUR),
@@ -426,7 +472,7 @@ _PICTURES = (
     Row("hdr", "size", "refused", "lines in another order", "must run by rows from the top; save it"
         " again like that", but("its size line says {}", "-Y +X")),
     Row("hdr", "SOFTWARE|VIEW|CAPDATE|GMT|OWNER|CREATOR|DATE", "honoured"),
-    Row("webp", "VP8|VP8L|VP8X|ALPH|ICCP|EXIF|XMP|ANIM|ANMF", "honoured"),
+    Row("webp", "VP8|VP8L|VP8X|ALPH|ICCP|EXIF|ANIM|ANMF", "honoured"),
     Row("bmp", "bV4CSType", "noted", "a colour space of its own; taken as sRGB", "",
         but("its colour space is {!r}", b"sRGB", b"Win ", bytes(4)), _COLOUR),
     Row("bmp", "pixels per metre", "refused", "pixels that are not square", _SQUARE, _bmp_aspect),
@@ -443,14 +489,14 @@ _PADDING = "free|skip|wide"
 # Of videos, a cure that begins with - is options of FFmpeg, none where reading it is enough.
 _VIDEOS = (
     Row("video", "pixel aspect", "refused", "pixels that are not square, also by the track's size",
-        "must have square pixels; -vf \"scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1\""),
+        "must have square pixels; -vf scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1"),
     Row("video", "turn by 90, 180 or 270 degrees", "honoured", "frames are turned upright"),
     Row(_BOTH, "mirror image, other turn", "refused", "a matrix or a pose that is no quarter turn",
         "must be stored upright, or be turned by 90, 180 or 270 degrees"),
     Row("video", "clean aperture, crop", "refused", "less than the stored picture is to be shown",
         "must show all of its stored picture;"
-        " -vf \"crop={width}:{height}:if(gt(iw\\,{width})\\,{x}\\,0)"
-        ":if(gt(ih\\,{height})\\,{y}\\,0)\""),
+        " -vf crop={width}:{height}:if(gt(iw\\,{width})\\,{x}\\,0)"
+        ":if(gt(ih\\,{height})\\,{y}\\,0)"),
     Row(_BOTH, "display size", "noted", "a size other than the stored one, of the same shape:"
         " frames keep their stored size"),
     Row("video", "interlacing", "refused", "frames of two fields, also by H.264, HEVC, MPEG-2,"
@@ -460,8 +506,7 @@ _VIDEOS = (
         " RGB; limited or full. Where nothing is said: BT.601, limited"),
     Row("video", "no colour matrix", "noted", "above 576 lines, by H.264 and MPEG-4: BT.601 is"
         " taken, though some players take BT.709"),
-    Row("video", "colours of VP9 or AV1", "noted", "colours that the stream itself says are not"
-        " read"),
+    Row("video", "colours of AV1", "noted", "colours that the stream itself says are not read"),
     Row(_BOTH, "other colour matrix", "refused", "YCgCo, ICtCp and others",
         "must have a colour matrix that is read right: BT.709, BT.601, BT.2020 or RGB;"
         " -vf zscale=primariesin={primaries}:primaries={primaries}:transferin={transfer}"
@@ -497,6 +542,8 @@ _VIDEOS = (
     Row(_MP4, "playback speed", "refused", "another speed than 1",
         "must play at its own speed; -vf setpts=PTS/{speed},fps=source_fps"),
     Row("video (AVI)", "two frame rates", "noted", "that of the stream is taken"),
+    Row("video", "no frames", "refused", "none that OpenCV's FFmpeg decodes, as of AV1",
+        "must have frames that can be decoded"),
     Row("video", "length", "noted", "more frames promised than can be read"),
     Row("video", "several video tracks", "refused", "which one is shown would be chance",
         "must hold one video track"),

@@ -99,7 +99,7 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
             case 0x53C0:
                 if value:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
-                    yield Said("alpha", "its track has transparency", {"decoder": decoder})
+                    yield Said("alpha", "its track has transparency", {"reader": decoder})
             case 0x2FB523:
                 yield gamma(_float(data))
             case 0x55B0:

@@ -26,7 +26,7 @@ from pipeline.image_file import (
     read_pixels,
 )
 from stimuli.channels import alpha_of, colour_layer, need
-from stimuli.exr import Transfer, is_layered, stored_transfer
+from stimuli.exr import NEARLY, Transfer, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
 _GREY = ("Y", "L", "I")
@@ -195,13 +195,14 @@ def _shown(
         if encoded
         else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
     )
-    if reading.clip:
+    if reading.clip or max(high - 1, -low) <= NEARLY:
         share = float(((light < 0) | (light > 1)).mean())
         if share > 0:
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
         light = np.clip(light, 0, 1)
-    elif high > 1 or low < 0:
-        cure = "clip it with --clip" if options else "lower its exposure, or save it as PNG"
+    else:
+        mend = "lower its exposure" if high > 1 else "raise its least light to 0"
+        cure = "clip it with --clip" if options else f"{mend}, or save it as PNG"
         if high > 1 and not encoded and options:
             stops = reading.stops + math.floor(-10 * math.log2(high)) / 10
             cure = f"darken it by --stops {stops:.1f}, or {cure}"

@@ -9,7 +9,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import check_same_size
+from pipeline.frame import check_file_size
 from pipeline.image_file import check_fits
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
@@ -111,7 +111,7 @@ def load(
         clip=file.clip,
         channels=_channels(file.channels),
     )
-    check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
+    check_file_size(truth, shown, source, loaded.frame.source.colour)
     return replace(loaded, truth=shown)
 
 

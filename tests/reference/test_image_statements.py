@@ -86,6 +86,33 @@ def paged(pages: int) -> Make:
     return make
 
 
+def exif(orientation: int) -> bytes:
+    return b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0%c\0\0\0\0\0\0\0" % orientation
+
+
+def late(name: bytes, data: bytes) -> Make:
+    """A chunk behind the pixels of a PNG."""
+
+    def make(path: Path) -> None:
+        odd.png(path)
+        raw = path.read_bytes()
+        path.write_bytes(raw[:-12] + odd.chunk(name, data) + raw[-12:])
+
+    return make
+
+
+def xmp(said: str) -> bytes:
+    return f"<rdf:Description {said}/>".encode()
+
+
+def xmp_of_png(said: str) -> Make:
+    return png(b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + xmp(said))
+
+
+def xmp_of_jpeg(said: str) -> Make:
+    return lambda path: odd.jpeg(path, (1, b"http://ns.adobe.com/xap/1.0/\0" + xmp(said)))
+
+
 def moving_png(frames: int) -> Make:
     return png(b"acTL", struct.pack(">II", frames, 0))
 
@@ -132,6 +159,14 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
      lambda p: odd.exr(p, window=(5, 5, 8, 6), data_at=(5, 5)), C),
     ("any", "Exif:ColorSpace", "p.jpg", lambda p: odd.jpeg(p, exif={40961: 65535}),
      lambda p: odd.jpeg(p, exif={40961: 1}), C),
+    ("any", "XMP", "p.png", xmp_of_png('tiff:Orientation="6"'), xmp_of_png('tiff:Orientation="1"'),
+     C),
+    ("any", "XMP", "p.jpg", xmp_of_jpeg('GPano:ProjectionType="equirectangular"'),
+     xmp_of_jpeg("GPano:Other='1'"), C),
+    ("any", "XMP", "p.tif", tiff({700: xmp("tiff:Orientation='8'")}), tiff({700: xmp("")}), C),
+    ("any", "XMP", "p.webp", lambda p: odd.webp(p, (b"XMP ", xmp('tiff:Orientation="3"'))),
+     lambda p: odd.webp(p, (b"XMP ", xmp(""))), C),
+    ("png", "late eXIf", "p.png", late(b"eXIf", exif(6)), late(b"eXIf", exif(1)), C),
     ("png", "PLTE", "d.png", palette(grey=False), palette(grey=True), N),
     ("png", "gAMA", "p.png", png(b"gAMA", struct.pack(">I", 100_000)),
      png(b"gAMA", struct.pack(">I", 45455)), C),
@@ -156,6 +191,12 @@ SAMPLES: list[tuple[str, str, str, Make, Make, Callable[[Path], Any]]] = [
     ("png", "sTER", "p.png", png(b"sTER", b"\0"), odd.png, C),
     ("png", "sCAL", "p.png", png(b"sCAL", b"\x011\x002"), odd.png, C),
     ("jpeg", "APP2 MPF", "p.jpg", lambda p: odd.jpeg(p, (2, b"MPF\0II*\0")), odd.jpeg, C),
+    ("tiff", "tag 254", "p.tif", tiff({254: 1}), tiff({254: 2}), C),
+    ("tiff", "tag 254", "d.tif", tiff({254: 4}, picture=odd.GREY), tiff({254: 0}, picture=odd.GREY),
+     N),
+    ("tiff", "tag 255", "p.tif", tiff({255: 2}), tiff({255: 1}), C),
+    ("tiff", "tag 280|tag 281|tag 340|tag 341", "p.tif", tiff({281: (100, 100, 100)}),
+     tiff({281: (255, 255, 255), 280: (0, 0, 0)}), C),
     ("tiff", "tag 262", "p.tif",
      lambda p: odd.tiff(p, picture=Image.fromarray(odd.RGB).convert("LAB")), odd.tiff, C),
     ("tiff", "tag 262", "p.tif", retagged({262: 0}, odd.GREY),
@@ -256,6 +297,18 @@ def test_every_row_that_refuses_or_notes_has_a_sample():
     wanted = {(row.of, row.names) for row in pictures if row.verdict in ("refused", "noted")}
 
     assert wanted - UNREADABLE == {(kind, names) for kind, names, *_ in SAMPLES}
+
+
+def test_a_picture_beside_its_animation_is_counted(tmp_path):
+    """Programs that know animations show one frame; others, the picture that is none of it."""
+    frame = (b"fcTL", struct.pack(">5I2H2B", 0, 8, 6, 0, 0, 1, 10, 0, 0))
+    odd.png(tmp_path / "a.png", (b"acTL", struct.pack(">II", 1, 0)), frame)
+    assert load_colour(tmp_path / "a.png").shape == (6, 8, 3)
+    odd.png(tmp_path / "b.png", (b"acTL", struct.pack(">II", 1, 0)))
+    raw = (tmp_path / "b.png").read_bytes()
+    (tmp_path / "b.png").write_bytes(raw[:-12] + odd.chunk(*frame) + raw[-12:])
+    with pytest.raises(InputError, match=r"must hold one picture \(it holds several, 2\)"):
+        load_colour(tmp_path / "b.png")
 
 
 @pytest.mark.parametrize("picture", [odd.RGB, odd.RGB[..., 0]])
