@@ -36,6 +36,7 @@ LARGEST_SHIFT: Final = 0.5
 """Frames that a frame may come early or late: it is still nearest to its own place."""
 _ROUNDING_MS: Final = 1.0  # of times in Matroska
 _NEAR_RATE_SHARE: Final = 0.03
+_NO_FRAMES: Final = Said("no frames", "has none, or is damaged, or its codec is not known")
 
 
 def is_video(path: Path) -> bool:
@@ -119,6 +120,8 @@ class VideoFrames:
         number = self._video.get
         try:
             self.size_px = _edges(self._video)
+            if not all(self.size_px):
+                judged(path, [_NO_FRAMES])
             check_values(path, *self.size_px, 3)
             fps = number(cv2.CAP_PROP_FPS)
             if np.isfinite(fps) and fps > 0:
@@ -147,8 +150,7 @@ class VideoFrames:
         count = self._next
         self.release()
         if not count:
-            words = "has none, or is damaged, or its codec is not known"
-            judged(self.path, [Said("no frames", words)])
+            judged(self.path, [_NO_FRAMES])
         return count
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
