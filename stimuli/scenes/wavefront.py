@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
+from pipeline.image_file import check_picture, read_pixels
 from protocols.outside import visible_line
 from stimuli.scenes.mesh_features import Notes, check_statement, row_of
 from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
@@ -69,7 +70,7 @@ def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
         elif word == "s":
             smoothing = "off" if rest in ("0", "") else rest.lower()
     materials = _materials(path, notes, {name for name, _ in groups if name is not None})
-    known = {word: _rows(path, word, rows) for word, rows in lists.items()}
+    known = {word: _rows(path, notes, word, rows) for word, rows in lists.items()}
     for (name, smooth), faces in groups.items():
         surface, laid = materials.get(name, (Surface(str(name)), _Laid()))
         yield from _shapes(path, notes, surface, laid, faces, known, smooth != "off")
@@ -88,7 +89,7 @@ def _absolute(corner: str, lists: dict[str, list[str]]) -> str:
     return "/".join(parts)
 
 
-def _rows(path: Path, word: str, rows: list[str]) -> Array:
+def _rows(path: Path, notes: Notes, word: str, rows: list[str]) -> Array:
     """Numbers of the lines of one kind; colours are NaN where a position has none."""
     split = [row.split() for row in rows]
     widths = set(map(len, split))
@@ -100,6 +101,8 @@ def _rows(path: Path, word: str, rows: list[str]) -> Array:
             f" {len(odd)}); export it again"
         )
     if word == "v":  # x y z, and a weight or a colour, or a colour and its alpha
+        if widths & {4, 7} and any(len(row) in (4, 7) and float(row[-1]) != 1 for row in split):
+            notes.left_out("last number of v", "polygons have no weights, and corners no alpha")
         split = (
             [row if len(row) in (6, 7) else row[:3] + ["nan"] * 3 for row in split]
             if widths - {3}
@@ -440,6 +443,7 @@ class _Described:
         self.laid = laid
         place = place_of(self.path, name, self.notes.path)
         if place not in self.pictures:
+            check_picture(place, read_pixels(place), ("PixelAspectRatio",))
             what = f"which {self.notes.path.name} names"
             self.pictures[place] = decoded(place.read_bytes(), str(place), what)
         pixels = self.pictures[place]

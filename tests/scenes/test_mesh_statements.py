@@ -12,6 +12,7 @@ import zlib
 from urllib.parse import quote
 
 import numpy as np
+import odd_pictures as odd
 import pytest
 from built_study import write_small_study
 from PIL import Image
@@ -41,6 +42,7 @@ GLTF = {kind: features(f"glTF {kind}") for kind in KINDS_OF_OBJECTS if "numbers 
 GLTF_EXTENSIONS, OPTIONS = features("glTF extension"), features("options of map_")
 OBJ, MTL = features(".obj"), features(".mtl")
 FALLBACKS = [name for name, row in GLTF_EXTENSIONS.items() if row.verdict == "refused"]
+TURNED = (b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0")
 VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
 BYTE, UBYTE, SHORT, USHORT, UINT, FLOAT = 5120, 5121, 5122, 5123, 5125, 5126
 KINDS = {BYTE: "i1", UBYTE: "u1", SHORT: "<i2", USHORT: "<u2", UINT: "<u4", FLOAT: "<f4"}
@@ -1348,6 +1350,31 @@ def test_colours_of_a_gltf_are_shares(tmp_path, made, cured, said):
         load_world(made().save(tmp_path / "s.glb"))
     assert said in str(found.value)
     assert load_world(cured().save(tmp_path / "s.glb")).parts
+
+
+@pytest.mark.parametrize(
+    ("last", "said"), [("0.5", True), ("1.0", False), ("1 0 0 1", False), ("1 0 0 0.5", True)]
+)
+def test_a_weight_or_an_alpha_of_a_corner_is_noted(obj, last, said):
+    path = obj(PLAIN.replace("v 1 1 0", f"v 1 1 0 {last}"))
+    assert [note for note in load_world(path).notes if "last number of v" in note] == [
+        f"{path}: left out last number of v: polygons have no weights, and corners no alpha"
+    ] * said
+
+
+@pytest.mark.parametrize("picture", ["turned", "light", "several"])
+def test_what_a_picture_of_an_obj_says_of_itself_counts(obj, tmp_path, picture):
+    path = obj(library="map_Kd q.gif\n" if picture == "several" else "map_Kd q.png\n")
+    if picture == "several":
+        odd.gif(tmp_path / "q.gif", frames=2)
+    else:
+        chunk = (b"gAMA", struct.pack(">I", 100_000)) if picture == "light" else TURNED
+        odd.png(tmp_path / "q.png", chunk)
+    with pytest.raises(InputError, match=r"q\.\w+: must (be stored|hold)"):
+        load_world(path)
+    odd.png(tmp_path / "q.png", (b"pHYs", struct.pack(">IIB", 2, 1, 0)))  # uv say its shape
+    odd.gif(tmp_path / "q.gif")
+    assert load_world(path).parts
 
 
 def test_16_bits_of_grey_keep_their_clear_value():
