@@ -28,6 +28,8 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _AGAIN = "export it again"
+_SHORTEST = 0.1  # of quaternions, which rounding leaves near 1
+_SUMS_APART = 0.05  # of a corner's weights, from 1
 
 
 @dataclass(frozen=True)
@@ -53,21 +55,6 @@ def _fallback(name: str) -> bool:
     """Whether an extension stands for what it does not say itself: it may have a fallback."""
     row = row_of("glTF extension", name)
     return row is not None and row.verdict == "refused"
-
-
-def placed(translation: Array, rotation: Array, scale: Array) -> Array:
-    """Return the matrix T R S of a translation, a quaternion (x, y, z, w), and a scale."""
-    x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-30)
-    matrix = np.eye(4)
-    matrix[:3, :3] = scale * np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    matrix[:3, 3] = translation
-    return matrix
 
 
 class Document:
@@ -156,8 +143,13 @@ class Document:
 
     def _matrix(self, node: dict[str, Any]) -> Array:
         if "matrix" in node:
-            return self._numbers(node["matrix"], 16, "matrix").reshape(4, 4).T
-        return placed(
+            matrix = self._numbers(node["matrix"], 16, "matrix").reshape(4, 4).T
+            if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+                raise self._wrong("a matrix is no turn, scale and shift")
+            if {"translation", "rotation", "scale"} & node.keys():
+                raise self._wrong("a node has a matrix, and a shift, turn or scale beside it")
+            return matrix
+        return self._placed(
             *(
                 self._numbers(node.get(key, default), len(default), key)
                 for key, default in (
@@ -167,6 +159,23 @@ class Document:
                 )
             )
         )
+
+    def _placed(self, translation: Array, rotation: Array, scale: Array) -> Array:
+        """Return the matrix T R S of a translation, a quaternion (x, y, z, w), and a scale."""
+        length = float(np.linalg.norm(rotation))
+        if length < _SHORTEST:
+            raise self._wrong(f"the length of a rotation's quaternion is {length:.2g}, not 1")
+        x, y, z, w = rotation / length
+        matrix = np.eye(4)
+        matrix[:3, :3] = scale * np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        matrix[:3, 3] = translation
+        return matrix
 
     def _numbers(self, values: object, count: int, what: str) -> Array:
         found = np.asarray(values, np.float64)
@@ -205,7 +214,7 @@ class Document:
                 ("SCALE", (1.0, 1.0, 1.0)),
             )
         ]
-        return tuple(world @ placed(*row) for row in zip(*rows, strict=True))
+        return tuple(world @ self._placed(*row) for row in zip(*rows, strict=True))
 
     def _joints(self, index: int) -> Array:
         """Matrices of a skin's joints, shape (J, 4, 4)."""
@@ -249,7 +258,10 @@ class Document:
                 given[name] = self._accessor(attributes[semantic], semantic)
                 if name == "colour":
                     given[name] = shares(self.path, semantic, given[name])
-                for weight, target in zip(weights, part.get("targets", []), strict=False):
+                targets = part.get("targets", [])
+                if weights and len(weights) != len(targets):
+                    raise self._wrong(f"{len(weights)} weights are for {len(targets)} targets")
+                for weight, target in zip(weights, targets, strict=False):
                     if weight and semantic in target:
                         change = self._accessor(target[semantic], semantic)
                         given[name] = given[name] + weight * self._like(change, given[name])
@@ -318,6 +330,8 @@ class Document:
             for corner in range(4):
                 blended += share[:, corner, None, None] * joints[which[:, corner]]
             total = total + share.sum(axis=1)
+        if np.abs(total - 1).max(initial=0) > _SUMS_APART:
+            self.notes.say("weights of joints are brought to a sum of 1")
         blended /= np.maximum(total, 1e-12)[:, None, None]
         linear = blended[:, :3, :3]
         given["position"] = (linear @ given["position"][:, :, None])[..., 0] + blended[:, :3, 3]

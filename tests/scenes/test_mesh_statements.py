@@ -320,14 +320,22 @@ def instanced(component=FLOAT, shares=False):
     return made.extended(made.node, "EXT_mesh_gpu_instancing", {"attributes": attributes})
 
 
-def morphed(where, **targets):
+def pictured(**options):
+    """A picture of a kind that may hold several."""
+    made = Gltf().painted()
+    data = encoded(marked()[..., :3].copy(), "GIF", **options)
+    made.doc["images"][0] = {"bufferView": made.view(data), "mimeType": "image/gif"}
+    return made
+
+
+def morphed(where, three=False, **targets):
     made = Gltf().painted()
     made.attributes["COLOR_0"] = made.add(np.full((4, 3), 0.5))
     made.part["targets"] = [
         {key: made.add(values) for key, values in targets.items()},
         {"POSITION": made.add(np.full((4, 3), 9.0))},
     ]
-    where(made)["weights"] = [0.5, 0.0]
+    where(made)["weights"] = [0.5, 0.0] + [0.0] * three
     return made
 
 
@@ -750,6 +758,17 @@ REFUSED = {
         lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
     "COLOR_0 must not be VEC3 of unsigned byte": (
         lambda: coloured(3, UBYTE, False), lambda: coloured(3, UBYTE, True)),
+    "a matrix is no turn": (
+        lambda: moved(matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]), moved),
+    "a node has a matrix, and a shift": (
+        lambda: moved(matrix=np.eye(4).ravel().tolist(), scale=[1, 2, 1]), moved),
+    "the length of a rotation's quaternion is 0": (
+        lambda: moved(rotation=[0, 0, 0, 0]), lambda: moved(rotation=[0, 0, 0, 1])),
+    "3 weights are for 2 targets": (
+        lambda: morphed(lambda m: m.node, three=True, **CHANGES),
+        lambda: morphed(lambda m: m.node, **CHANGES)),
+    "it holds several pictures": (
+        lambda: pictured(save_all=True, append_images=[Image.new("L", (32, 32))]), pictured),
     "an index names vertex 9 of 4": (lambda: in_mode(4, [0, 1, 9]), moved),
     "two parents": (lambda: standing(PLACES, [{"children": [0]}]), lambda: standing(PLACES)),
     "ends at byte": (lambda: changed(moved(), lambda m: m.doc["accessors"][0], count=400), moved),
@@ -792,6 +811,17 @@ def test_unlit_materials_are_shown_unlit_and_glow_not(draw):
     made = filled([0.2, 0.6, 1, 1], emissiveFactor=[1, 1, 1], normalTexture={"index": 0})
     made.extended(made.material, "KHR_materials_unlit", {})
     assert (draw(made) == draw(glowing([0, 0, 0], [0.2, 0.6, 1]))).all()
+
+
+def test_weights_of_joints_that_do_not_add_up_are_noted(draw, tmp_path):
+    made = skinned()
+    right = np.array([0, 2, 2, 0.0])
+    weights = np.stack([2 - right, right, 0 * right, 0 * right], axis=1)
+    made.attributes["WEIGHTS_0"] = made.add(weights)
+    assert (draw(made) == draw(skinned())).all()
+    (note,) = load_world(made.save(tmp_path / "s.glb")).notes
+    assert "weights of joints are brought to a sum of 1" in note
+    assert load_world(skinned().save(tmp_path / "s.glb")).notes == ()
 
 
 def test_a_mirrored_or_pressed_node_is_lit_as_its_plain_control(draw):
