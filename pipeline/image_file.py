@@ -108,8 +108,8 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
         raise
     if plain is not None:
         source.close()
-        data = plain.stretched() if stretched else plain.data
-        return Pixels(data, tuple(spec.channelnames), {}, name)
+        numbers = plain.stretched() if stretched else plain.data
+        return Pixels(numbers, tuple(spec.channelnames), {}, name)
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)

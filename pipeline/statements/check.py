@@ -121,7 +121,7 @@ def judged(path: Path, said: Iterable[Said]) -> list[str]:
             refused.setdefault(statement, (visible_line(found), values))
     if refused:
         musts = [
-            f"{_VIDEOS[statement].rule.partition('; ')[0]} ({found})"
+            f"{_VIDEOS[statement].words.partition('; ')[0]} ({found})"
             for statement, (found, _) in refused.items()
         ]
         raise InputError(
@@ -132,7 +132,7 @@ def judged(path: Path, said: Iterable[Said]) -> list[str]:
 
 def _words(statement: str, values: Mapping[str, object]) -> str:
     """A cure that is no command of FFmpeg."""
-    cure = str(values.get("cure", _VIDEOS[statement].rule.partition("; ")[2]))
+    cure = str(values.get("cure", _VIDEOS[statement].words.partition("; ")[2]))
     return "" if cure.startswith("-") else cure
 
 
@@ -144,7 +144,7 @@ def _command(path: Path, refused: Mapping[str, tuple[str, Mapping[str, object]]]
     # Fields are joined first: everything else is meant for whole frames.
     for statement in sorted(refused, key=lambda name: name != "interlacing"):
         values = {"aspect": "sar", **refused[statement][1]}
-        options = str(values.get("cure", _VIDEOS[statement].rule.partition("; ")[2]))
+        options = str(values.get("cure", _VIDEOS[statement].words.partition("; ")[2]))
         chain, *rest = options.format_map(values).removeprefix("-vf ").split(" -", 1)
         filters.append(chain)
         before.append(str(values.get("reader", "")))

@@ -33,10 +33,8 @@ class Row:
     verdict : Verdict
         What is done where it is not at its default.
     words : str
-        What it says, or what happens, for the page of docs and for notes. Empty: it changes
-        nothing, and the page leaves it out.
-    rule : str
-        Of what is refused: what must hold, and behind a semicolon the cure.
+        Of what is refused, what must hold, and behind a semicolon the cure; of the rest, what it
+        says or what happens. Empty: it changes nothing, and the page of docs leaves it out.
     judge : optional
         From a value and all statements beside it to what they say, in words; None at the default.
         Without one, a statement is never at its default.
@@ -48,7 +46,6 @@ class Row:
     names: str
     verdict: Verdict
     words: str = ""
-    rule: str = ""
     judge: Judge | None = None
     use: Sequence[Use] = ("colour", "numbers")
 
@@ -66,7 +63,7 @@ class Row:
 
     def error(self, path: Path, found: str, cure: str = "") -> InputError:
         """Return the error of what must not be said; `cure` stands for the row's."""
-        must, _, own = self.rule.partition("; ")
+        must, _, own = self.words.partition("; ")
         return InputError(f"{path}: {must} ({found}); {cure or own}")
 
 
@@ -87,7 +84,8 @@ def table(rows: Iterable[Row]) -> str:
         if row.words:
             names = ", ".join(_shown(row.of, name) for name in row.names.split("|"))
             use = f" in {row.use[0]}" if len(row.use) == 1 else ""
-            lines.append(f"| {row.of} | {names} | {row.verdict}{use} | {row.words} |")
+            words = row.words.partition("; ")[0] if row.verdict == "refused" else row.words
+            lines.append(f"| {row.of} | {names} | {row.verdict}{use} | {words} |")
     return "\n".join(lines)
 
 

@@ -48,10 +48,6 @@ def _aspect(value: Any, _all: Statements) -> str | None:
     return None if near else f"its header says {ratio:g} to 1"
 
 
-def _several(value: Any, _all: Statements) -> str | None:
-    return f"it holds several, {value}" if int(value) > 1 else None
-
-
 def _primaries(values: Sequence[float], white: Sequence[float]) -> str | None:
     wanted = (*_REC709[: len(values)], *_D65[: len(white)])
     apart = max(abs(a - b) for a, b in zip((*values, *white), wanted, strict=False))
@@ -134,14 +130,6 @@ def _bits(everything: Statements) -> int:
     return int(everything.get("tag 258", (1,))[0])
 
 
-def _tiff_complex(value: Any, _all: Statements) -> str | None:
-    return None if value[0] in (1, 2, 3, 4) else "they are complex"
-
-
-def _tiff_24(value: Any, _all: Statements) -> str | None:
-    return "has 24, which are not read right" if value[0] == 24 else None
-
-
 def _tiff_subfile(value: Any, _all: Statements) -> str | None:
     kinds = [word for bit, word in ((1, "a reduced copy"), (4, "a mask")) if value[0] & bit]
     return f"it says that it is {' and '.join(kinds)} of another one" if kinds else None
@@ -163,14 +151,6 @@ def _tiff_palette(value: Any, everything: Statements) -> str | None:
 def _tiff_deep_white(value: Any, everything: Statements) -> str | None:
     said = value[0] == 0 and _bits(everything) > 8
     return "it says that 0 is white" if said else None
-
-
-def _tiff_white_point(value: Any, _all: Statements) -> str | None:
-    return _primaries((), value[:2])
-
-
-def _tiff_primaries(value: Any, _all: Statements) -> str | None:
-    return _primaries(value[:6], ())
 
 
 def _tiff_curve(value: Any, everything: Statements) -> str | None:
@@ -197,10 +177,6 @@ def _exr_views(value: Any, _all: Statements) -> str | None:
     return f"it holds the views {', '.join(value)}" if len(value) > 1 else None
 
 
-def _exr_primaries(value: Any, _all: Statements) -> str | None:
-    return _primaries(value[:6], value[6:8])
-
-
 def _encoded_space(value: Any, _all: Statements) -> str | None:
     text = str(value)
     return None if _linear(text) or not _ENCODED.search(text) else f"it says {text[:40]!r}"
@@ -220,17 +196,9 @@ def _other_space(value: Any, _all: Statements) -> str | None:
     return None if known else f"its colour space is {str(value)[:40]!r}"
 
 
-def _hdr_format(value: Any, _all: Statements) -> str | None:
-    return None if "rgbe" in str(value) else f"its format is {str(value)[:40]}"
-
-
 def _hdr_factor(value: Any, _all: Statements) -> str | None:
     plain = all(float(word) == 1 for word in str(value).split())
     return None if plain else f"its exposure or colour correction is {value}"
-
-
-def _hdr_gamma(value: Any, _all: Statements) -> str | None:
-    return None if float(value) == 1 else f"its gamma is {value}"
 
 
 def _hdr_primaries(value: Any, _all: Statements) -> str | None:
@@ -239,17 +207,9 @@ def _hdr_primaries(value: Any, _all: Statements) -> str | None:
     return None if own else _primaries(numbers[:6], numbers[6:8])
 
 
-def _hdr_aspect(value: Any, everything: Statements) -> str | None:
-    return _aspect(str(value).split()[0], everything)
-
-
 def _bmp_aspect(value: Any, everything: Statements) -> str | None:
     across, down = value
     return _aspect(across / down, everything) if across > 0 and down > 0 else None
-
-
-def _gif_aspect(value: Any, everything: Statements) -> str | None:
-    return _aspect((value + 15) / 64, everything) if value else None
 
 
 # ---- colour profiles
@@ -295,33 +255,24 @@ def _profile_greys(value: Any, _all: Statements) -> str | None:
 
 def _apart_from_srgb(data: bytes) -> tuple[str, int | None, int | None]:
     """A profile's name, and how far its greys and all its colours are from sRGB's, of 255."""
+    name = "which cannot be read"
     try:
         opened = ImageCms.ImageCmsProfile(io.BytesIO(data))
         name = ImageCms.getProfileDescription(opened).strip()
-    except (ImageCms.PyCMSError, OSError, ValueError):
-        return "which cannot be read", None, None
-    steps = np.linspace(0, 255, 17).round().astype(np.uint8)
-    grey = np.repeat(steps[None, :, None], 3, axis=-1)
-    every = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(1, -1, 3)
-    mode = {"RGB": "RGB", "GRAY": "L"}.get(opened.profile.xcolor_space.strip())
-    if mode is None:
+        mode = {"RGB": "RGB", "GRAY": "L"}[opened.profile.xcolor_space.strip()]
+        steps = np.linspace(0, 255, 17).round().astype(np.uint8)
+        grey = np.repeat(steps[:, None], 3, axis=-1)
+        every = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+        asked = np.concatenate([grey, every] if mode == "RGB" else [grey])
+        given = Image.fromarray(asked[None] if mode == "RGB" else asked[None, :, 0])
+        relative = ImageCms.Intent.RELATIVE_COLORIMETRIC
+        srgb = ImageCms.createProfile("sRGB")
+        change = ImageCms.buildTransform(opened, srgb, mode, "RGB", renderingIntent=relative)
+        shown = np.asarray(ImageCms.applyTransform(given, change), np.int64)[0]
+    except (ImageCms.PyCMSError, OSError, ValueError, KeyError):
         return name, None, None
-    try:
-        change = ImageCms.buildTransform(
-            opened,
-            ImageCms.createProfile("sRGB"),
-            mode,
-            "RGB",
-            renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC,
-        )
-        apart = []
-        for asked in (grey, every if mode == "RGB" else grey):
-            given = Image.fromarray(asked if mode == "RGB" else asked[..., 0])
-            shown = np.asarray(ImageCms.applyTransform(given, change), np.int64)
-            apart.append(int(np.abs(shown - asked).max()))
-    except (ImageCms.PyCMSError, OSError, ValueError):
-        return name, None, None
-    return name, apart[0], apart[1]
+    apart = np.abs(shown - asked)
+    return name, int(apart[: len(grey)].max()), int(apart.max())
 
 
 # ---- the table
@@ -359,124 +310,108 @@ COLOUR_SPACES: Final = ("oiio:ColorSpace", "colorInteropID", "colorSpace")
 """Of floats; they say what `stimuli.exr.Transfer` says."""
 
 _PICTURES = (
-    Row("any", "Orientation", "refused", "an Exif orientation other than upright",
-        "must be stored upright; turn it and save it again",
+    Row("any", "Orientation", "refused", "must be stored upright; turn it and save it again",
         but("its Exif orientation is {}", 0, 1)),
-    Row("any", "PixelAspectRatio", "refused", "pixels that are not square", _SQUARE, _aspect),
-    Row("any", "ICCProfile greys", "refused", "a profile whose greys are not sRGB's", _SRGB,
-        _profile_greys, _COLOUR),
-    Row("any", "ICCProfile", "noted", "a profile other than sRGB's; taken as sRGB", "", _profile,
+    Row("any", "PixelAspectRatio", "refused", _SQUARE, _aspect),
+    Row("any", "ICCProfile greys", "refused", _SRGB, _profile_greys, _COLOUR),
+    Row("any", "ICCProfile", "noted", "a profile other than sRGB's; taken as sRGB", _profile,
         _COLOUR),
-    Row("any", "Exif:ColorSpace", "noted", "Adobe RGB; taken as sRGB", "", _exif_space, _COLOUR),
-    Row("any", "several pictures", "refused", "several pictures: pages, frames, an animation",
-        "must hold one picture; save the one that is meant", _several),
-    Row("any", "CICP", "refused", "code points other than sRGB's", _SRGB, _code_points, _COLOUR),
-    Row("any", "colour space", "refused", "a colour space other than sRGB or linear Rec.709, of a"
-        " format that is not below", _SRGB, _other_space, _COLOUR),
-    Row("any", "deep pixels", "refused", "pixels of any number of samples",
-        "must hold one value a pixel; flatten it"),
-    Row("any", "small data window", "refused", "a data window smaller than the display window",
-        "must store its whole display window; render or save it whole, without a crop or a render"
-        " region"),
+    Row("any", "Exif:ColorSpace", "noted", "Adobe RGB; taken as sRGB", _exif_space, _COLOUR),
+    Row("any", "several pictures", "refused", "must hold one picture; save the one that is meant",
+        lambda count, _: f"it holds several, {count}" if count > 1 else None),
+    Row("any", "CICP", "refused", _SRGB, _code_points, _COLOUR),
+    Row("any", "colour space", "refused", _SRGB, _other_space, _COLOUR),
+    Row("any", "deep pixels", "refused", "must hold one value a pixel; flatten it"),
+    Row("any", "small data window", "refused", "must store its whole display window; render or save"
+        " it whole, without a crop or a render region"),
     Row("any", "large data window", "noted", "what lies around the display window is cut off"),
-    Row("any", "XMP", "noted", "an orientation that only XMP says: not turned", "",
-        _xmp_orientation),
-    Row("any", "XMP", "noted", "a panorama; taken for a flat picture", "", _xmp_panorama, _COLOUR),
+    Row("any", "XMP", "noted", "an orientation that only XMP says: not turned", _xmp_orientation),
+    Row("any", "XMP", "noted", "a panorama; taken for a flat picture", _xmp_panorama, _COLOUR),
     Row("png", "IHDR|IDAT|IEND", "honoured", "size, bits, interlacing"),
-    Row("png", "PLTE", "honoured", "a palette", "", None, _COLOUR),
-    Row("png", "PLTE", "refused", "a palette of colours", _PALETTE, _png_palette, _NUMBERS),
+    Row("png", "PLTE", "honoured", "a palette", None, _COLOUR),
+    Row("png", "PLTE", "refused", _PALETTE, _png_palette, _NUMBERS),
     Row("png", "tRNS", "honoured", "transparency"),
-    Row("png", "gAMA", "refused", "a gamma other than 1/2.2 and video's, without"
-        " sRGB, iCCP or cICP", _SRGB, _png_gamma, _COLOUR),
-    Row("png", "cHRM", "refused", "primaries other than Rec.709's, without sRGB, iCCP or cICP",
-        _PRIMARIES, _png_primaries, _COLOUR),
-    Row("png", "cICP", "refused", "code points other than sRGB's and video's (PQ, HLG, P3, ...)",
-        _SRGB, _code_points, _COLOUR),
+    Row("png", "gAMA", "refused", _SRGB, _png_gamma, _COLOUR),
+    Row("png", "cHRM", "refused", _PRIMARIES, _png_primaries, _COLOUR),
+    Row("png", "cICP", "refused", _SRGB, _code_points, _COLOUR),
     Row("png", "cICP|gAMA", "noted", "the encoding of video, BT.709; taken as shown, as video is",
-        "", _png_video, _COLOUR),
+        _png_video, _COLOUR),
     Row("png", "iCCP", "noted", "a damaged profile, or one of another kind of colour; it is left"
-        " out, and what it would override counts", "", _png_profile, _COLOUR),
+        " out, and what it would override counts", _png_profile, _COLOUR),
     Row("png", "vpAg|caNv|iDOT|dSIG|prVW|mk(BF|BS|BT|TS)|sRGB|pHYs|eXIf|sBIT|bKGD|hIST|tIME|sPLT"
         "|iTXt|zTXt|tEXt", "honoured"),
-    Row("png", "late eXIf", "refused", "an orientation in Exif behind the pixels",
-        "must be stored upright; turn it and save it again", _late_exif),
+    Row("png", "late eXIf", "refused", "must be stored upright; turn it and save it again",
+        _late_exif),
     Row("png", "mDCV|mDCv|cLLI|cLLi", "noted", "how bright its mastering display was: not used"),
-    Row("png", "oFFs", "noted", "a place on a page: not used", "", _png_offset),
+    Row("png", "oFFs", "noted", "a place on a page: not used", _png_offset),
     Row("png", "pCAL", "noted", "a calibration of its numbers: not applied"),
-    Row("png", "sTER", "refused", "both views of a stereo pair side by side",
-        "must hold one view; cut it in two"),
+    Row("png", "sTER", "refused", "must hold one view; cut it in two"),
     Row("png", "sCAL", "noted", "a physical size of its pixels: not used"),
     Row("png", "acTL|fcTL|fdAT", "honoured", "an animation, counted as pictures"),
     Row("jpeg", r"APP0 JF(IF|XX)|APP1 (Exif|http.*)|APP12 (Ducky|PictureInfo).*|APP2 ICC_PROFILE"
         r"|APP13 (Photoshop|Adobe).*|APP14 Adobe.*|COM", "honoured"),
     Row("jpeg", "APP2 MPF", "noted", "further pictures, or a gain map: left out"),
-    Row("tiff", "tag 254", "refused", "a small copy, or a mask, of another picture",
-        "must hold the picture itself; save the picture that it belongs to", _tiff_subfile),
-    Row("tiff", "tag 255", "refused", "a small copy of another picture",
-        "must hold the picture itself; save the picture that it belongs to",
-        _named("it says that it is {}", {(2,): "a reduced one"})),
+    Row("tiff", "tag 254", "refused", "must hold the picture itself; save the picture that it"
+        " belongs to", _tiff_subfile),
+    Row("tiff", "tag 255", "refused", "must hold the picture itself; save the picture that it"
+        " belongs to", _named("it says that it is {}", {(2,): "a reduced one"})),
     Row("tiff", "tag 280|tag 281|tag 340|tag 341", "noted", "its least and largest number: white is"
-        " the largest one of its type all the same", "", _tiff_range, _COLOUR),
-    Row("tiff", "tag 262", "refused", "kinds other than grey, RGB, palette, CMYK, YCbCr",
-        "must hold grey, RGB, CMYK or YCbCr; convert it",
+        " the largest one of its type all the same", _tiff_range, _COLOUR),
+    Row("tiff", "tag 262", "refused", "must hold grey, RGB, CMYK or YCbCr; convert it",
         but("its photometric kind is {[0]}", (0,), (1,), (2,), (3,), (5,), (6,)), _COLOUR),
-    Row("tiff", "tag 262", "refused", "0 as white in more than 8 bits", _BLACK_IS_0,
-        _tiff_deep_white, _COLOUR),
-    Row("tiff", "tag 262", "refused", "0 as white", _BLACK_IS_0, _named("it says that {}"
-        " is white", {(0,): "0"}), _NUMBERS),
-    Row("tiff", "tag 262", "refused", "a palette of colours", _PALETTE, _tiff_palette, _NUMBERS),
-    Row("tiff", "tag 339", "refused", "complex numbers", "must hold real numbers; write one real"
-        " number a pixel", _tiff_complex),
-    Row("tiff", "tag 258", "refused", "numbers of 24 bits", "must store numbers of 8, 16 or 32"
-        " bits; save it anew", _tiff_24),
+    Row("tiff", "tag 262", "refused", _BLACK_IS_0, _tiff_deep_white, _COLOUR),
+    Row("tiff", "tag 262", "refused", _BLACK_IS_0,
+        lambda kind, _: "it says that 0 is white" if kind[0] == 0 else None, _NUMBERS),
+    Row("tiff", "tag 262", "refused", _PALETTE, _tiff_palette, _NUMBERS),
+    Row("tiff", "tag 339", "refused", "must hold real numbers; write one real number a pixel",
+        lambda kind, _: None if kind[0] in (1, 2, 3, 4) else "they are complex"),
+    Row("tiff", "tag 258", "refused", "must store numbers of 8, 16 or 32 bits; save it anew",
+        lambda bits, _: "has 24, which are not read right" if bits[0] == 24 else None),
     Row("tiff", "tag 338", "honoured", "alpha, associated or not"),
-    Row("tiff", "tag 318", "refused", "a white point other than D65", _PRIMARIES, _tiff_white_point,
+    Row("tiff", "tag 318", "refused", _PRIMARIES, lambda value, _: _primaries((), value[:2]),
         _COLOUR),
-    Row("tiff", "tag 319", "refused", "primaries other than Rec.709's", _PRIMARIES, _tiff_primaries,
+    Row("tiff", "tag 319", "refused", _PRIMARIES, lambda value, _: _primaries(value[:6], ()),
         _COLOUR),
-    Row("tiff", "tag 301", "refused", "a transfer function unlike sRGB's", _SRGB, _tiff_curve,
-        _COLOUR),
+    Row("tiff", "tag 301", "refused", _SRGB, _tiff_curve, _COLOUR),
     Row("tiff", "tag 290|tag 291|tag 532", "noted", "a curve of greys, reference black and white:"
         " not applied"),
-    Row("tiff", "tag 42112", "noted", "GDAL's scale and offset; the options of the units apply"
-        " one", "", _tiff_scale, _NUMBERS),
-    Row("tiff", "tag 42113", "honoured", "GDAL's number for unknown", "", None, _NUMBERS),
-    Row("tiff", "tag 50706", "refused", "a camera's raw file (DNG)",
-        "must be a developed picture; develop it"),
+    Row("tiff", "tag 42112", "noted", "GDAL's scale and offset; the options of the units apply one",
+        _tiff_scale, _NUMBERS),
+    Row("tiff", "tag 42113", "honoured", "GDAL's number for unknown", None, _NUMBERS),
+    Row("tiff", "tag 50706", "refused", "must be a developed picture; develop it"),
     Row("tiff", f"tag ({_LAYOUT})", "honoured"),
-    Row("openexr", "chromaticities", "refused", "chromaticities other than Rec.709's", _PRIMARIES,
-        _exr_primaries, _COLOUR),
-    Row("openexr", "|".join(COLOUR_SPACES), "refused", "a colour space for a display",
-        "must hold light; save it as PNG, or say that it is encoded: --encoded of warp and foveate,"
-        " transfer = 'linear' in a study", _encoded_space, _COLOUR),
-    Row("openexr", "|".join(COLOUR_SPACES), "refused", "a colour space other than linear Rec.709",
-        "must hold light with Rec.709 primaries; convert it, and save it as that", _wide_space,
-        _COLOUR),
+    Row("openexr", "chromaticities", "refused", _PRIMARIES,
+        lambda value, _: _primaries(value[:6], value[6:8]), _COLOUR),
+    Row("openexr", "|".join(COLOUR_SPACES), "refused", "must hold light; save it as PNG, or say"
+        " that it is encoded: --encoded of warp and foveate, transfer = 'linear' in a study",
+        _encoded_space, _COLOUR),
+    Row("openexr", "|".join(COLOUR_SPACES), "refused", "must hold light with Rec.709 primaries;"
+        " convert it, and save it as that", _wide_space, _COLOUR),
     Row("openexr", "whiteLuminance|adoptedNeutral|lookModTransform|renderingTransform"
         "|acesImageContainerFlag", "noted", "luminance of white, a look: not applied"),
-    Row("openexr", "multiView", "noted", "several views; the first is taken", "", _exr_views),
+    Row("openexr", "multiView", "noted", "several views; the first is taken", _exr_views),
     Row("openexr", "envmap", "noted", "an environment map; taken for a flat picture"),
-    Row("openexr", "compression", "noted", "a compression that may have changed numbers", "",
+    Row("openexr", "compression", "noted", "a compression that may have changed numbers",
         _named("its compression is {}", {5: "pxr24", 6: "b44", 7: "b44a", 8: "dwaa", 9: "dwab"}),
         _NUMBERS),
     Row("openexr", _REMARKS, "honoured"),
-    Row("hdr", "FORMAT", "refused", "XYZ in place of RGB", "must hold RGB; convert it",
-        _hdr_format),
-    Row("hdr", "EXPOSURE|COLORCORR", "noted", "exposure and colour correction: not applied", "",
+    Row("hdr", "FORMAT", "refused", "must hold RGB; convert it",
+        lambda kind, _: None if "rgbe" in kind else f"its format is {kind[:40]}"),
+    Row("hdr", "EXPOSURE|COLORCORR", "noted", "exposure and colour correction: not applied",
         _hdr_factor),
-    Row("hdr", "GAMMA", "refused", "a gamma other than 1", "must hold light; convert it",
-        _hdr_gamma),
-    Row("hdr", "PRIMARIES", "refused", "primaries other than Radiance's or Rec.709's", _PRIMARIES,
-        _hdr_primaries, _COLOUR),
-    Row("hdr", "PIXASPECT", "refused", "pixels that are not square", _SQUARE, _hdr_aspect),
-    Row("hdr", "size", "refused", "lines in another order", "must run by rows from the top; save it"
-        " again like that", but("its size line says {}", "-Y +X")),
+    Row("hdr", "GAMMA", "refused", "must hold light; convert it",
+        lambda gamma, _: None if float(gamma) == 1 else f"its gamma is {gamma}"),
+    Row("hdr", "PRIMARIES", "refused", _PRIMARIES, _hdr_primaries, _COLOUR),
+    Row("hdr", "PIXASPECT", "refused", _SQUARE, lambda value, _: _aspect(value.split()[0], {})),
+    Row("hdr", "size", "refused", "must run by rows from the top; save it again like that",
+        but("its size line says {}", "-Y +X")),
     Row("hdr", "SOFTWARE|VIEW|CAPDATE|GMT|OWNER|CREATOR|DATE", "honoured"),
     Row("webp", "VP8|VP8L|VP8X|ALPH|ICCP|EXIF|ANIM|ANMF", "honoured"),
-    Row("bmp", "bV4CSType", "noted", "a colour space of its own; taken as sRGB", "",
+    Row("bmp", "bV4CSType", "noted", "a colour space of its own; taken as sRGB",
         but("its colour space is {!r}", b"sRGB", b"Win ", bytes(4)), _COLOUR),
-    Row("bmp", "pixels per metre", "refused", "pixels that are not square", _SQUARE, _bmp_aspect),
-    Row("gif", "pixel aspect", "refused", "pixels that are not square", _SQUARE, _gif_aspect),
+    Row("bmp", "pixels per metre", "refused", _SQUARE, _bmp_aspect),
+    Row("gif", "pixel aspect", "refused", _SQUARE,
+        lambda value, _: _aspect((value + 15) / 64, {}) if value else None),
 )  # fmt: skip
 
 _MP4, _MKV = "video (MP4, MOV)", "video (Matroska, WebM)"
@@ -488,75 +423,63 @@ _TO_SRGB = (
 _PADDING = "free|skip|wide"
 # Of videos, a cure that begins with - is options of FFmpeg, none where reading it is enough.
 _VIDEOS = (
-    Row("video", "pixel aspect", "refused", "pixels that are not square, also by the track's size",
-        "must have square pixels; -vf scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1"),
+    Row("video", "pixel aspect", "refused", "must have square pixels; -vf"
+        " scale=trunc(iw*{aspect}/2+0.5)*2:ih,setsar=1"),
     Row("video", "turn by 90, 180 or 270 degrees", "honoured", "frames are turned upright"),
-    Row(_BOTH, "mirror image, other turn", "refused", "a matrix or a pose that is no quarter turn",
-        "must be stored upright, or be turned by 90, 180 or 270 degrees"),
-    Row("video", "clean aperture, crop", "refused", "less than the stored picture is to be shown",
-        "must show all of its stored picture;"
-        " -vf crop={width}:{height}:if(gt(iw\\,{width})\\,{x}\\,0)"
-        ":if(gt(ih\\,{height})\\,{y}\\,0)"),
+    Row(_BOTH, "mirror image, other turn", "refused", "must be stored upright, or be turned by 90,"
+        " 180 or 270 degrees"),
+    Row("video", "clean aperture, crop", "refused", "must show all of its stored picture; -vf"
+        " crop={width}:{height}:if(gt(iw\\,{width})\\,{x}\\,0):if(gt(ih\\,{height})\\,{y}\\,0)"),
     Row(_BOTH, "display size", "noted", "a size other than the stored one, of the same shape:"
         " frames keep their stored size"),
-    Row("video", "interlacing", "refused", "frames of two fields, also by H.264, HEVC, MPEG-2,"
-        " MPEG-4, ProRes and DV themselves", "must hold whole frames, not fields;"
-        " -vf bwdif=mode=send_frame:deint=interlaced,setfield=prog"),
+    Row("video", "interlacing", "refused", "must hold whole frames, not fields; -vf"
+        " bwdif=mode=send_frame:deint=interlaced,setfield=prog"),
     Row("video", "colour matrix and range", "honoured", "BT.709, BT.601, FCC, SMPTE 240M, BT.2020,"
         " RGB; limited or full. Where nothing is said: BT.601, limited"),
     Row("video", "no colour matrix", "noted", "above 576 lines, by H.264 and MPEG-4: BT.601 is"
         " taken, though some players take BT.709"),
     Row("video", "colours of AV1", "noted", "colours that the stream itself says are not read"),
-    Row(_BOTH, "other colour matrix", "refused", "YCgCo, ICtCp and others",
-        "must have a colour matrix that is read right: BT.709, BT.601, BT.2020 or RGB;"
-        " -vf zscale=primariesin={primaries}:primaries={primaries}:transferin={transfer}"
-        ":transfer={transfer}:matrix=gbr:range=full,format=gbrp"),
-    Row(_BOTH, "colour matrix twice", "refused", "the container says another one than ProRes or"
-        " Motion JPEG, whose own is taken",
-        "must say one colour matrix; -vf setparams=colorspace={name}"),
+    Row(_BOTH, "other colour matrix", "refused", "must have a colour matrix that is read right:"
+        " BT.709, BT.601, BT.2020 or RGB; -vf zscale=primariesin={primaries}:primaries={primaries}"
+        ":transferin={transfer}:transfer={transfer}:matrix=gbr:range=full,format=gbrp"),
+    Row(_BOTH, "colour matrix twice", "refused", "must say one colour matrix; -vf"
+        " setparams=colorspace={name}"),
     Row(_BOTH, "transfer of a display", "honoured", "BT.709, BT.601, BT.2020 and sRGB: values are"
         " shown as they are"),
-    Row(_BOTH, "gamma 2.2, gamma 2.8, SMPTE 240M, xvYCC, BT.1361", "noted", "values are shown as"
-        " they are"),
+    Row(_BOTH, "gamma 2.2, gamma 2.8, SMPTE 240M, xvYCC, BT.1361", "noted",
+        "values are shown as they are"),
     Row(_BOTH, "PQ, HLG", "noted", "light is mapped to what a display of sRGB shows"),
-    Row(_BOTH, "other transfer", "refused", "linear light, logarithms, SMPTE 428 and others",
-        f"must be encoded for a display; {_TO_SRGB}"),
+    Row(_BOTH, "other transfer", "refused", f"must be encoded for a display; {_TO_SRGB}"),
     Row(_BOTH, "primaries of BT.470 BG, BT.601, SMPTE 240M", "noted", "taken as those of sRGB"),
-    Row(_BOTH, "other primaries", "refused", "BT.2020, Display P3 and others, unless with PQ or"
-        " HLG", f"must have the primaries of BT.709 and sRGB; {_TO_SRGB}"),
+    Row(_BOTH, "other primaries", "refused",
+        f"must have the primaries of BT.709 and sRGB; {_TO_SRGB}"),
     Row(_MP4, "ICC profile", "noted", "not applied"),
     Row(_BOTH, "gamma value", "noted", "from 1.7 to 2.8: values are shown as they are; any other is"
         " refused as another transfer"),
     Row(_BOTH, "light levels of the mastering display", "noted", "not used"),
     Row(_BOTH, "Dolby Vision", "noted", "only the base layer is shown"),
-    Row(_BOTH, "Dolby Vision without a base layer", "refused", "its colours need the other data",
-        "must hold colours that can be shown without Dolby Vision; export it as HDR10 or SDR"),
-    Row("video", "alpha", "refused", "transparency, by pixel format or track",
-        "must be opaque; -vf format=gbrap,premultiply=inplace=1"),
+    Row(_BOTH, "Dolby Vision without a base layer", "refused", "must hold colours that can be shown"
+        " without Dolby Vision; export it as HDR10 or SDR"),
+    Row("video", "alpha", "refused", "must be opaque; -vf format=gbrap,premultiply=inplace=1"),
     Row("video", "more than 8 bits", "noted", "frames are rounded to 8 bits"),
     Row(_BOTH, "chroma siting", "noted", "chroma is taken to lie on the left, as in MPEG-2"),
-    Row("video", "frame times", "refused", "frames that do not come at the file's rate: variable"
-        " rates, gaps, times given twice", "must show its frames at one rate; -vf fps={rate}"),
+    Row("video", "frame times", "refused", "must show its frames at one rate; -vf fps={rate}"),
     Row(_MP4, "edit list", "honoured", "frames outside the edits are left out"),
     Row("video", "late start", "noted", "shown from its first frame on"),
-    Row(_MP4, "playback speed", "refused", "another speed than 1",
-        "must play at its own speed; -vf setpts=PTS/{speed},fps=source_fps"),
+    Row(_MP4, "playback speed", "refused", "must play at its own speed; -vf"
+        " setpts=PTS/{speed},fps=source_fps"),
     Row("video (AVI)", "two frame rates", "noted", "that of the stream is taken"),
-    Row("video", "no frames", "refused", "none that OpenCV's FFmpeg decodes, as of AV1",
-        "must have frames that can be decoded"),
+    Row("video", "no frames", "refused", "must have frames that can be decoded"),
     Row("video", "length", "noted", "more frames promised than can be read"),
-    Row("video", "several video tracks", "refused", "which one is shown would be chance",
-        "must hold one video track"),
+    Row("video", "several video tracks", "refused", "must hold one video track"),
     Row("video", "track that is switched off", "noted", "shown all the same"),
-    Row(_BOTH, "stereo", "refused", "two views in one frame or track",
-        "must hold one view; -vf stereo3d={name}:ml -metadata:s:v stereo_mode=mono"),
-    Row(_BOTH, "spherical", "refused", "a panorama that is to be projected",
-        "must be a flat picture, not a panorama;"
-        " -vf v360=input={name}:output=flat:h_fov=90:v_fov=60"),
+    Row(_BOTH, "stereo", "refused", "must hold one view; -vf stereo3d={name}:ml -metadata:s:v"
+        " stereo_mode=mono"),
+    Row(_BOTH, "spherical", "refused", "must be a flat picture, not a panorama; -vf"
+        " v360=input={name}:output=flat:h_fov=90:v_fov=60"),
     Row("video", "sound", "noted", "not played"),
     Row(_BOTH, "other tracks", "noted", "subtitles, time codes, data: not used"),
-    Row(_BOTH, "encryption", "refused", "frames that need a key",
-        "must not be encrypted; decrypt it first"),
+    Row(_BOTH, "encryption", "refused", "must not be encrypted; decrypt it first"),
     Row(_MKV, "ordered chapters", "noted", "frames come in the order of the file"),
     Row(_MP4, "graphics mode", "noted", "the picture replaces what lies behind it"),
     Row("video", "titles, dates, authors, cover pictures", "honoured", "they do not change frames"),

@@ -45,8 +45,8 @@ ROWS: Final = (
     Row("glTF objects", "name|extras|extensions", "honoured", "they do not change the picture"),
     Row("glTF document", "asset|extensionsUsed|extensionsRequired|scene|scenes|nodes|meshes|skins"
         "|materials|textures|images|samplers|accessors|bufferViews|buffers", "honoured", _DRAWN),
-    Row("glTF document", "cameras", "noted", _CAMERA, "", but("", [])),
-    Row("glTF document", "animations", "noted", _REST, "", but("", [])),
+    Row("glTF document", "cameras", "noted", _CAMERA, but("", [])),
+    Row("glTF document", "animations", "noted", _REST, but("", [])),
     Row("glTF asset", "version|minVersion|generator|copyright", "honoured", "2.0 and later 2.x"),
     Row("glTF scene", "nodes", "honoured", _DRAWN),
     Row("glTF node", "children|mesh|skin|weights|matrix|translation|rotation|scale", "honoured",
@@ -54,7 +54,7 @@ ROWS: Final = (
     Row("glTF node", "camera", "noted", _CAMERA),
     Row("glTF mesh", "primitives|weights", "honoured", _DRAWN),
     Row("glTF primitive", "attributes|targets|indices|material", "honoured", _DRAWN),
-    Row("glTF primitive", "mode", "noted", _PLAIN, "", but("", None, 4, 5, 6)),
+    Row("glTF primitive", "mode", "noted", _PLAIN, but("", None, 4, 5, 6)),
     Row("glTF attribute", r"POSITION|NORMAL|TEXCOORD_\d+|COLOR_0|JOINTS_\d+|WEIGHTS_\d+",
         "honoured", _DRAWN),
     Row("glTF target", r"POSITION|NORMAL|TEXCOORD_\d+|COLOR_0", "honoured", _DRAWN),
@@ -68,16 +68,15 @@ ROWS: Final = (
     Row("glTF material", "alphaMode", "honoured", f"BLEND {_CUT}"),
     Row("glTF material", "normalTexture|occlusionTexture", "noted", _MATTE),
     Row("glTF pbrMetallicRoughness", "baseColorTexture|baseColorFactor", "honoured", _DRAWN),
-    Row("glTF pbrMetallicRoughness", "metallicFactor", "noted", _MATTE, "", but("", 0)),
-    Row("glTF pbrMetallicRoughness", "roughnessFactor", "noted", _MATTE, "", but("", 1)),
+    Row("glTF pbrMetallicRoughness", "metallicFactor", "noted", _MATTE, but("", 0)),
+    Row("glTF pbrMetallicRoughness", "roughnessFactor", "noted", _MATTE, but("", 1)),
     Row("glTF pbrMetallicRoughness", "metallicRoughnessTexture", "noted", _MATTE),
     Row("glTF textureInfo", "index|texCoord", "honoured", _DRAWN),
     Row("glTF texture", "source|sampler", "honoured", _DRAWN),
     Row("glTF image", "uri|mimeType|bufferView", "honoured", _DRAWN),
     Row("glTF sampler", "wrapS|wrapT", "honoured", "10497, 33071, 33648; others: refused"),
     Row("glTF sampler", "magFilter", "honoured", _DRAWN),
-    Row("glTF sampler", "minFilter", "noted", _FILTERED, "",
-        but("", None, 9729, 9985, 9986, 9987)),
+    Row("glTF sampler", "minFilter", "noted", _FILTERED, but("", None, 9729, 9985, 9986, 9987)),
     Row("glTF accessor", "bufferView|byteOffset|componentType|normalized|count|type|max|min|sparse",
         "honoured", _DRAWN),
     Row("glTF sparse", "count|indices|values", "honoured", _DRAWN),
@@ -89,9 +88,9 @@ ROWS: Final = (
     Row("glTF KHR_materials_emissive_strength", "emissiveStrength", "honoured", _DRAWN),
     Row("glTF KHR_materials_pbrSpecularGlossiness", "diffuseTexture|diffuseFactor", "honoured",
         _DRAWN),
-    Row("glTF KHR_materials_pbrSpecularGlossiness",
-        "specularFactor|glossinessFactor|specularGlossinessTexture", "noted", _MATTE),
-    Row("glTF KHR_materials_transmission", "transmissionFactor", "refused", "other than 0",
+    Row("glTF KHR_materials_pbrSpecularGlossiness", "specularFactor|glossinessFactor"
+        "|specularGlossinessTexture", "noted", _MATTE),
+    Row("glTF KHR_materials_transmission", "transmissionFactor", "refused",
         "must let no light through, because a pixel of a warp has one depth; set its transmission"
         " to 0, or delete the surface", but("", 0)),
     Row("glTF KHR_materials_transmission", "transmissionTexture", "noted", _MATTE),
@@ -117,17 +116,15 @@ ROWS: Final = (
         "|EXT_mesh_gpu_instancing|KHR_node_visibility|EXT_texture_webp", "honoured", _DRAWN),
     Row("glTF extension", "KHR_materials_transmission", "honoured", "if it is 0"),
     Row("glTF extension", "KHR_draco_mesh_compression|EXT_meshopt_compression"
-        "|KHR_meshopt_compression", "refused", "what the file holds in its place is drawn, if any",
-        f"{_NEEDS}export it without compression of meshes"),
+        "|KHR_meshopt_compression", "refused", f"{_NEEDS}export it without compression of meshes"),
     Row("glTF extension", "KHR_texture_basisu|EXT_texture_avif|MSFT_texture_dds", "refused",
-        "what the file holds in its place is drawn, if any",
         f"{_NEEDS}export its pictures as PNG or JPEG"),
     Row("glTF extension", "KHR_materials_clearcoat|KHR_materials_sheen|KHR_materials_specular"
         "|KHR_materials_ior|KHR_materials_iridescence|KHR_materials_anisotropy"
         "|KHR_materials_dispersion|KHR_materials_volume|KHR_materials_diffuse_transmission",
         "noted", _MATTE),
-    Row("glTF extension", "KHR_materials_variants", "noted",
-        "the material that has no variant is drawn"),
+    Row("glTF extension", "KHR_materials_variants", "noted", "the material that has no variant is"
+        " drawn"),
     Row("glTF extension", "KHR_lights_punctual|EXT_lights_image_based|EXT_lights_ies", "noted",
         _LIGHT),
     Row("glTF extension", "KHR_animation_pointer", "noted", _REST),
@@ -141,30 +138,29 @@ ROWS: Final = (
     Row(".obj", "vp|mg|lod|bevel|c_interp|d_interp|shadow_obj|trace_obj", "noted",
         "it says how other programs show the mesh"),
     Row(".obj", "cstype|deg|bmat|step|curv|curv2|surf|parm|trim|hole|scrv|sp|end|con|ctech|stech"
-        "|bsp|bzp|cdc|cdp|res|scmp", "refused", "free-form surfaces",
-        "must not have free-form surfaces; export it as polygons"),
-    Row(".obj", "usemap|maplib", "refused", "pictures without a library",
-        "must have its pictures in a library; use map_Kd of an .mtl file in its place"),
-    Row(".obj", "call|csh", "refused", "other files",
-        "must not call another file; put what it brings into this file"),
+        "|bsp|bzp|cdc|cdp|res|scmp", "refused", "must not have free-form surfaces; export it as"
+        " polygons"),
+    Row(".obj", "usemap|maplib", "refused", "must have its pictures in a library; use map_Kd of an"
+        " .mtl file in its place"),
+    Row(".obj", "call|csh", "refused", "must not call another file; put what it brings into this"
+        " file"),
     Row(".mtl", "newmtl|kd|map_kd|ke|map_ke", "honoured", f"{_DRAWN}, in letters of any case"),
     Row(".mtl", "d|tr|map_d", "honoured", _CUT),
     Row(".mtl", "ka|ks|ns|ni|tf|illum|sharpness|pr|pm|ps|pc|pcr|aniso|anisor|map_ka|map_ks|map_ns"
         "|map_bump|bump|norm|map_norm|refl|map_refl|map_pr|map_pm|map_ps|map_pc|map_pcr|map_rma"
         "|map_orm", "noted", _MATTE),
     Row(".mtl", "map_aat", "noted", "edges are not smoothed"),
-    Row(".mtl", "decal", "refused", "a picture on a picture",
-        "must have one picture; put it into the picture of map_Kd"),
-    Row(".mtl", "disp|map_disp", "refused", "a surface that is moved", _MOVED),
-    Row(".mtl", "map_tr|map_opacity", "refused", "what is clear", _MASK),
+    Row(".mtl", "decal", "refused", "must have one picture; put it into the picture of map_Kd"),
+    Row(".mtl", "disp|map_disp", "refused", _MOVED),
+    Row(".mtl", "map_tr|map_opacity", "refused", _MASK),
     Row("options of map_", "-s|-o|-clamp|-imfchan", "honoured", _DRAWN),
-    Row("options of map_", "-mm", "refused", "other than 0 1", "must show its pictures as they are;"
-        " change the picture itself, and leave -mm out", but("", (0.0, 1.0))),
-    Row("options of map_", "-t", "refused", "other than 0", "must show its pictures as they are;"
-        " leave -t out", but("", (0.0, 0.0, 0.0), (0.0, 0.0), (0.0,))),
-    Row("options of map_", "-cc", "refused", "other than off", "must show its pictures as they are;"
-        " change the picture itself, and leave -cc out", but("", "off")),
-    Row("options of map_", "-blendu|-blendv", "noted", _FILTERED, "", but("", "on")),
+    Row("options of map_", "-mm", "refused", "must show its pictures as they are; change the"
+        " picture itself, and leave -mm out", but("", (0.0, 1.0))),
+    Row("options of map_", "-t", "refused", "must show its pictures as they are; leave -t out",
+        but("", (0.0, 0.0, 0.0), (0.0, 0.0), (0.0,))),
+    Row("options of map_", "-cc", "refused", "must show its pictures as they are; change the"
+        " picture itself, and leave -cc out", but("", "off")),
+    Row("options of map_", "-blendu|-blendv", "noted", _FILTERED, but("", "on")),
     Row("options of map_", "-boost|-texres", "noted", _FILTERED),
     Row("options of map_", "-bm|-type", "noted", _MATTE),
 )  # fmt: skip
@@ -286,7 +282,7 @@ def check_gltf(notes: Notes, document: dict[str, Any]) -> None:
 def unsupported(path: Path, name: str) -> InputError:
     """Return the error of an extension without which a file cannot be drawn."""
     row = row_of("glTF extension", name)
-    other = Row("", "", "refused", "", f"{_NEEDS}export it without compression and without them")
+    other = Row("", "", "refused", f"{_NEEDS}export it without compression and without them")
     return (row or other).error(path, name)
 
 
@@ -320,7 +316,9 @@ def _extension(notes: Notes, name: str, content: Any, kind: str) -> None:
         notes.left_out(f"{name} of a {kind}", UNKNOWN)
     elif kind and name in _AT:
         _check_object(notes, content, name)
-    elif row.verdict != "honoured":  # with nothing in its place, it is refused where it is used
+    elif row.verdict == "refused":  # where it is used, and nothing stands in its place
+        notes.left_out(name, "what the file holds in its place is drawn")
+    elif row.verdict == "noted":
         notes.left_out(name, row.words)
 
 

@@ -444,7 +444,7 @@ def test_what_changes_the_picture_is_refused_with_what_to_do(made, case):
     with pytest.raises(InputError) as refused:
         len(VideoFrames(path))
     message = str(refused.value)
-    assert message.startswith(f"{path}: {row.rule.partition('; ')[0]} (")
+    assert message.startswith(f"{path}: {row.words.partition('; ')[0]} (")
     assert case.said in message
     assert ("this makes such a file: ffmpeg" in message) == (
         case.mends or case.statement == "several video tracks"
