@@ -15,7 +15,7 @@ from pipeline.image_header import WALKERS, read_statements
 from pipeline.limits import check_need, check_values
 from pipeline.netpbm import read_netpbm
 from pipeline.statements.check import check_statements, refusal
-from pipeline.statements.rows import COLOUR_SPACES
+from pipeline.statements.row import Use
 from protocols.outside import reading, visible_line
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
@@ -30,7 +30,6 @@ _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
 _NEEDS_ROOM = ("jpeg", "webp")
 """Formats whose libraries end the process, or never return, when the disk is full."""
 _HEAD = 2**16  # bytes that hold all of such a file but its pixels
-_ANY = ("Orientation", "PixelAspectRatio", "ICCProfile", "Exif:ColorSpace", "CICP")
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
@@ -234,25 +233,8 @@ def check_picture(
             f"{path}: a picture must hold 8 or 16 bits without a sign, or floats (holds {dtype}"
             " numbers, of which no one knows what white is); save it as PNG"
         )
-    if encoded:
-        handled = (*handled, *COLOUR_SPACES)
     if pixels.kind:  # there is a file
-        check_statements(path, pixels.kind, _general(path, pixels), ("colour",), handled=handled)
-
-
-def check_header(
-    path: Path, kind: str, attributes: Mapping[str, Any], *, encoded: bool = False
-) -> None:
-    """Do what `check_picture` does, of a file of colour and numbers.
-
-    Raises
-    ------
-    InputError
-        If a statement is refused.
-    """
-    general = {name: attributes[name] for name in _ANY if name in attributes}
-    handled = COLOUR_SPACES if encoded else ()
-    check_statements(path, kind, general, ("colour", "numbers"), handled=handled)
+        _check(path, pixels, "colour", handled, encoded=encoded)
 
 
 def check_numbers(path: Path, pixels: Pixels) -> float | None:
@@ -273,7 +255,7 @@ def check_numbers(path: Path, pixels: Pixels) -> float | None:
             f"{path}: numbers are read from PNG, TIFF, OpenEXR, PGM and PFM (this is"
             f" {pixels.kind}); save them as one of these"
         )
-    check_statements(path, pixels.kind, _general(path, pixels), ("numbers",))
+    _check(path, pixels, "numbers")
     tags = read_statements(path, "tiff")[0] if pixels.kind == "tiff" else {}
     try:
         return float(tags["tag 42113"].strip(b"\0 ")) if "tag 42113" in tags else None
@@ -284,16 +266,13 @@ def check_numbers(path: Path, pixels: Pixels) -> float | None:
         ) from None
 
 
-def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
-    """What OpenImageIO says of a file in any format."""
-    found = {name: pixels.attributes[name] for name in _ANY if name in pixels.attributes}
-    if "ICCProfile" in found:
-        found["ICCProfile greys"] = found["ICCProfile"]
+def _check(path: Path, pixels: Pixels, use: Use, handled: Sequence[str] = (), **how: bool) -> None:
+    found = dict(pixels.attributes)
     if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
         found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
     if pixels.kind not in _LAYERED:
         found["several pictures"] = count_pictures(path)
-    return found
+    check_statements(path, pixels.kind, found, (use,), handled=handled, **how)
 
 
 def count_pictures(path: Path) -> int:

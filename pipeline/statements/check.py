@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
 from pipeline.statements.row import Use, rows_of
-from pipeline.statements.rows import ROWS
+from pipeline.statements.rows import COLOUR_SPACES, ROWS
 from protocols.outside import visible_line
 
 UPRIGHT: Final = "export it anew, upright"
@@ -29,10 +29,11 @@ def refusal(path: Path, name: str, found: str) -> InputError:
 def check_statements(
     path: Path,
     kind: str,
-    general: Mapping[str, Any],
+    attributes: Mapping[str, Any],
     use: Sequence[Use],
     *,
     handled: Sequence[str] = (),
+    encoded: bool = False,
 ) -> None:
     """Refuse or note what a picture's header says and no reader honours.
 
@@ -41,18 +42,24 @@ def check_statements(
     path : Path
     kind : str
         OpenImageIO's name of the format.
-    general : mapping
-        What OpenImageIO itself reads: the rows of ``"any"``.
+    attributes : mapping
+        What OpenImageIO itself reads; those in rows of ``"any"`` count.
     use : sequence of Use
         What the file is read for.
     handled : sequence of str
         Statements that the caller deals with.
+    encoded : bool
+        Floats were said to hold encoded colour.
 
     Raises
     ------
     InputError
         If a statement is refused.
     """
+    general = {name: attributes[name] for name in attributes if rows_of(ROWS, "any", name)}
+    if "ICCProfile" in general:
+        general["ICCProfile greys"] = general["ICCProfile"]
+    handled = (*handled, *COLOUR_SPACES) if encoded else handled
     noted: dict[str, None] = {}
     unknown: dict[str, None] = {}
     for of, statements in (("any", general), *((kind, s) for s in read_statements(path, kind))):

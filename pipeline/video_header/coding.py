@@ -8,7 +8,7 @@ from typing import Final
 
 from pipeline.statements.check import UPRIGHT, Said
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
-from pipeline.video_header.mp4 import stereo
+from pipeline.video_header.mp4 import laid_out
 
 _DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
 _ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
@@ -257,7 +257,7 @@ def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
             bits, data = _Bits(data[:size]), data[size:]
             if kind == _FRAME_PACKING and bits.golomb() >= 0 and not bits.take(1):
                 packing = bits.take(7)
-                yield stereo(_PACKINGS.get(packing), f"frame packing {packing}")
+                yield laid_out("stereo", _PACKINGS.get(packing), f"frame packing {packing}")
             elif kind == _ORIENTATION and not bits.take(1) and bits.take(18):
                 values = {"cure": UPRIGHT}
                 yield Said("mirror image, other turn", "its frames are said to be turned", values)

@@ -9,13 +9,7 @@ from typing import Final, TypeAlias
 
 from pipeline.statements.check import UPRIGHT, Said, other
 from pipeline.video_header.colours import UNSAID, colour, gamma
-from pipeline.video_header.mp4 import (
-    cropped,
-    dolby_vision,
-    shown_size,
-    spherical,
-    stereo,
-)
+from pipeline.video_header.mp4 import cropped, dolby_vision, laid_out, shown_size
 
 _SEGMENT, _INFO, _TRACKS, _CHAPTERS = 0x18538067, 0x1549A966, 0x1654AE6B, 0x1043A770
 _CROPS = (0x54CC, 0x54BB, 0x54DD, 0x54AA)  # left, top, right, bottom
@@ -95,7 +89,7 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
                     yield Said("interlacing", "its frames are two fields")
             case 0x53B8:
                 if value:
-                    yield stereo(_STEREO.get(value), f"stereo mode {value}")
+                    yield laid_out("stereo", _STEREO.get(value), f"stereo mode {value}")
             case 0x53C0:
                 if value:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
@@ -133,7 +127,7 @@ def _projection(data: bytes) -> Iterator[Said]:
     found = dict(_elements(data))
     kind = _number(found.get(0x7671, b"\0"))
     if kind:
-        yield spherical(_PROJECTIONS.get(kind), f"projection {kind}")
+        yield laid_out("spherical", _PROJECTIONS.get(kind), f"projection {kind}")
     yaw, pitch, roll = (_float(found.get(element, b"")) for element in (0x7673, 0x7674, 0x7675))
     if yaw or pitch or roll % 90:
         words = f"its pose is {yaw:g}, {pitch:g}, {roll:g} degrees"

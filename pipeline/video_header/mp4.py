@@ -57,7 +57,7 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
     shown, entry, turned = (0.0, 0.0), (0, 0), False
     for box, data in _boxes(track):
         if box == "uuid" and data[:16] == _SPHERICAL:
-            yield spherical("equirect", "spherical metadata")
+            yield laid_out("spherical", "equirect", "spherical metadata")
             continue
         yield from other("MP4: the video track", "a box", box)
         if box == "tkhd":
@@ -175,12 +175,14 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
                     yield Said("interlacing", "its frames are two fields")
             case "st3d":
                 if inner[4]:
-                    yield stereo(_STEREO.get(inner[4]), f"stereo mode {inner[4]} of 'st3d'")
+                    yield laid_out(
+                        "stereo", _STEREO.get(inner[4]), f"stereo mode {inner[4]} of 'st3d'"
+                    )
             case "vexu":  # decoders show the view of the base layer
                 yield Said("stereo", "views for two eyes, 'vexu'", {"cure": ""})
             case "sv3d":
                 names = [name for kind, name in _PROJECTIONS.items() if kind in inner]
-                yield spherical(names[0] if names else None, "a projection, 'sv3d'")
+                yield laid_out("spherical", names[0] if names else None, "a projection, 'sv3d'")
             case "sinf":
                 yield Said("encryption", "its frames are encrypted")
             case "chrm":
@@ -195,14 +197,9 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
     yield from dolby
 
 
-def stereo(name: str | None, words: str) -> Said:
-    """Return what two views mean, with FFmpeg's name for how they lie in a frame."""
-    return Said("stereo", words, {"name": name} if name else {"cure": NO_CURE})
-
-
-def spherical(name: str | None, words: str) -> Said:
-    """Return what a panorama means, with FFmpeg's name of its projection."""
-    return Said("spherical", words, {"name": name} if name else {"cure": NO_CURE})
+def laid_out(statement: str, name: str | None, words: str) -> Said:
+    """Return what two views or a panorama mean, with FFmpeg's name for how they lie in a frame."""
+    return Said(statement, words, {"name": name} if name else {"cure": NO_CURE})
 
 
 def dolby_vision(record: bytes) -> Said:
