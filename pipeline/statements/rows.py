@@ -503,7 +503,7 @@ _VIDEOS = (
         "|EC|BF", "honoured"),
     Row("Matroska: the video track", "D7|73C5|83|88|55A[A-F]|9C|6DE7|23314F|6DF8|23E383|55EE|536E"
         "|22B59C|22B59D|86|63A2|258688|7446|AA|56AA|56BB|6624|EC|BF", "honoured"),
-    Row("Matroska: the video's settings", "9D|53B9|B0|BA|54B[0234A]|2EB524|2383E3|54CC|54BB|54DD"
+    Row("Matroska: the video's settings", "B0|BA|54B[0234A]|2EB524|2383E3|54CC|54BB|54DD"
         "|54AA|EC|BF", "honoured"),
     Row("Matroska: the video's colour", "55B[1-9AB]|EC|BF", "honoured"),
     Row("AVI: the file", "hdrl|movi|idx1|JUNK|INFO|junk", "honoured"),

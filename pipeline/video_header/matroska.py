@@ -87,9 +87,14 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
             case 0x9A:
                 if value == 1:
                     yield Said("interlacing", "its frames are two fields")
-            case 0x53B8:
+            case 0x9D:
+                if value not in (0, 2) and numbers.get(0x9A) != 2:
+                    yield Said("interlacing", f"its frames are two fields, in the order {value}")
+            case 0x53B8 | 0x53B9:
                 if value:
-                    yield laid_out("stereo", _STEREO.get(value), f"stereo mode {value}")
+                    words = f"{'old ' * (element == 0x53B9)}stereo mode {value}"
+                    name = _STEREO.get(value) if element == 0x53B8 else None
+                    yield laid_out("stereo", name, words)
             case 0x53C0:
                 if value:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""

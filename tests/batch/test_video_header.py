@@ -218,6 +218,7 @@ REFUSALS = (
     Case("interlacing", ".mkv", MKV_VIDEO, put(0x9A, 1), "two fields"),
     Case("interlacing", ".mkv", MKV_TRACK, add(element(0x234E7A, 16683333)), "fields"),
     Case("interlacing", ".avi", STREAM, vprp(4, 3, fields=2), "2 fields"),
+    Case("interlacing", ".mkv", MKV_VIDEO, lambda d: put(0x9D, 1)(put(0x9A, 0)(d)), "the order 1"),
     Case("other colour matrix", ".mp4", ENTRY, add(nclx(1, 1, 8)), "number 8"),
     Case(
         "other colour matrix",
@@ -277,6 +278,7 @@ REFUSALS = (
     Case("stereo", ".mp4", ENTRY, add(box("st3d", b"\0\0\0\0\2")), "stereo mode 2"),
     Case("stereo", ".mp4", ENTRY, add(EYES), "two eyes"),
     Case("stereo", ".mkv", MKV_VIDEO, add(element(0x53B8, 3)), "stereo mode 3"),
+    Case("stereo", ".mkv", MKV_VIDEO, add(element(0x53B9, 1)), "old stereo mode 1", mends=False),
     Case("stereo", ".mkv", MKV_VIDEO, add(element(0x53B8, 15)), "stereo mode 15", mends=False),
     Case("spherical", ".mp4", ENTRY, add(SPHERE), "sv3d"),
     Case(
