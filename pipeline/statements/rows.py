@@ -141,6 +141,12 @@ def _tiff_range(value: Any, everything: Statements) -> str | None:
     return f"its header says {value[0]}" if numbers and not set(value) <= ends else None
 
 
+def _tiff_black_and_white(value: Any, everything: Statements) -> str | None:
+    followed = everything.get("tag 262", (0,))[0] == 6  # by libtiff
+    plain = followed or value[:6] == (0, 255) * 3
+    return None if plain else f"its header says {', '.join(f'{number:g}' for number in value[:6])}"
+
+
 def _tiff_palette(value: Any, everything: Statements) -> str | None:
     entries = everything.get("tag 320", ())
     third = len(entries) // 3
@@ -373,8 +379,9 @@ _PICTURES = (
     Row("tiff", "tag 319", "refused", _PRIMARIES, lambda value, _: _primaries(value[:6], ()),
         _COLOUR),
     Row("tiff", "tag 301", "refused", _SRGB, _tiff_curve, _COLOUR),
-    Row("tiff", "tag 290|tag 291|tag 532", "noted", "a curve of greys, reference black and white:"
-        " not applied"),
+    Row("tiff", "tag 290|tag 291", "noted", "a curve of greys: not applied"),
+    Row("tiff", "tag 532", "noted", "black and white of other numbers, but of YCbCr: not applied",
+        _tiff_black_and_white, _COLOUR),
     Row("tiff", "tag 42112", "noted", "GDAL's scale and offset; the options of the units apply one",
         _tiff_scale, _NUMBERS),
     Row("tiff", "tag 42113", "honoured", "GDAL's number for unknown", None, _NUMBERS),
