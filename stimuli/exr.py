@@ -291,16 +291,27 @@ def _named_by(*keys: str) -> str:
     return f"; name it by {' '.join(f'--channel {OPTIONS[key]}=NAME' for key in keys)}"
 
 
+def check_finite(path: Path, colour: NDArray[Any]) -> None:
+    """Refuse colour, shape (H, W, C), that is infinite or no number.
+
+    Raises
+    ------
+    InputError
+        With the first such pixel.
+    """
+    if not np.isfinite(colour).all():
+        row, column = np.argwhere(~np.isfinite(colour).all(axis=-1))[0]
+        raise InputError(
+            f"{path}: colour must be finite (found {colour[row, column]} at row {row},"
+            f" column {column}); render it again, or mend these pixels"
+        )
+
+
 def _encoded(
     path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
 ) -> NDArray[np.float32]:
     data = data.astype(np.float32)
-    if not np.isfinite(data).all():
-        row, column = np.argwhere(~np.isfinite(data).all(axis=-1))[0]
-        raise InputError(
-            f"{path}: colour must be finite (found {data[row, column]} at row {row},"
-            f" column {column}); render it again, or mend these pixels"
-        )
+    check_finite(path, data)
     beyond = np.maximum(-data, data - 1).max(axis=-1)
     outside = int((beyond > 0).sum())
     if outside and not clip:

@@ -26,7 +26,7 @@ from pipeline.image_file import (
     read_pixels,
 )
 from stimuli.channels import alpha_of, colour_layer, need
-from stimuli.exr import NEARLY, Transfer, is_layered, stored_transfer
+from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
 _GREY = ("Y", "L", "I")
@@ -183,9 +183,7 @@ def _shown(
     options: bool,
 ) -> NDArray[np.float32]:
     """Encode light, or take floats that are encoded as they are."""
-    if not np.isfinite(stored).all():
-        row, column = np.argwhere(~np.isfinite(stored).all(axis=-1))[0]
-        raise InputError(f"{path}: colour must be finite (row {row}, column {column} is not)")
+    check_finite(path, stored)
     if encoded and reading.stops != 0:
         raise InputError(f"{path}: stops are for light (this file holds encoded colour)")
     light = stored.astype(np.float64) * 2.0**reading.stops

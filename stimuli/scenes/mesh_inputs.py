@@ -35,7 +35,6 @@ PICTURES = ("map_Kd", "map_d", "map_Ke")
 _MOST_CORNERS = 1000
 _LONGEST_NAME = 10_000
 """Characters of a statement that names files; it may name several, with options."""
-_DEEPEST = 256
 _MOST_BYTES = 1 << 60
 """What is longer is as much too long, and can be counted in floats."""
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
@@ -260,7 +259,7 @@ def _bytes_of(mesh: dict[str, Any], counts: list[int]) -> int:
 
 
 def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
-    """Refuse nodes that are no tree, as glTF 2.0 (3.5.2) asks for, or lie too deep."""
+    """Refuse nodes that are children of two, which glTF 2.0 (3.5.2) forbids."""
     parents: dict[int, int] = {}
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
@@ -269,22 +268,6 @@ def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
                     f"{path}: a node must be the child of one other (node {child} is of two, or"
                     " there is none of this number); export it again"
                 )
-    depths: dict[int, int] = {}
-    for number in range(len(nodes)):
-        above: list[int] = []
-        place = number
-        while place in parents and place not in depths and len(above) <= _DEEPEST:
-            above.append(place)
-            place = parents[place]
-        depth = depths.get(place, 0)
-        for place in reversed(above):
-            depth += 1
-            depths[place] = depth
-        if depth > _DEEPEST:
-            raise InputError(
-                f"{path}: nodes must lie at most {_DEEPEST} deep in each other (some lie deeper, or"
-                " in a circle); export it with transforms applied"
-            )
 
 
 def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | bytes]]:

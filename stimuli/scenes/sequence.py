@@ -23,7 +23,7 @@ from stimuli.channels import (
     need,
     need_motion,
 )
-from stimuli.exr import Transfer, check_depth_unit, stored_transfer
+from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.plane_file import along_axis
@@ -202,12 +202,7 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
     colour = [plane(key) for key in "rgb"]
     check_opaque(path, planes, colour[0])
     light = np.stack(colour, axis=-1)
-    if not np.isfinite(light).all():
-        row, column = np.argwhere(~np.isfinite(light).all(axis=-1))[0]
-        raise InputError(
-            f"{path}: colour must be finite (found {light[row, column]} at row {row},"
-            f" column {column}); render it again, or mend these pixels"
-        )
+    check_finite(path, light)
     depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth", cure=NO_DEPTH)
     motion = None
