@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
-from pipeline.image_file import check_picture, read_pixels
+from pipeline.image_file import check_picture, read_pixels, stated_size_px
 from protocols.outside import visible_line
 from stimuli.scenes.mesh_features import Notes, check_statement, row_of
 from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
@@ -443,9 +443,10 @@ class _Described:
         self.laid = laid
         place = place_of(self.path, name, self.notes.path)
         if place not in self.pictures:
-            check_picture(place, read_pixels(place), ("PixelAspectRatio",))
             what = f"which {self.notes.path.name} names"
             self.pictures[place] = decoded(place.read_bytes(), str(place), what)
+            if stated_size_px(place) is not None:  # else it is of a kind that only Pillow reads
+                check_picture(place, read_pixels(place), ("PixelAspectRatio",))
         pixels = self.pictures[place]
         return _channel(pixels, channel) if key == "map_d" else pixels
 
