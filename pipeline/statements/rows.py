@@ -392,10 +392,11 @@ _PICTURES = (
     Row("openexr", "|".join(COLOUR_SPACES), "refused", "must hold light; save it as PNG, or say"
         " that it is encoded: --encoded of warp and foveate, transfer = 'linear' in a study",
         _encoded_space, _COLOUR),
-    Row("openexr", "|".join(COLOUR_SPACES), "refused", "must hold light with Rec.709 primaries;"
-        " convert it, and save it as that", _wide_space, _COLOUR),
-    Row("openexr", "whiteLuminance|adoptedNeutral|lookModTransform|renderingTransform"
-        "|acesImageContainerFlag", "noted", "luminance of white, a look: not applied"),
+    Row("openexr", "|".join(COLOUR_SPACES), "refused", _PRIMARIES, _wide_space, _COLOUR),
+    Row("openexr", "acesImageContainerFlag", "refused", _PRIMARIES,
+        but("it says that it is an ACES container", (0,)), _COLOUR),
+    Row("openexr", "whiteLuminance|adoptedNeutral|lookModTransform|renderingTransform", "noted",
+        "luminance of white, a look: not applied"),
     Row("openexr", "multiView", "noted", "several views; the first is taken", _exr_views),
     Row("openexr", "envmap", "noted", "an environment map; taken for a flat picture"),
     Row("openexr", "compression", "noted", "a compression that may have changed numbers",
