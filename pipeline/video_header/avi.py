@@ -60,6 +60,10 @@ def _stream(found: dict[str, bytes], frame_us: int) -> Iterator[Said]:
         fps, average = rate / scale, 1e6 / frame_us
         if abs(average / fps - 1) > _RATE_SHARE:
             yield Said("two frame rates", f"{average:g} a second, and {fps:g} for the stream")
+    left, top, right, bottom = struct.unpack("<4h", found["strh"][48:56].ljust(8, b"\0"))
+    if (right - left, bottom - top) not in ((0, 0), size):
+        words = f"a frame of {right - left} x {bottom - top} px in the video stream"
+        yield Said("whatever else", words)
     if start:
         yield Said("late start", f"the video starts at {start * scale / max(rate, 1):g} s")
     for chunk, data in found.items():

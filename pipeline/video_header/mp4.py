@@ -221,9 +221,9 @@ def _aperture(data: bytes, width: int, height: int) -> Iterator[Said]:
 
 def cropped(stored: tuple[int, int], shown: tuple[float, float, float, float]) -> Iterator[Said]:
     """Yield what a shown part (left, top, width, height) of the stored picture means."""
-    if shown == (0, 0, *stored):
-        return
     x, y, width, height = map(round, shown)
+    if (x, y, width, height) == (0, 0, *stored):
+        return
     words = f"to be shown: {width} x {height} of {stored[0]} x {stored[1]} px, from {x}, {y}"
     values = {"x": x, "y": y, "width": width, "height": height}
     yield Said("clean aperture, crop", words, values)

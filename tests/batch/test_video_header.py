@@ -410,6 +410,13 @@ NOTES = (
         "whatever else", ".mkv", (SEGMENT,), add(element(0x1FFFFFFE, 1)), "'1FFFFFFE' in the file"
     ),
     Case("whatever else", ".avi", STREAM, add(chunk("zzzz", b"ab")), "'zzzz' in the video stream"),
+    Case(
+        "whatever else",
+        ".avi",
+        (*STREAM, "strh"),
+        bytes_at(48, struct.pack("<4h", 0, 0, 32, 48)),
+        "32 x 48 px",
+    ),
     Case("whatever else", ".avi", ("AVI ",), add(chunk("zzzz", b"ab")), "'zzzz' in the file"),
 )
 
@@ -437,6 +444,12 @@ def test_a_video_that_says_nothing_special_is_read_in_silence(tmp_path, ending):
     assert (video.notes, len(frames), video.size_px, video.fps) == ([], 6, SIZE, 30)
     if CODECS[ending] == "FFV1":
         assert all(map(np.array_equal, frames, FRAMES))
+
+
+def test_half_a_pixel_less_is_no_crop(tmp_path):
+    path = write(tmp_path / "v.mp4", FRAMES, "mp4v")
+    half = box("clap", struct.pack(">8I", 127, 2, 48, 1, 0, 1, 0, 1))
+    assert VideoFrames(patched(path, ENTRY, add(half))).notes == []
 
 
 @pytest.mark.parametrize("case", REFUSALS, ids=name)
