@@ -302,6 +302,15 @@ def test_every_row_that_refuses_or_notes_has_a_sample():
     assert wanted - UNREADABLE == {(kind, names) for kind, names, *_ in SAMPLES}
 
 
+@pytest.mark.parametrize(
+    "make", [late(b"eXIf", b"what?"), png(b"gAMA", b"?"), png(b"cHRM", bytes(7)), png(b"oFFs", b"")]
+)
+def test_what_is_not_understood_is_noted_once(tmp_path, make):
+    make(tmp_path / "p.png")
+    (note,) = notes_of(load_colour, tmp_path / "p.png")
+    assert "is not understood, and left out" in note
+
+
 def test_a_picture_beside_its_animation_is_counted(tmp_path):
     """Programs that know animations show one frame; others, the picture that is none of it."""
     frame = (b"fcTL", struct.pack(">5I2H2B", 0, 8, 6, 0, 0, 1, 10, 0, 0))
