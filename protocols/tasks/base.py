@@ -24,6 +24,7 @@ from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
 from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
+from protocols.suggest import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,10 @@ class Task(Model):
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return what is shown between fixation and answer."""
         raise NotImplementedError
+
+    def phases_after(self, _study: StudyProtocol, _display: Display) -> tuple[Phase, ...]:
+        """Return what is shown and asked after the answer, before feedback."""
+        return ()
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key, in seconds: each must be whole frames."""

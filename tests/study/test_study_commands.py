@@ -147,7 +147,8 @@ def test_schema_prints_the_published_file(name):
 
 def test_schema_of_an_unknown_format_is_refused():
     message = refused(metamerlab("protocol", "schema", "clip"))
-    assert message == "FORMAT: must be one of study, display, manifest, journal (got 'clip')"
+    known = "study, display, manifest, journal, plan, script"
+    assert message == f"FORMAT: must be one of {known} (got 'clip')"
 
 
 @pytest.mark.parametrize("suffix", [".md", ".html"])

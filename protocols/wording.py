@@ -1,8 +1,13 @@
-"""Fills the placeholders of a protocol's texts."""
+"""What participants read: placeholders filled, keys named."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from protocols.session_schema import PLACEHOLDERS, Response, Texts
+
+_DEVICES = {"kp": "num", "pad": "pad"}
+_SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
 
 
 def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str:
@@ -33,3 +38,16 @@ def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str
 def consent_text(texts: Texts, contact: str) -> str:
     """Return what the consent page says, placeholders included: the text, and whom to ask."""
     return texts.consent + (f"\n\n{contact}" if contact else "")
+
+
+def key_label(name: str, names: Mapping[str, str] | None = None) -> str:
+    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``.
+
+    `names` has the words of the participant's language.
+    """
+    if names and name in names:
+        return names[name]
+    kind, joined, rest = name.partition("_")
+    if joined and kind in _DEVICES:
+        return f"{_DEVICES[kind]} {key_label(rest)}"
+    return _SHOWN.get(name, name.upper() if len(name) == 1 else name)
