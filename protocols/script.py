@@ -573,8 +573,8 @@ class Scripts:
         """Yield all phases: fixation, the task's own, answer, feedback, blank."""
         study, texts, timing = self.study, self.texts, self.study.trial
         whole = partial(whole_frames, self.display)
-        own = study.task.phases(study, self.display)
-        after = study.task.phases_after(study, self.display)
+        own = study.task.phases(study.pool, self.display)
+        after = study.task.phases_after(study.pool, self.display)
         for given in (own, after):
             if not (
                 isinstance(given, tuple | list) and all(isinstance(p, phases.Phase) for p in given)

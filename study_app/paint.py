@@ -42,7 +42,7 @@ Bitmaps: TypeAlias = Mapping[str, Bitmap]
 def bitmaps_of(study: StudyProtocol, display: Display) -> dict[str, Bitmap]:
     """Return every picture that the study's task draws itself."""
     task = study.task
-    phases = (*task.phases(study, display), *task.phases_after(study, display))
+    phases = (*task.phases(study.pool, display), *task.phases_after(study.pool, display))
     shown = (entry for phase in phases for entry in phase.show)
     return {entry.sha256: entry for entry in shown if isinstance(entry, Bitmap)}
 

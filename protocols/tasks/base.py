@@ -24,7 +24,6 @@ from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
 from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
-from protocols.suggest import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -198,7 +197,7 @@ class Task(Model):
         """Return what is shown between fixation and answer."""
         raise NotImplementedError
 
-    def phases_after(self, _study: StudyProtocol, _display: Display) -> tuple[Phase, ...]:
+    def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
         """Return what is shown and asked after the answer, before feedback."""
         return ()
 

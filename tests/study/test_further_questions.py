@@ -141,8 +141,8 @@ def test_gaze_during_a_question_counts_neither_for_nor_against_the_stimuli():
 def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monkeypatch, tmp_path):
     """Clips of 1 s; answers take longer."""
 
-    def speeded(_task, study, display):
-        each = round(display.refresh_hz / study.stimuli.frame_hz)
+    def speeded(_task, pool, display):
+        each = round(display.refresh_hz / pool.stimuli.frame_hz)
         show = (Clip(0, each, x_deg=-6.0), Clip(1, each, x_deg=6.0))
         return (Phase("both", None, show, watched=True, asks=STUDY_QUESTION),)
 

@@ -20,7 +20,7 @@ from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.new_study import study_files
 from protocols.phases import STUDY_QUESTION, Phase, Question, QuestionText
-from protocols.schema import StudyProtocol
+from protocols.pool import Pool
 from protocols.tasks.base import Task
 from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour
@@ -48,8 +48,8 @@ class Case:
 class AskedThrice(YesNo):
     """An answer ends the stimulus; it is shown again; two questions follow."""
 
-    def phases(self, study: StudyProtocol, display: Display) -> tuple[Phase, ...]:
-        (shown,) = super().phases(study, display)
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
+        (shown,) = super().phases(pool, display)
         seen = asked("seen", "clearly", "barely", "not-at-all")
         return (
             replace(shown, name="speeded", asks=STUDY_QUESTION, frames=None, timeout_frames=120),
@@ -57,7 +57,7 @@ class AskedThrice(YesNo):
             Phase("seen", None, (QuestionText(),), asks=seen, timeout_frames=120),
         )
 
-    def phases_after(self, _study: StudyProtocol, _display: Display) -> tuple[Phase, ...]:
+    def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
         return (Phase("sure", None, (QuestionText(),), asks=asked("sure", "yes", "no")),)
 
 
