@@ -62,13 +62,14 @@ class Entry:
         return (Path(name.removeprefix(self.name)),) if self.takes_path else ()
 
 
-def find(entries: Sequence[Entry], name: str) -> Entry:
+def find(entries: Sequence[Entry], name: str, retired: Mapping[str, str] | None = None) -> Entry:
     """Return the entry that `name` means; nothing is imported.
 
     Raises
     ------
     InputError
-        If there is none, with the nearest name; or if its path is missing.
+        If there is none, with what `retired` says of the name, or with the nearest name; or if its
+        path is missing.
     """
     for entry in entries:
         if entry.takes_path and name.startswith(entry.name):
@@ -77,6 +78,8 @@ def find(entries: Sequence[Entry], name: str) -> Entry:
             return entry
         if name == entry.name:
             return entry
+    if retired and name in retired:
+        raise InputError(f"method {name!r} {retired[name]}")
     shown = ", ".join(entry.shown_name for entry in entries)
     near = _hint(name.lower().replace("_", "-"), [entry.name for entry in entries])
     raise InputError(f"method must be one of {shown} (got {name!r}{near})")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.method import Method, Plate, PlateMethod, TextureMethod, TexturePlate
+from pipeline.methods.method import Method, Plate, PlateMethod, TexturePlate
 from pipeline.methods.on_gpu import filled_colour
 
 
@@ -65,17 +65,10 @@ class Fills:
         self._plate = None
 
     def _filled(self, frame: int, plate: Plate | TexturePlate | None) -> NDArray[np.float32]:
-        """Fill one frame, and settle it on a plate."""
-        method = self._method
-        if isinstance(method, TextureMethod) and not isinstance(plate, Plate):
+        """Fill one frame, from a plate where there is one."""
+        filler = self._method if plate is None else plate
+        if isinstance(filler, TexturePlate):  # or a method on the GPU, which has what a plate has
             textures = self._views.warped_textures(frame)
-            method.fill_textures(textures, self._seed)
-            if plate is not None:
-                plate.settle_textures(textures)
+            filler.fill_textures(textures, self._seed)
             return filled_colour(textures)
-        warped = self._views.warped(frame)
-        filled = method.fill(warped, self._seed)
-        if plate is None:
-            return filled
-        assert isinstance(plate, Plate)  # only a method on the GPU has another
-        return plate.settle(warped, filled)
+        return filler.fill(self._views.warped(frame), self._seed)

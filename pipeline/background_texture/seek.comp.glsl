@@ -15,7 +15,7 @@ layout(r32f) uniform readonly image2D depth_m;
 layout(rg32f) uniform readonly image2D flow_px;  // target minus source
 layout(rg32f) uniform writeonly image2D origin;  // x, y; negative: none
 
-#include "sides.glsl"
+#include "background_texture/sides.glsl"
 
 const vec2 NOWHERE = vec2(-1.0);
 

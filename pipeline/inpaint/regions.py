@@ -29,10 +29,12 @@ Lists by pixel, appended by the passes that find them:
 ``("halves", k)``
     Pixels of resolution k + 1 whose moments of level k are incomplete.
 
-One more list holds what its owner appends, an entry for each work group:
+And, of the pixels themselves, for coherence transport:
 
-``("tiles", 0)``
-    Tiles of a shift-map, by their cell in its table.
+``("shell", k)``
+    Hole pixels of one shell. Each appends to the next, `SHELLS` before the host looks.
+``("band", 0)``
+    Known pixels that hole pixels see.
 """
 
 from dataclasses import dataclass
@@ -60,6 +62,8 @@ RING_REACH = 3
 FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
 HALVED_TILE = 2  # edge of a tile of ("jumps", 2): a pixel of resolution 3
 TILES_AT_ONCE = 4  # of ("first", k) in one work group: 4x4 pixels each, see tiles.glsl
+
+SHELLS = 64  # dispatched in a row; an even number, as two shells share the room of all
 
 LIST_GROUP = 64  # invocations of a work group, as lists.glsl has it
 _COUNTS_STRIDE = 16  # bytes of one uvec4
@@ -113,8 +117,8 @@ class WorkLists(Pass):
         Of every resolution that is dispatched over lists, finest first.
     levels : int
         Pyramid levels.
-    tiles : int
-        How many entries ``("tiles", 0)`` has room for.
+    shells : bool
+        Whether there are lists of shells and of their band.
 
     Attributes
     ----------
@@ -127,7 +131,8 @@ class WorkLists(Pass):
         ctx: moderngl.Context,
         sizes: list[tuple[int, int]],
         levels: int,
-        tiles: int = 0,
+        *,
+        shells: bool = False,
     ) -> None:
         super().__init__(ctx)
         self.sizes = sizes
@@ -136,7 +141,7 @@ class WorkLists(Pass):
         self._regions: dict[RegionKey, _Region] = {}
         self._lists: dict[Key, _List] = {}
         self._plan_regions()
-        self._plan_lists(tiles)
+        self._plan_lists(shells=shells)
         last_list = list(self._lists.values())[-1]
         flag_count = sum(_padded(region.tiles) for region in self._regions.values())
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
@@ -187,6 +192,15 @@ class WorkLists(Pass):
         if "work_size" in shader:
             shader["work_size"] = self.sizes[item.resolution if resolution is None else resolution]
         shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index, **resources)
+
+    def carry_shells(self) -> bool:
+        """Begin anew with the last shell as the first; tell whether it holds anything."""
+        first, last = (self._lists["shell", k].index for k in (0, SHELLS))
+        stride = _COUNTS_STRIDE
+        found = self._counts.read(stride, offset=stride * last)
+        empty = np.tile(np.array([0, 1, 1, 0], np.uint32), SHELLS).tobytes()
+        self._counts.write(found + empty, offset=stride * first)
+        return any(found[-4:])
 
     def appendable(self, key: Key) -> tuple[int, int]:
         """Index and first entry of a list by pixel: what a pass needs to append to it."""
@@ -278,7 +292,7 @@ class WorkLists(Pass):
         r = key[-1]
         self._regions[key] = _Region(r, first, self._tiles(r), cell_resolution, rings, own, chains)
 
-    def _plan_lists(self, shifted_tiles: int) -> None:
+    def _plan_lists(self, *, shells: bool) -> None:
         first = 0
 
         def plan(key: Key, resolution: int, capacity: int) -> None:
@@ -300,8 +314,13 @@ class WorkLists(Pass):
             tiles = self.sizes[3][0] * self.sizes[3][1]
             plan(("jumps", 2), 2, tiles)
             plan(("plain", 2), 2, tiles)
-        if shifted_tiles:
-            plan(("tiles", 0), 0, shifted_tiles)
+        if shells:
+            pixels = self.sizes[0][0] * self.sizes[0][1]
+            plan(("band", 0), 0, pixels)
+            rooms = first, first + pixels
+            for k in range(SHELLS + 1):
+                self._lists["shell", k] = _List(len(self._lists), 0, rooms[k % 2], pixels)
+            first += 2 * pixels
         plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
 
     def _pack_regions(self) -> NDArray[np.uint32]:

@@ -48,9 +48,9 @@ SHIPPED = tuple(
             "pipeline.methods.metameric:MetamericPaper",
         ),
         (
-            "shift-map",
-            "the background's own detail, shifted in tile by tile (after Pritch et al. 2009)",
-            "pipeline.methods.shift_map:ShiftMap",
+            "coherence-transport",
+            "edges of the background go on (after Bornemann and März 2007)",
+            "pipeline.methods.coherence_transport:CoherenceTransport",
         ),
         (
             "push-pull-depth",
@@ -86,6 +86,12 @@ SHIPPED = tuple(
 
 METHODS = _with_plugins(SHIPPED)
 
+RETIRED = {
+    "shift-map": "has left metamerlab, and 'coherence-transport' replaces it; for its own fills"
+    " install revision 70b3711, the last that has it"
+}
+"""What a user is told of methods that were here once."""
+
 
 def method_names() -> list[str]:
     """Return every method's name as a user writes it."""
@@ -100,7 +106,7 @@ def check_method_name(name: str) -> Entry:
     InputError
         If there is no such method, with the nearest name; or if its path is missing.
     """
-    return find(METHODS, name)
+    return find(METHODS, name, RETIRED)
 
 
 def method_parameters(name: str) -> dict[str, Any]:

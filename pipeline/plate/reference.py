@@ -2,18 +2,22 @@
 
 Fills of one source frame's views differ where the same place of the background is uncovered
 again, and flicker. The plate keeps the colour that a place got when a view first uncovered it;
-later views look it up, and only what is new keeps its own fill. So the fill of frame k follows from
-the path's frames up to k with the same source, and from nothing else.
+later views look it up, take it for known, and fill only the rest. So the fill of frame k follows
+from the path's frames up to k with the same source, and from nothing else.
 
 Places, shares and kept colours are whole numbers, so that both twins have the same bits.
-Twin: plate_gpu.py, look_up.comp.glsl, keep.comp.glsl. Change both or neither.
+Twin: gpu.py with recall.comp.glsl, show.comp.glsl and keep.comp.glsl. Change both or neither.
 """
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.shiftmap.settings import SUBPIXELS
+
+SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp gives it
 
 MARGIN_SHARE = 0.25  # of the frame's longer edge, around it: places further outside are not kept
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
@@ -30,7 +34,39 @@ def margin_px(size: tuple[int, int]) -> int:
     return round(MARGIN_SHARE * max(size))
 
 
-class ShiftMapPlate:
+class KeptFills:
+    """Fills of one source frame's views: what is kept counts as known, and the rest is filled.
+
+    Parameters
+    ----------
+    fill : function of a WarpedFrame
+        Returns its own fill, (H, W, 3).
+    depth_threshold : float
+        As of `SourcePlate`.
+    """
+
+    def __init__(
+        self, fill: Callable[[WarpedFrame], NDArray[np.float32]], depth_threshold: float
+    ) -> None:
+        self._fill = fill
+        self._plate = SourcePlate(depth_threshold)
+
+    def fill(self, warped: WarpedFrame, seed: int = 0) -> NDArray[np.float32]:  # noqa: ARG002
+        """Fill the next view; all of them have one size."""
+        hole = warped.hole
+        if not hole.any():
+            return warped.colour
+        kept, colour = self._plate.recall(warped)
+        shown, left = warped.colour.copy(), hole.copy()
+        shown[hole] = np.where(kept[:, None], colour, shown[hole])
+        left[hole] = ~kept
+        filled = self._fill(replace(warped, colour=shown, hole=left)) if left.any() else shown
+        shown = np.where(left[..., None], filled, shown)
+        self._plate.keep(warped, shown)
+        return shown
+
+
+class SourcePlate:
     """The plate of one source frame.
 
     Parameters
@@ -45,25 +81,6 @@ class ShiftMapPlate:
         self._colour: Ints = np.zeros((0, 0, 3), np.int64)
         self._depth_m = np.zeros((0, 0), np.float32)  # 0: nothing is kept
         self._margin = 0
-
-    def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return `filled` with what is kept in its holes, and keep what was new.
-
-        Parameters
-        ----------
-        warped : WarpedFrame
-            The next view of the source; all of them have one size.
-        filled : ndarray of float32, shape (H, W, 3)
-            Its own fill.
-        """
-        hole = warped.hole
-        result = np.where(hole[..., None], filled, warped.colour)
-        if not hole.any():
-            return result
-        kept, colour = self.recall(warped)
-        result[hole] = np.where(kept[:, None], colour, result[hole])
-        self.keep(warped, result)
-        return result
 
     def recall(self, warped: WarpedFrame) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """Which of a view's hole pixels, (N,), were filled before, and their colours, (N, 3)."""

@@ -1,6 +1,6 @@
 #version 430
-// Keep what this view is first to fill.
-// Twin: plate.py. Change both or neither.
+// Keep what this view claimed.
+// Twin: reference.py. Change both or neither.
 
 #constant ROW  // work-group size, pixels in a row
 

@@ -1,0 +1,39 @@
+// What a hole's pixels see around them, for coherence transport.
+// Twin: transport/reference.py. Change both or neither.
+
+#constant RADIUS_PX  // how far
+
+layout(rgba32f) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
+layout(r32f) uniform readonly image2D depth_m;   // background's inside holes
+// Of hole pixels, and of the known ones that they see:
+layout(rgba32f) uniform image2D moved;    // colour as far as it is known; a: guide
+layout(rgba32f) uniform image2D tensors;  // xx, xy, yy; a: shell, 0 where known
+
+uniform float depth_threshold;
+uniform float z_near_m;
+
+const float UNREACHED = 1e9;
+
+bool is_inside(ivec2 place) {
+    return all(greaterThanEqual(place, ivec2(0))) && all(lessThan(place, imageSize(image)));
+}
+
+bool is_known(ivec2 place) { return imageLoad(image, place).a >= 0.5; }
+
+float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r); }
+
+bool is_alike(float guide, float other) { return abs(guide - other) <= depth_threshold; }
+
+// Steps within the radius, a row at a time; of the pixel itself there is none.
+bool in_disc(ivec2 along) {
+    int squared = along.x * along.x + along.y * along.y;
+    return squared > 0 && squared <= RADIUS_PX * RADIUS_PX;
+}
+
+// Clockwise from the right: the sides, then the corners.
+ivec2 neighbour(int number) {
+    int turned = number & 3;
+    ivec2 side = turned == 0 ? ivec2(1, 0) : turned == 1 ? ivec2(0, 1)
+               : turned == 2 ? ivec2(-1, 0) : ivec2(0, -1);
+    return number < 4 ? side : side + ivec2(-side.y, side.x);
+}
