@@ -1,8 +1,6 @@
 // What a hole's pixels see around them, for coherence transport.
 // Twin: transport/reference.py. Change both or neither.
 
-#constant RADIUS_PX  // how far
-
 layout(rgba32f) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
 layout(r32f) uniform readonly image2D depth_m;   // background's inside holes
 // Of hole pixels, and of the known ones that they see:
@@ -24,10 +22,10 @@ float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m
 
 bool is_alike(float guide, float other) { return abs(guide - other) <= depth_threshold; }
 
-// Steps within the radius, a row at a time; of the pixel itself there is none.
-bool in_disc(ivec2 along) {
+// Whether a step leads to another pixel within a radius.
+bool in_disc(ivec2 along, int radius_px) {
     int squared = along.x * along.x + along.y * along.y;
-    return squared > 0 && squared <= RADIUS_PX * RADIUS_PX;
+    return squared > 0 && squared <= radius_px * radius_px;
 }
 
 // Clockwise from the right: the sides, then the corners.

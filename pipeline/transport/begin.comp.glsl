@@ -2,6 +2,8 @@
 // Forget the last frame's fill; list the first shell, and the known pixels that hole pixels see.
 // Twin: shells() in reference.py. Change both or neither.
 
+#constant RADIUS_PX  // hole pixels see so far
+
 #include "pixels.glsl"
 #include "transport.glsl"
 

@@ -2,6 +2,7 @@
 // Mix transport into push-pull's fill; where no shell came, some of what is near.
 // Twin: transport_fill(), near_around() and across_px() in reference.py. Change both or neither.
 
+#constant RADIUS_PX
 #constant NEAR_SHARE
 #constant THIN_PX
 #constant WIDE_PX
@@ -37,7 +38,7 @@ vec4 near_around(ivec2 pixel) {
     for (int y = -RADIUS_PX; y <= RADIUS_PX; ++y) {
         for (int x = -RADIUS_PX; x <= RADIUS_PX; ++x) {
             ivec2 along = ivec2(x, y), place = pixel + along;
-            if (!in_disc(along) || !is_inside(place) || !is_known(place)) continue;
+            if (!in_disc(along, RADIUS_PX) || !is_inside(place) || !is_known(place)) continue;
             total += vec4(imageLoad(image, place).rgb, 1.0) / float(x * x + y * y);
         }
     }

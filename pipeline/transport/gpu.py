@@ -52,11 +52,12 @@ class TransportPass(Pass):
         self._tensors = self._shader(
             "transport/tensors.comp.glsl",
             REACH_PX=fixed.TENSOR_REACH_PX,
+            STEP_PX=fixed.TENSOR_STEP_PX,
             DEVIATION_PX=fixed.TENSOR_PX,
-            **around,
         )
         self._shell = self._shader(
             "transport/shell.comp.glsl",
+            CARRY_PX=fixed.CARRY_PX,
             COHERENCE=fixed.COHERENCE,
             FAINT=fixed.FAINT,
             LEAST_DIFFERENCE=fixed.LEAST_DIFFERENCE,

@@ -29,6 +29,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import guide_from_depth, guided_base
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.transport.settings import (
+    CARRY_PX,
     COHERENCE,
     FAINT,
     LEAST_DIFFERENCE,
@@ -36,6 +37,7 @@ from pipeline.transport.settings import (
     RADIUS_PX,
     TENSOR_PX,
     TENSOR_REACH_PX,
+    TENSOR_STEP_PX,
     THIN_PX,
     WIDE_PX,
     TransportSettings,
@@ -140,7 +142,7 @@ def structure_tensors(
         x, y = (beside(colour, *a) - beside(colour, *b) for a, b in (SIDES[::2], SIDES[1::2]))
         products = [(a * b).sum(axis=-1) / 4 for a, b in ((x, x), (x, y), (y, y))]
         product[middle] = np.stack(products, axis=-1)
-    reach = range(-TENSOR_REACH_PX, TENSOR_REACH_PX + 1)
+    reach = range(-TENSOR_REACH_PX, TENSOR_REACH_PX + 1, TENSOR_STEP_PX)
     pixels = np.argwhere(~hole)
     total, weight = np.zeros(colour.shape), np.zeros(hole.shape)
     for pixel, place, step in _pairs(pixels, [(y, x) for y in reach for x in reach], guide, threshold):
@@ -171,6 +173,8 @@ def transported(
             seen.append((index[tuple(pixel[known].T)], place[known], step))
         mean, total = np.zeros((len(pixels), 3)), np.zeros((len(pixels), 1))
         for row, place, step in seen:
+            if np.dot(step, step) > CARRY_PX**2:
+                continue
             mean[row] += tensor[tuple(place.T)] / np.dot(step, step)
             total[row] += 1 / np.dot(step, step)
         mean /= total

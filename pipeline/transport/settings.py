@@ -6,7 +6,9 @@ from pipeline.errors import InputError
 
 RADIUS_PX = 4  # seen pixels this near to a hole pixel are averaged
 TENSOR_PX = 3.0  # deviation of the Gaussian that averages gradients
-TENSOR_REACH_PX = 6  # and how far it reaches along rows and columns
+TENSOR_REACH_PX = 6  # how far it reaches along rows and columns
+TENSOR_STEP_PX = 2  # and of how many pixels it takes one
+CARRY_PX = 2  # tensors are carried from seen pixels this near
 COHERENCE = 10.0  # how much longer than wide the average is along a clear structure
 FAINT = 0.02  # a gradient of so much encoded colour per pixel is no clear structure yet
 LEAST_DIFFERENCE = 1e-6  # of eigenvalues: where they are equal there is no direction

@@ -2,6 +2,8 @@
 // Carry colour and tensors to one shell, and list the next one.
 // Twin: transported(), coherence() and shells() in reference.py. Change both or neither.
 
+#constant RADIUS_PX
+#constant CARRY_PX
 #constant COHERENCE
 #constant FAINT
 #constant LEAST_DIFFERENCE
@@ -21,10 +23,10 @@ bool is_seen(vec4 tensor, ivec2 place, float guide) {
 
 vec3 mean_tensor(ivec2 pixel, float guide) {
     vec4 total = vec4(0.0);
-    for (int y = -RADIUS_PX; y <= RADIUS_PX; ++y) {
-        for (int x = -RADIUS_PX; x <= RADIUS_PX; ++x) {
+    for (int y = -CARRY_PX; y <= CARRY_PX; ++y) {
+        for (int x = -CARRY_PX; x <= CARRY_PX; ++x) {
             ivec2 along = ivec2(x, y), place = pixel + along;
-            if (!in_disc(along) || !is_inside(place)) continue;
+            if (!in_disc(along, CARRY_PX) || !is_inside(place)) continue;
             vec4 tensor = imageLoad(tensors, place);
             if (!is_seen(tensor, place, guide)) continue;
             total += vec4(tensor.rgb, 1.0) / float(x * x + y * y);
@@ -49,7 +51,7 @@ vec3 mean_colour(ivec2 pixel, float guide, vec2 across) {
     for (int y = -RADIUS_PX; y <= RADIUS_PX; ++y) {
         for (int x = -RADIUS_PX; x <= RADIUS_PX; ++x) {
             ivec2 along = ivec2(x, y), place = pixel + along;
-            if (!in_disc(along) || !is_inside(place)) continue;
+            if (!in_disc(along, RADIUS_PX) || !is_inside(place)) continue;
             vec4 there = imageLoad(moved, place);
             if (!is_alike(guide, there.a) || imageLoad(tensors, place).a >= shell) continue;
             float off = dot(across, vec2(along));

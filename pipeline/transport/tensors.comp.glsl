@@ -3,6 +3,7 @@
 // Twin: structure_tensors() in reference.py, its second half. Change both or neither.
 
 #constant REACH_PX
+#constant STEP_PX
 #constant DEVIATION_PX
 
 #include "pixels.glsl"
@@ -15,8 +16,8 @@ void work(ivec2 pixel, int chain) {
     listed[uint(pixel.y * imageSize(image).x + pixel.x)] = 0u;
     float guide = guide_at(pixel);
     vec4 total = vec4(0.0);
-    for (int y = -REACH_PX; y <= REACH_PX; ++y) {
-        for (int x = -REACH_PX; x <= REACH_PX; ++x) {
+    for (int y = -REACH_PX; y <= REACH_PX; y += STEP_PX) {
+        for (int x = -REACH_PX; x <= REACH_PX; x += STEP_PX) {
             ivec2 place = pixel + ivec2(x, y);
             if (!is_inside(place)) continue;
             vec4 product = imageLoad(gradients, place);
