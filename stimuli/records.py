@@ -171,6 +171,7 @@ class Records(Book):
         }
         if not isinstance(scene, (BuiltinScene, MeshScene)):
             parameters["rim_px"] = scene.rim_px
+            parameters["depth_speckle"] = scene.depth_speckle
         if isinstance(scene, MeshScene) and (notes := self._notes(scene)):
             parameters["noted"] = notes
         for key, value in orders.parameters(name).items():

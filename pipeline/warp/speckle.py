@@ -5,15 +5,11 @@ the whole of it. Measured depth has such pixels, alone and in small clumps, most
 silhouettes. They take depth and motion from around them before anything is warped. Rendered depth
 is right, and is left alone.
 
-What both twins of the warp do first; it has no twin of its own.
+Both twins of the warp are given what is mended here: there is no twin of this.
 """
-
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-
-from pipeline.frame import SourceFrame
 
 LEAST_ALIKE = 12  # pixels of the 7x7 around one, itself included, that bear it out
 WINDOW_PX = 3  # pixels this far along rows and columns are in the window
@@ -22,28 +18,6 @@ SAME_SURFACE = 0.04  # steps of 1 - z_near / z up to this are of one surface
 NEAR_PERCENTILE = 1.0  # of depth, for z_near: outliers do not set it
 
 Bools = NDArray[np.bool_]
-
-
-def without_speckle(
-    frame: SourceFrame, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32]
-) -> tuple[SourceFrame, NDArray[np.float32], NDArray[np.float32]]:
-    """Give outliers of `frame.depth_m` the depth and motion of a pixel that is none.
-
-    Parameters
-    ----------
-    flow_px, target_depth_m
-        As of `pipeline.warp.reference.warp`.
-
-    Returns
-    -------
-    frame, flow_px, target_depth_m
-        Bit for bit the given ones outside the outliers. Colour stays.
-    """
-    pixel, source = mends(frame.depth_m)
-    depth_m, flow_px, target_depth_m = (
-        taken(plane, pixel, source) for plane in (frame.depth_m, flow_px, target_depth_m)
-    )
-    return replace(frame, depth_m=depth_m), flow_px, target_depth_m
 
 
 def taken(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,6 +79,15 @@ def warp(
             " to a pair rendered without anti-aliasing, 1 to a file with anti-aliased edges, more"
             " to pictures that are blurred or enlarged."
             r" \[default: 1 for a stereo pair, 0 for a file]"
+        ),
+    ] = None,
+    depth_speckle: Annotated[
+        bool | None,
+        typer.Option(
+            "--depth-speckle/--no-depth-speckle",
+            help="Mend outliers of depth before the warp: pixels that nothing around them bears"
+            " out. Give --no-depth-speckle to rendered depth, --depth-speckle to a file with"
+            r" measured depth. \[default: mend for a stereo pair, leave a file]",
         ),
     ] = None,
     clip: Annotated[
@@ -263,7 +273,7 @@ def warp(
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
-        asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
+        WarpSettings(rim_px=rim_px or 0)  # checks its range before anything is read
         first = one_of("--nearer", nearer, NEARER)
         held = one_of("--depth-is", depth_is, DEPTH_IS)
         missing = unknown_numbers(unknown)
@@ -304,7 +314,11 @@ def warp(
             ),
             truth,
         )
-        settled = asked or loaded.settings
+        settled = loaded.settings
+        if rim_px is not None:
+            settled = replace(settled, rim_px=rim_px)
+        if depth_speckle is not None:
+            settled = replace(settled, depth_speckle=depth_speckle)
         eye = _eye(loaded, true_within, gaze, display, fov)
         _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps, eye)
 
@@ -321,6 +335,7 @@ def _run(
     eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe, lent_context
+    from pipeline.warp.speckle import mends
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
@@ -335,7 +350,8 @@ def _run(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
                 truth_mask=None if eye is None else periphery(eye),
             )  # fmt: skip
-    _print_results(console, warped, fills, settings.rim_px, eye)
+    mended = len(mends(frame.source.depth_m)[0]) if settings.depth_speckle else 0
+    _print_results(console, warped, fills, settings.rim_px, mended, eye)
     plain = fills
     if eye is not None and truth is not None:
         fills = upsampled(fills, truth, eye)
@@ -396,12 +412,15 @@ def _eye(
 
 
 def _print_results(
-    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, eye: Eye | None
-) -> None:
+    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, mended: int,
+    eye: Eye | None,
+) -> None:  # fmt: skip
     height, width = warped.size
     holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
+    if mended > 0:
+        holes += f"; depth of {mended} outliers mended"
     console.print(f"{width} x {height} px, {holes}")
     every = [(fill.choice, fill.quality_all) for fill in fills]
     if eye is not None:
