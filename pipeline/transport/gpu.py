@@ -74,13 +74,13 @@ class TransportPass(Pass):
         self._begin["band_list"] = self.lists.appendable(("band", 0))
         self._set(depth_threshold=settings.depth_threshold, share=settings.share)
         self.moved, self.tensors, gradients = (self._texture(size, "rgba32f") for _ in range(3))
-        listed = self._buffer(bytes(4 * size[0] * size[1]))
+        self.listed = self._buffer(bytes(4 * size[0] * size[1]))
         self._hold(
             **self.lists.shared,
             moved=self.moved,
             tensors=self.tensors,
             gradients=gradients,
-            listed=listed,
+            listed=self.listed,
         )
 
     def __call__(self, frame: FrameTextures, *, z_near_m: float) -> None:

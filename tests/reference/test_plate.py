@@ -1,4 +1,4 @@
-"""The plate of `shift-map` against values worked by hand, and fills of clips that use it."""
+"""The plate of fills against values worked by hand, and fills of clips that use it."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.registry import create_method
-from pipeline.shiftmap.plate import ShiftMapPlate
+from pipeline.plate.reference import KeptFills
 from stimuli.fills import Fills
 
 THRESHOLD = 0.04
@@ -27,17 +27,23 @@ def ramp(frame: WarpedFrame, first: float) -> np.ndarray:
     return np.broadcast_to(values[None, :, None], frame.colour.shape).astype(np.float32)
 
 
-def settled(frame: WarpedFrame, plate: ShiftMapPlate, first: float) -> list[float]:
-    fill = np.where(frame.hole[..., None], ramp(frame, first), frame.colour)
-    return (64 * plate.settle(frame, fill)[1, :, 0]).tolist()
+class Ramps:
+    """A plate whose fills are ramps, from the grey that each view says."""
+
+    def __init__(self) -> None:
+        self._kept = KeptFills(lambda frame: ramp(frame, self._first), THRESHOLD)
+
+    def __call__(self, frame: WarpedFrame, first: float) -> list[float]:
+        self._first = first
+        return (64 * self._kept.fill(frame)[1, :, 0]).tolist()
 
 
 def test_a_place_keeps_the_colour_that_it_got_first():
     """By hand: columns 4 to 7 got 4 to 7; moved by 2 px they are columns 6 to 9, and 10 is new."""
-    plate = ShiftMapPlate(THRESHOLD)
+    settled = Ramps()
 
-    first = settled(view(slice(4, 8), 0.0), plate, 0.0)
-    second = settled(view(slice(6, 11), 2.0), plate, 0.5)
+    first = settled(view(slice(4, 8), 0.0), 0.0)
+    second = settled(view(slice(6, 11), 2.0), 0.5)
 
     assert first[4:8] == [4, 5, 6, 7]
     assert second[6:11] == [4, 5, 6, 7, 42]
@@ -46,10 +52,10 @@ def test_a_place_keeps_the_colour_that_it_got_first():
 
 def test_between_texels_colours_are_interpolated():
     """Half a pixel on, a pixel lies between what 4 and 5 got; a ramp stays a ramp."""
-    plate = ShiftMapPlate(THRESHOLD)
-    settled(view(slice(4, 9), 0.0), plate, 0.0)
+    settled = Ramps()
+    settled(view(slice(4, 9), 0.0), 0.0)
 
-    found = settled(view(slice(5, 9), 0.5), plate, 0.0)
+    found = settled(view(slice(5, 9), 0.5), 0.0)
 
     assert found[5:9] == [4.5, 5.5, 6.5, 7.5]
 
@@ -57,28 +63,44 @@ def test_between_texels_colours_are_interpolated():
 @pytest.mark.parametrize(("depth_m", "kept"), [(4.1, True), (4.3, False), (np.inf, False)])
 def test_another_surface_does_not_take_the_place(depth_m, kept):
     """4 m and 4.1 m differ by 2.4 %, 4 m and 4.3 m by 7 %."""
-    plate = ShiftMapPlate(THRESHOLD)
-    settled(view(slice(4, 8), 0.0), plate, 0.0)
+    settled = Ramps()
+    settled(view(slice(4, 8), 0.0), 0.0)
 
-    found = settled(view(slice(4, 8), 0.0, depth_m), plate, 0.5)
+    found = settled(view(slice(4, 8), 0.0, depth_m), 0.5)
 
     assert found[4:8] == ([4, 5, 6, 7] if kept else [36, 37, 38, 39])
 
 
 def test_two_places_at_infinity_are_of_one_surface():
-    plate = ShiftMapPlate(THRESHOLD)
-    settled(view(slice(4, 8), 0.0, np.inf), plate, 0.0)
+    settled = Ramps()
+    settled(view(slice(4, 8), 0.0, np.inf), 0.0)
 
-    assert settled(view(slice(4, 8), 0.0, np.inf), plate, 0.5)[4:8] == [4, 5, 6, 7]
+    assert settled(view(slice(4, 8), 0.0, np.inf), 0.5)[4:8] == [4, 5, 6, 7]
 
 
 def test_places_beyond_the_margin_keep_their_own_fill():
     """The margin is a quarter of 16 px; the background of these holes came from 40 px aside."""
-    plate = ShiftMapPlate(THRESHOLD)
+    settled = Ramps()
 
     for first in (0.0, 0.5):
-        found = settled(view(slice(4, 8), 40.0), plate, first)
+        found = settled(view(slice(4, 8), 40.0), first)
         assert found[4:8] == [64 * first + k for k in range(4, 8)]
+
+
+def test_what_is_kept_counts_as_known_before_the_rest_is_filled():
+    """Columns 4 to 7 are kept; of 4 to 9 the filler is asked for 8 and 9, and sees the others."""
+    asked = []
+
+    def fill(frame: WarpedFrame) -> np.ndarray:
+        asked.append((np.flatnonzero(frame.hole[1]).tolist(), frame.colour[1, 4, 0]))
+        return np.full(frame.colour.shape, 0.25, np.float32)
+
+    plate = KeptFills(fill, THRESHOLD)
+    plate.fill(view(slice(4, 8), 0.0))
+    plate.fill(view(slice(4, 10), 0.0))
+    plate.fill(view(slice(4, 8), 0.0))
+
+    assert asked == [([4, 5, 6, 7], 0.5), ([8, 9], 0.25)]  # and nothing was left to ask for
 
 
 def test_known_pixels_keep_their_bits(rng):
@@ -86,7 +108,7 @@ def test_known_pixels_keep_their_bits(rng):
     colour = rng.random(frame.colour.shape, np.float32)
     frame = WarpedFrame(colour, frame.depth_m, frame.hole, frame.flow_px)
 
-    found = ShiftMapPlate(THRESHOLD).settle(frame, rng.random(colour.shape, np.float32))
+    found = KeptFills(lambda _: rng.random(colour.shape, np.float32), THRESHOLD).fill(frame)
 
     assert found[~frame.hole].tobytes() == colour[~frame.hole].tobytes()
 
@@ -125,7 +147,7 @@ class Gliding:
 
 @pytest.fixture(scope="module")
 def method(module_gl_context):
-    made = create_method("shift-map", module_gl_context)
+    made = create_method("coherence-transport", module_gl_context)
     yield made
     made.release()
 
@@ -161,12 +183,10 @@ def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have
 
 
 def test_a_clip_is_the_same_as_by_arrays(method, views, in_sequence):
-    """Every frame filled by itself, and settled on the plate that the numpy twin is."""
-    plate = ShiftMapPlate(THRESHOLD)
+    """By the numpy twin of the plate, around the same fills."""
+    plate = KeptFills(lambda frame: method.fill(frame, 1), THRESHOLD)
     for k in range(3):
-        warped = views.warped(k)
-        settled = plate.settle(warped, method.fill(warped, 1))
-        assert settled.tobytes() == in_sequence[k].tobytes()
+        assert plate.fill(views.warped(k)).tobytes() == in_sequence[k].tobytes()
     assert (in_sequence[2] != method.fill(views.warped(2), 1)).any()
 
 
@@ -189,8 +209,8 @@ class Arrays:
 
     def release(self) -> None: ...
 
-    def new_plate(self) -> ShiftMapPlate:
-        return ShiftMapPlate(THRESHOLD)
+    def new_plate(self) -> KeptFills:
+        return KeptFills(lambda frame: self.fill(frame, 0), THRESHOLD)
 
 
 def test_a_method_of_arrays_has_a_plate_of_arrays():
