@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.method import Method, Plate, PlateMethod, TexturePlate
@@ -49,7 +50,7 @@ class Fills:
         source = self._views.source_key(frame)
         if self._plate is None or source != self._source or frame < self._next:
             self.release()
-            self._plate, self._source, self._next = self._method.new_plate(), source, 0
+            self._plate, self._source, self._next = _checked(self._method.new_plate()), source, 0
         result: NDArray[np.float32] | None = None
         for k in range(self._next, frame + 1):
             if self._views.source_key(k) == source:
@@ -72,3 +73,13 @@ class Fills:
             filler.fill_textures(textures, self._seed)
             return filled_colour(textures)
         return filler.fill(self._views.warped(frame), self._seed)
+
+
+def _checked(plate: Plate | TexturePlate) -> Plate | TexturePlate:
+    """Require a plate that fills; a plug-in's may not."""
+    if not isinstance(plate, Plate | TexturePlate):
+        raise InputError(
+            "a plate must have fill, or fill_textures and release (got"
+            f" {type(plate).__name__}); mend the method that makes it"
+        )
+    return plate

@@ -7,7 +7,7 @@ import moderngl
 from pipeline.errors import InputError
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.on_gpu import OnGpu
-from pipeline.plate.gpu import PlatePass, PlateTextures
+from pipeline.plate.gpu import PlatePass
 from pipeline.pushpull.gpu import PushPullPass, PyramidPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from pipeline.weighted_pullpush.recirculation import SAME_SURFACE

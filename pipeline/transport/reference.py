@@ -144,12 +144,13 @@ def structure_tensors(
         product[middle] = np.stack(products, axis=-1)
     reach = range(-TENSOR_REACH_PX, TENSOR_REACH_PX + 1, TENSOR_STEP_PX)
     pixels = np.argwhere(~hole)
-    total, weight = np.zeros(colour.shape), np.zeros(hole.shape)
-    for pixel, place, step in _pairs(pixels, [(y, x) for y in reach for x in reach], guide, threshold):
+    total, weight = np.zeros(colour.shape), np.zeros((*hole.shape, 1))
+    steps = [(y, x) for y in reach for x in reach]
+    for pixel, place, step in _pairs(pixels, steps, guide, threshold):
         share = whole[tuple(place.T)] * np.exp(-np.dot(step, step) / (2 * TENSOR_PX**2))
         total[tuple(pixel.T)] += share[:, None] * product[tuple(place.T)]
-        weight[tuple(pixel.T)] += share
-    return np.divide(total, weight[..., None], out=np.zeros_like(total), where=weight[..., None] > 0)
+        weight[tuple(pixel.T)] += share[:, None]
+    return np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
 
 
 def transported(
@@ -200,9 +201,7 @@ def coherence(tensor: Floats) -> Floats:
     return mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def near_around(
-    colour: Floats, hole: NDArray[np.bool_], pixels: Ints
-) -> tuple[Floats, Floats]:
+def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[Floats, Floats]:
     """Tell what is near hole pixels, (N, 2), at any depth, and how much of it the fill takes.
 
     Returns

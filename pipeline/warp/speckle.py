@@ -65,8 +65,8 @@ def outliers(depth_m: NDArray[np.float32]) -> Bools:
     """Tell which pixels nothing around them bears out, shape (H, W).
 
     A pixel is borne out if at least `LEAST_ALIKE` of the 7x7 around it have its depth, or if three
-    steps over such pixels lead out of the 5x5 around it: thin things, such as spokes, wires and what
-    is seen between them, go on beyond. And so is one beside a pixel of its depth that is. The
+    steps over such pixels lead out of the 5x5 around it: thin things, such as spokes, wires and
+    what is seen between them, go on beyond. And so is one beside a pixel of its depth that is. The
     frame is mirrored at its edges.
     """
     finite = depth_m[np.isfinite(depth_m)]
@@ -117,7 +117,7 @@ def _unborne(shape: tuple[int, ...], pixel: NDArray[np.intp], beside: Bools) -> 
     while len(pixel):
         borne = np.zeros(len(pixel), np.bool_)
         for y, x in np.ndindex(3, 3):
-            place = (pixel + (y - 1, x - 1)).clip(0, np.array(shape) - 1)
+            place = (pixel + np.array([y - 1, x - 1])).clip(0, np.array(shape) - 1)
             borne |= beside[:, y, x] & ~bad[tuple(place.T)]
         if not borne.any():
             break

@@ -116,7 +116,7 @@ class SequenceScenery:
     def _mended(
         self, plane: NDArray[np.float32], depth_m: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Give the outliers of a file's depth what `plane` has beside them, if the scene says so."""
+        """Give outliers of a file's depth what `plane` has beside them, if the scene says so."""
         return taken(plane, *mends(depth_m)) if self._scene.depth_speckle else plane
 
     def _inside(

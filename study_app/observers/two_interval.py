@@ -23,7 +23,7 @@ DEFAULT_UTILITIES: Mapping[str, float] = {
     "coherence-transport": 1.4,
     "push-pull": 0.0,
 }
-"""Roughly the preferences of the inpainting paper's Fig. 10; `coherence-transport`'s is made up like it."""
+"""Roughly the preferences of the inpainting paper's Fig. 10; one that it lacks is made up."""
 
 
 @dataclass(frozen=True)

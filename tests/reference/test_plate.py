@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.registry import create_method
@@ -217,6 +218,15 @@ def test_a_method_of_arrays_has_a_plate_of_arrays():
     found = Fills(Arrays(), Gliding(), 0).frame(1)
 
     assert (found[:, 16:26] == 0.25).all()
+
+
+def test_a_plate_that_does_not_fill_is_refused():
+    class Settling(Arrays):
+        def new_plate(self) -> object:
+            return object()
+
+    with pytest.raises(InputError, match=r"a plate must have fill.*got object"):
+        Fills(Settling(), Gliding(), 0).frame(1)
 
 
 def test_a_method_without_a_plate_fills_every_frame_by_itself():

@@ -98,7 +98,7 @@ def test_what_nothing_can_mend_stays():
 
 
 def source(rng) -> tuple[SourceFrame, np.ndarray, np.ndarray]:
-    """A near block that moves by 9 px before a wall; one outlier beside its edge moves otherwise."""
+    """A near block that moves by 9 px before a wall; one outlier beside it moves otherwise."""
     clean = wall()
     clean[10:30, 15:30] = NEAR_M
     depth = clean.copy()

@@ -120,7 +120,8 @@ def test_an_edge_goes_on_through_a_hole(turn_deg):
 
 def test_a_fill_stays_between_what_is_known(rng):
     hole = rng.random((30, 40)) < 0.6
-    frame = frame_of(rng.uniform(0.3, 0.6, (30, 40, 3)), hole, np.where(rng.random((30, 40)) < 0.5, 3, 8))
+    depth = np.where(rng.random((30, 40)) < 0.5, 3, 8)
+    frame = frame_of(rng.uniform(0.3, 0.6, (30, 40, 3)), hole, depth)
 
     found = fill(frame).colour[hole]
 

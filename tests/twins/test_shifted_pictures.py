@@ -78,7 +78,12 @@ def test_a_shift_by_whole_cells_shifts_the_fill(fill, name, cells_px, most):
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("push-pull-depth", 1, 5), ("metameric", 2, 8), ("push-pull", 5, 15), ("coherence-transport", 0.3, 3)],
+    [
+        ("push-pull-depth", 1, 5),
+        ("metameric", 2, 8),
+        ("push-pull", 5, 15),
+        ("coherence-transport", 0.3, 3),
+    ],
 )
 def test_a_shift_by_odd_pixels_changes_fills_by_8_bit_steps(fill, name, least, most):
     """On average. Methods whose definition has a pyramid are not covariant, and docs say so."""

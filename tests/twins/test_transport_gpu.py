@@ -86,9 +86,7 @@ def test_shells_are_the_same(run):
 def test_fills_agree(run):
     hole = run.frame.hole
 
-    np.testing.assert_allclose(
-        run.filled[hole][:, :3], run.wanted.colour[hole], rtol=0, atol=ATOL
-    )
+    np.testing.assert_allclose(run.filled[hole][:, :3], run.wanted.colour[hole], rtol=0, atol=ATOL)
     assert np.abs(run.wanted.colour - run.wanted.base)[hole].max() > 0.05
 
 
