@@ -170,6 +170,31 @@ def test_a_pair_of_photographs_leaves_no_ghost_of_an_outline(photographs):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_an_outlier_of_depth_is_mended_in_a_pair_and_said(photographs):
+    """A pixel of the wall whose disparity is 30 px would tear a hole and be drawn elsewhere."""
+    shown = {}
+    for outlier, more in ((2, ()), (30, ()), (30, ("--no-depth-speckle",))):
+        disparity = np.full((HEIGHT, WIDTH), 2, np.uint8)
+        disparity[12:36, 24:48] = 8
+        disparity[6, 50] = outlier
+        write_pixels(photographs / "disparity.png", disparity[..., None], "Y")
+        out = photographs / "filled.png"
+        code, said, _ = run(
+            photographs / "left.png",
+            out,
+            *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png", *more),
+        )
+        assert code == 0
+        holes = said.partition("holes ")[2].partition(" %")[0]
+        shown[outlier, more] = out.read_bytes(), holes, "outliers of depth mended: 1" in said
+
+    clean, mended, torn = shown.values()
+    assert (clean[2], mended[2], torn[2]) == (False, True, False)
+    assert clean[:2] == mended[:2]
+    assert torn[1] != mended[1]
+
+
+@pytest.mark.usefixtures("gl_context")
 def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
     pixels, said = {}, {}
     for rim_px in (None, 0, 1):
@@ -280,6 +305,10 @@ def test_list_names_every_method_without_a_source():
     ("arguments", "said"),
     [
         (["-m", "tela"], "did you mean 'telea'"),
+        (
+            ["-m", "shift-map"],
+            "'coherence-transport' replaces it; for its own fills install revision",
+        ),
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "options of stereo pairs"),

@@ -420,7 +420,7 @@ def _print_results(
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
     if mended > 0:
-        holes += f"; depth of {mended} outliers mended"
+        holes += f"; outliers of depth mended: {mended}"
     console.print(f"{width} x {height} px, {holes}")
     every = [(fill.choice, fill.quality_all) for fill in fills]
     if eye is not None:

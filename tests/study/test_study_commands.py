@@ -103,6 +103,8 @@ def test_registry_names_are_passed_in_and_checked():
     assert check_methods(protocol, known) == []
     (problem,) = check_methods(protocol, ["push-pull"])
     assert problem.place == "stimuli.methods[2].name"
+    (problem,) = check_methods(protocol, ["push-pull"], None, {"metameric": "has left"})
+    assert str(problem) == "stimuli.methods[2].name: method 'metameric' has left"
     plain = protocol.model_dump()
     plain["stimuli"]["methods"][2]["method"] = "onnx:net.onnx"
     plain["stimuli"]["methods"][0]["parameters"] = {"noise": 1.0}
