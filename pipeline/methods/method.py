@@ -45,15 +45,6 @@ class Method(Protocol):
 
 
 @runtime_checkable
-class TextureMethod(Method, Protocol):
-    """A method that fills on the GPU: a frame that is there need not leave it."""
-
-    def fill_textures(self, frame: FrameTextures, seed: int) -> None:
-        """Fill the holes of `frame.colour` in place; `fill` of the same frame gives the same."""
-        ...
-
-
-@runtime_checkable
 class Plate(Protocol):
     """What a method keeps of one source frame from view to view of a path."""
 

@@ -39,16 +39,23 @@ class KeptFills:
 
     Parameters
     ----------
-    fill : function of a WarpedFrame
-        Returns its own fill, (H, W, 3).
+    fill : function of a WarpedFrame and weights, (H, W)
+        Returns its own fill, (H, W, 3). What is known weighs 1, what is kept `weight`, holes 0.
     depth_threshold : float
         As of `SourcePlate`.
+    overwrites : bool
+        Whether each view replaces what is kept in its holes.
     """
 
     def __init__(
-        self, fill: Callable[[WarpedFrame], NDArray[np.float32]], depth_threshold: float
+        self,
+        fill: Callable[[WarpedFrame, NDArray[np.float64]], NDArray[np.float32]],
+        depth_threshold: float,
+        *,
+        weight: float = 1.0,
+        overwrites: bool = False,
     ) -> None:
-        self._fill = fill
+        self._fill, self._weight, self._overwrites = fill, weight, overwrites
         self._plate = SourcePlate(depth_threshold)
 
     def fill(self, warped: WarpedFrame, seed: int = 0) -> NDArray[np.float32]:  # noqa: ARG002
@@ -57,12 +64,12 @@ class KeptFills:
         if not hole.any():
             return warped.colour
         kept, colour = self._plate.recall(warped)
-        shown, left = warped.colour.copy(), hole.copy()
-        shown[hole] = np.where(kept[:, None], colour, shown[hole])
-        left[hole] = ~kept
-        filled = self._fill(replace(warped, colour=shown, hole=left)) if left.any() else shown
-        shown = np.where(left[..., None], filled, shown)
-        self._plate.keep(warped, shown)
+        known, weight = warped.colour.copy(), (~hole).astype(np.float64)
+        known[hole] = np.where(kept[:, None], colour, np.float32(0))
+        weight[hole] = np.where(kept, self._weight, 0.0)
+        filled = self._fill(replace(warped, colour=known, hole=weight == 0), weight)
+        shown = np.where(hole[..., None], filled, warped.colour)
+        self._plate.keep(warped, shown, again=self._overwrites)
         return shown
 
 

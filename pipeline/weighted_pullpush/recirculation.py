@@ -15,34 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.plate.reference import SourcePlate
+from pipeline.plate.reference import KeptFills
 from pipeline.weighted_pullpush.reference import weighted_pull_push
 
 SAME_SURFACE = 0.04  # depths that differ by a larger share of the greater one are of two surfaces
 
 
-class Recirculation:
-    """What views of one source frame have shown.
+def recirculating(weight: float) -> KeptFills:
+    """Return what fills views of one source frame from what they know and what was shown.
 
     Parameters
     ----------
     weight : float
         Of what was shown before, ``1 / quality^2``; what is known weighs 1. Above 0.
     """
+    return KeptFills(_filled, SAME_SURFACE, weight=weight, overwrites=True)
 
-    def __init__(self, weight: float) -> None:
-        self._weight = weight
-        self._plate = SourcePlate(SAME_SURFACE)
 
-    def fill(self, warped: WarpedFrame, seed: int = 0) -> NDArray[np.float32]:  # noqa: ARG002
-        """Fill the next view of the source; all of them have one size."""
-        hole = warped.hole
-        if not hole.any():
-            return warped.colour
-        known, colour = self._plate.recall(warped)
-        image = np.dstack([warped.colour, (~hole).astype(np.float64)])
-        image[hole] = np.where(known[:, None], np.insert(colour, 3, self._weight, axis=1), 0.0)
-        fill = weighted_pull_push(image).astype(np.float32)
-        shown = np.where(hole[..., None], fill, warped.colour)
-        self._plate.keep(warped, shown, again=True)
-        return shown
+def _filled(frame: WarpedFrame, weight: NDArray[np.float64]) -> NDArray[np.float32]:
+    return weighted_pull_push(np.dstack([frame.colour, weight])).astype(np.float32)

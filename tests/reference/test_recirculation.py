@@ -7,7 +7,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.method import PlateMethod
 from pipeline.methods.registry import create_method
-from pipeline.weighted_pullpush.recirculation import Recirculation
+from pipeline.weighted_pullpush.recirculation import recirculating
 from pipeline.weighted_pullpush.reference import weighted_pull_push
 
 
@@ -29,7 +29,7 @@ def alone(frame: WarpedFrame) -> np.ndarray:
 def test_the_first_view_shows_its_own_fill(rng):
     frame = view([0, 1, 1, 0, 0, 1, 0, 0], rng.random(8))
 
-    np.testing.assert_array_equal(Recirculation(0.5).fill(frame), alone(frame))
+    np.testing.assert_array_equal(recirculating(0.5).fill(frame), alone(frame))
 
 
 def test_what_was_shown_last_is_blended_by_the_ratio_of_squared_weights():
@@ -39,7 +39,7 @@ def test_what_was_shown_last_is_blended_by_the_ratio_of_squared_weights():
     (0.75 + 0.25 / 4) / (1 + 1 / 4) = 0.65, of weight 3/4. The share of its own is
     (1/2 / 3/4)^2 = 4/9, and 4/9 x 0.25 + 5/9 x 0.65 = 0.4722.
     """
-    recirculation = Recirculation(0.5)
+    recirculation = recirculating(0.5)
     before = view([0, 1], [0.25, 0.0])
     recirculation.fill(before)
 
@@ -51,7 +51,7 @@ def test_what_was_shown_last_is_blended_by_the_ratio_of_squared_weights():
 
 def test_what_is_shown_replaces_what_was_shown_before():
     """At weight 1 the last shown colour stays; the first of three does not come back by itself."""
-    recirculation = Recirculation(0.25)
+    recirculation = recirculating(0.25)
     greys = (0.0, 1.0, 1.0, 1.0, 1.0)
     found = []
     for grey in greys:
@@ -68,7 +68,7 @@ def test_what_is_shown_replaces_what_was_shown_before():
 
 def test_colours_move_with_the_background():
     """At weight 1 a hole whose background moved by 2 px shows what it showed, 2 px further."""
-    recirculation = Recirculation(1.0)
+    recirculation = recirculating(1.0)
     first = view([0, 0, 1, 1, 0, 0, 0, 0], [0.1, 0.1, 0, 0, 0.9, 0.9, 0.9, 0.9])
     shown = recirculation.fill(first)
 
@@ -80,7 +80,7 @@ def test_colours_move_with_the_background():
 
 @pytest.mark.parametrize(("depth_m", "comes_back"), [(4.1, True), (4.3, False)])
 def test_another_surface_is_filled_anew(depth_m, comes_back):
-    recirculation = Recirculation(1.0)
+    recirculation = recirculating(1.0)
     first = view([0, 1], [0.0, 0.0])
     recirculation.fill(first)
 

@@ -20,14 +20,13 @@ class Filler:
         self._colours = [rng.random((*SIZE, 3), np.float32) for _ in range(5)]
         self.asked: list[np.ndarray] = []  # holes
 
-    def arrays(self, frame: WarpedFrame) -> np.ndarray:
+    def arrays(self, frame: WarpedFrame, _: np.ndarray | None = None) -> np.ndarray:
         self.asked.append(frame.hole)
-        return self._colours[len(self.asked) - 1]
+        return np.where(frame.hole[..., None], self._colours[len(self.asked) - 1], frame.colour)
 
     def textures(self, frame: FrameTextures) -> None:
         texels = read_back(frame.colour)
-        filled = self.arrays(frame.read_back())
-        texels[..., :3] = np.where(texels[..., 3:] == 0, filled, texels[..., :3])
+        texels[..., :3] = self.arrays(frame.read_back())
         frame.colour.write(texels.tobytes())
 
 
