@@ -21,6 +21,7 @@ Twin: gpu.py with the shaders here. Change both or neither.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,8 @@ from pipeline.transport.settings import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+
+S = TypeVar("S", bound=np.generic)
 
 UNREACHED = 1 << 30  # shell of a hole pixel that sees no background of its own
 SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))  # row, column
@@ -131,7 +134,7 @@ def structure_tensors(
     product, whole = np.zeros(colour.shape), np.zeros(hole.shape, np.bool_)
     middle = np.s_[1 : height - 1, 1 : width - 1]
 
-    def beside(array: NDArray[np.generic], y: int, x: int) -> NDArray[np.generic]:
+    def beside(array: NDArray[S], y: int, x: int) -> NDArray[S]:
         return array[1 + y : height - 1 + y, 1 + x : width - 1 + x]
 
     if min(height, width) > 2:
@@ -198,7 +201,7 @@ def coherence(tensor: Floats) -> Floats:
     with np.errstate(divide="ignore", over="ignore"):
         mu = 1 + COHERENCE * np.exp(-((FAINT**2 / difference) ** 2))
     mu *= difference / (difference + LEAST_DIFFERENCE)
-    return mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[Floats, Floats]:
