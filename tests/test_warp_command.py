@@ -209,6 +209,63 @@ def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
     assert "with a rim" not in said[None]
 
 
+@pytest.fixture
+def masked(tmp_path):
+    """A striped picture, and a mask with a block of 10 x 6 px."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    grey = 0.5 + 0.3 * np.sin(0.7 * x + 0.4 * y)[..., None] * (1, 0.8, 0.6)
+    save_colour(tmp_path / "photo.png", grey.astype(np.float32))
+    mask = np.zeros((HEIGHT, WIDTH, 1), np.uint8)
+    mask[20:26, 30:40] = 255
+    write_pixels(tmp_path / "mask.png", mask, "Y")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(masked):
+    """By every method, against the picture itself; OpenCV's one call is one of them."""
+    every = [entry.name for entry in METHODS if not entry.takes_path]
+    code, said, _ = run(
+        masked / "photo.png",
+        masked / "out.png",
+        *("--mask", masked / "mask.png", "--truth", masked / "photo.png"),
+        *("--compare", masked / "sheet.png"),
+        *(word for name in every for word in ("-m", name)),
+    )
+
+    assert code == 0
+    assert "holes 1.95 % of the frame" in said  # 60 of 64 x 48
+    assert all(name in said for name in every)
+    before, after = (read_pixels(masked / name).data for name in ("photo.png", "out.png"))
+    changed = (before != after).any(axis=-1)
+    assert changed[20:26, 30:40].mean() > 0.9
+    changed[20:26, 30:40] = False
+    assert not changed.any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--mask", "{folder}/black.png"], "must mark at least one pixel"),
+        (["--mask", "{folder}/small.png"], "must be as large as"),
+        (["--mask", "{folder}/none.png"], "none.png"),
+        (["--mask", "{folder}/mask.png", "--amount", "0.5"], "fills a picture as it is"),
+        (["--mask", "{folder}/mask.png", "--parallax", "0.1"], "fills a picture as it is"),
+        (["--mask", "{folder}/mask.png", "--rim-px", "1"], "leave out --rim-px"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(masked, arguments, said):
+    write_pixels(masked / "black.png", np.zeros((HEIGHT, WIDTH, 1), np.uint8), "Y")
+    write_pixels(masked / "small.png", np.full((HEIGHT // 2, WIDTH // 2, 1), 255, np.uint8), "Y")
+
+    message = refusal(
+        masked / "photo.png", masked / "out.png", *(a.format(folder=masked) for a in arguments)
+    )
+
+    assert said in message
+    assert not (masked / "out.png").exists()
+
+
 @pytest.mark.usefixtures("gl_context")
 def test_half_the_amount_moves_half_as_far_and_has_no_truth(stereo):
     _, said, _ = run(

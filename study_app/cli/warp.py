@@ -32,14 +32,9 @@ from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
-    from pipeline.warp.settings import WarpSettings
     from stimuli.choice import Choice
-    from stimuli.exr import WarpInput
     from stimuli.one_frame import Filled
     from stimuli.upsampled import Eye
     from study_app.cli.warp_source import Loaded
@@ -47,8 +42,8 @@ if TYPE_CHECKING:
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
     "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
-    " two poses (--depth); an image of a stereo pair (with --disparity); or a built-in pair:"
-    " motorcycle."
+    " two poses (--depth); an image of a stereo pair (with --disparity); any picture with a mask"
+    " of its holes (--mask); or a built-in pair: motorcycle."
 )
 _file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion, or with depth and two poses")
@@ -175,6 +170,13 @@ def warp(
             r" this share of the width; negative: to the left. \[default: 0.03]",
         ),
     ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="A picture as large as SOURCE that is white where SOURCE is to be filled, and"
+            " black elsewhere. SOURCE is not warped, and needs no depth."
+        ),
+    ] = None,
     truth: Annotated[
         Path | None,
         typer.Option(help="The true new view. Fills are measured against it."),
@@ -262,6 +264,8 @@ def warp(
 
         metamerlab warp photo.png out.png --depth depth.png
 
+        metamerlab warp photo.png out.png --mask holes.png
+
         metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
 
         metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
@@ -273,6 +277,8 @@ def warp(
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
+        if mask is not None and (rim_px, depth_speckle) != (None, None):
+            raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
         WarpSettings(rim_px=rim_px or 0)  # checks its range before anything is read
         first = one_of("--nearer", nearer, NEARER)
         held = one_of("--depth-is", depth_is, DEPTH_IS)
@@ -282,7 +288,7 @@ def warp(
         check_outputs(
             {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
             [steps],
-            [Path(source), disparity, right, flow, depth, truth],
+            [Path(source), disparity, right, flow, depth, truth, mask],
         )
         if steps is not None:
             check_result(steps, replace=True)
@@ -313,6 +319,7 @@ def warp(
                 parallax,
             ),
             truth,
+            mask,
         )
         settled = loaded.settings
         if rim_px is not None:
@@ -320,13 +327,11 @@ def warp(
         if depth_speckle is not None:
             settled = replace(settled, depth_speckle=depth_speckle)
         eye = _eye(loaded, true_within, gaze, display, fov)
-        _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps, eye)
+        _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, eye)
 
 
 def _run(
-    frame: WarpInput,
-    settings: WarpSettings,
-    truth: NDArray[np.float32] | None,
+    loaded: Loaded,
     choices: list[Choice],
     seed: int,
     out: Path,
@@ -342,13 +347,14 @@ def _run(
     from stimuli.steps import write_steps
     from stimuli.upsampled import periphery, upsampled, upsampled_sheet
 
+    frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
     console = PlainConsole(soft_wrap=True)
     with lent_context() as ctx:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
-                truth_mask=None if eye is None else periphery(eye),
+                truth_mask=None if eye is None else periphery(eye), hole=loaded.hole,
             )  # fmt: skip
     mended = len(mends(frame.source.depth_m)[0]) if settings.depth_speckle else 0
     _print_results(console, warped, fills, settings.rim_px, mended, eye)

@@ -566,6 +566,7 @@ def _pictures() -> Iterator[Bomb]:
                   "compress p.png --out o.metamer", "denoise run p.png --gaze 1,1 --out o.png",
                   "texture bake p.png --out o.moments",
                   "stimuli score p.png p.png --out o", "warp p.png o.png --flow f.flo",
+                  "warp p.png o.png --mask p.png",
                   "warp p.png o.png --depth p.png --parallax 0.1"):  # fmt: skip
         yield Bomb(f"png 5773 x 5773, {words}", flat, words)
     yield Bomb("png 4096 x 4096, compared", png("p.png", 4096, 4096),
