@@ -246,7 +246,8 @@ def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--mask", "{folder}/black.png"], "must mark at least one pixel"),
+        (["--mask", "{folder}/black.png"], "black elsewhere (all of it is black)"),
+        (["--mask", "{folder}/white.png"], "black elsewhere (all of it is white)"),
         (["--mask", "{folder}/small.png"], "must be as large as"),
         (["--mask", "{folder}/none.png"], "none.png"),
         (["--mask", "{folder}/mask.png", "--amount", "0.5"], "fills a picture as it is"),
@@ -256,6 +257,7 @@ def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(
 )
 def test_a_mask_that_does_not_fit_is_refused(masked, arguments, said):
     write_pixels(masked / "black.png", np.zeros((HEIGHT, WIDTH, 1), np.uint8), "Y")
+    write_pixels(masked / "white.png", np.full((HEIGHT, WIDTH, 1), 255, np.uint8), "Y")
     write_pixels(masked / "small.png", np.full((HEIGHT // 2, WIDTH // 2, 1), 255, np.uint8), "Y")
 
     message = refusal(

@@ -138,8 +138,11 @@ def _load_masked(path: Path, file: FileOptions, mask: Path) -> Loaded:
     colour = _load_colour(path, file)
     check_file_size(mask, read_colour(mask), path, colour)
     hole = read_hole_mask(mask, colour.shape[:2])
-    if not hole.any():
-        raise StudyError(f"{mask}: must mark at least one pixel (all are black); paint holes white")
+    if hole.all() or not hole.any():
+        raise StudyError(
+            f"{mask}: must be white in holes and black elsewhere (all of it is"
+            f" {'white' if hole.all() else 'black'})"
+        )
     depth_m = np.ones(hole.shape, np.float32)
     frame = WarpInput(SourceFrame(colour, depth_m), np.zeros((*hole.shape, 2), np.float32))
     return Loaded(frame, WarpSettings(), None, hole)
