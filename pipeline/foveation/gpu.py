@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import ChainPass, given
 from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.moments import (
     LEAST_TIGHTNESS,
@@ -25,19 +26,15 @@ from pipeline.foveation.moments import (
     SMALLEST_VARIANCE,
     STRONGEST_BEND,
 )
-from pipeline.foveation.noise_plane import (
-    GRAIN,
-    carried_noise,
-    check_seed,
-    tile_edge,
-)
+from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
     PicturePass,
     Pooled,
-    finish_constants,
     halved,
     layered,
+    noise_constants,
     screen_noise,
+    weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
@@ -150,7 +147,7 @@ class BlurPass(FoveationPass):
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
-        self._finish = self._compile("finish", **finish_constants())
+        self._finish = self._compile("finish", FADE_SHARE=FADE_SHARE)
 
     def _show(
         self,
@@ -160,9 +157,7 @@ class BlurPass(FoveationPass):
     ) -> None:
         self._chain.pull(source)
         self._chain.push(1)
-        self._finish.run_over(
-            halved(self.size), source=source, coarse=self._chain.lows[0], target=target
-        )
+        self._finish.run_over(self.size, source=source, coarse=self._chain.lows[0], target=target)
 
 
 class MetamerPass(FoveationPass):
@@ -184,7 +179,7 @@ class MetamerPass(FoveationPass):
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
-        layers = levels + -(-(levels + 3 * self._chroma) // 4)
+        layers = weight_layers(levels, bent=self._chroma)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         self._gains = self._compile(
             "gains",
@@ -252,22 +247,11 @@ class MetamerPass(FoveationPass):
         self._gains.run_over(halved(chain.sizes[2]), **given(**moments, **powers))
 
     def _compile_finish(self, *, carried: bool) -> Shader:
-        width, height = self.size
-        edge = tile_edge(height, width)
-        rows = columns = edge * TEXELS_PER_PX if carried else edge // 2
-        if self.geometry.wraps and not carried:
-            rows, columns = halved((height, width))
-        constants = finish_constants(
-            NOISE=True,
-            LEVELS=self.levels,
-            BENT=self._chroma,
-            CARRIED=carried,
-            NOISE_ROWS=rows,
-            NOISE_COLUMNS=columns,
-            NOISE_SCALE=GRAIN,
-        )
-        shader = self._compile("finish", **constants)
-        shader["noise_scale"] = self.settings.noise
+        constants = noise_constants(self.levels, BENT=self._chroma)
+        if carried:
+            constants["TEXELS_PER_PX"] = TEXELS_PER_PX
+        shader = self._compile("finish_carried" if carried else "finish_screen", **constants)
+        shader["strength"] = self.settings.noise
         return shader
 
     def _carried_tile(self, seed: int) -> NDArray[np.int8]:
