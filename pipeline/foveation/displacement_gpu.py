@@ -1,7 +1,8 @@
 """Eidolons and warped metamers on the GPU. Twin: displacement.py.
 
-The field's noise is halved once per seed; a call pushes it, looks the picture up, and for a match
-pulls the moments of both pictures and pushes what the displaced one lacks.
+The field's noise is halved once per seed, and pushed where its gaze moves; then the picture is
+looked up. For a match the moments of both pictures are pulled where these change; each call pushes
+what the displaced one lacks.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ class DisplacementPass(FoveationPass):
         self._levels = min(settings.levels, chain_length(*self.size))
         self._join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
         self._warped = self._texture(self.size)
+        self._displaced_for: tuple[int, tuple[float, float]] | None = None
         kind = _SphereField if geometry.on_sphere else _FlatField
         self._field: _SphereField | _FlatField = self._part(
             kind(ctx, self.size, self._field_pooled, settings)
@@ -77,17 +79,30 @@ class DisplacementPass(FoveationPass):
         """Make the noise of `seed`, unless it is the one at hand."""
         self._field.set_seed(check_seed(seed))
 
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._displaced_for = None
+        if self._match:
+            self._match.pull(source)
+
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
-        self.set_seed(call.seed)
-        self._field_pooled.look(call.field_gaze_px)
-        self._field.displace(source, self._warped)
+        field = call.seed, call.field_gaze_px
+        if self._displaced_for != field:  # else it rests, and so does what it displaces
+            self._displace(source, call)
+            self._displaced_for = field
         lacks: dict[str, Resource] = {}
         if self._match:
-            lacks = self._match(source, self._warped)
+            lacks = self._match()
             self._join["has_coarse_change"] = self._match.has_change
         self._join.run_over(
             halved(self.size), source=source, warped=self._warped, target=target, **lacks
         )
+
+    def _displace(self, source: moderngl.Texture, call: Call) -> None:
+        self.set_seed(call.seed)
+        self._field_pooled.look(call.field_gaze_px)
+        self._field.displace(source, self._warped)
+        if self._match:
+            self._match.pull_displaced(self._warped)
 
 
 class _FlatField(PicturePass):
@@ -158,7 +173,10 @@ class _SphereField(PicturePass):
 
 
 class _Match(PicturePass):
-    """What the displaced picture lacks of the pooled moments of the picture."""
+    """What the displaced picture lacks of the pooled moments of the picture.
+
+    Both are pulled when they change, and pushed for each gaze.
+    """
 
     def __init__(self, ctx: moderngl.Context, pooled: Pooled, levels: int) -> None:
         geometry = pooled.geometry
@@ -192,28 +210,34 @@ class _Match(PicturePass):
         """Whether the join finds a change of bands one resolution down."""
         return bool(self._change)
 
-    def __call__(self, source: moderngl.Texture, warped: moderngl.Texture) -> dict[str, Resource]:
+    def pull(self, source: moderngl.Texture) -> None:
+        """Analyse the picture."""
+        self._true.pull(source)
+
+    def pull_displaced(self, warped: moderngl.Texture) -> None:
+        """Analyse the displaced picture."""
+        self._own.pull(warped)
+
+    def __call__(self) -> dict[str, Resource]:
         """Push the difference of pools' means, and what bands add too little, to resolution 1.
 
         Return what the join reads.
         """
-        self._true.pull(source)
-        self._own.pull(warped)
         self._true.push(2)
         self._own.push(2)
         for r in range(self._count, 0, -1):
             is_level, deepest = r < self._levels, r == self._count
             shader = self._steps[is_level, deepest]
             given: dict[str, Resource] = {
-                "true_low": self._true.lows[r - 1],
-                "own_low": self._own.lows[r - 1],
+                "true_low": self._true.pulled.lows[r - 1],
+                "own_low": self._own.pulled.lows[r - 1],
                 "difference": self._difference[r - 1],
             }
             if not deepest:
                 given["coarse_difference"] = self._difference[r]
             if is_level:
                 given["change"] = self._change[r - 1]
-                given["coarse_own"] = self._own.lows[r]
+                given["coarse_own"] = self._own.pulled.lows[r]
                 given["coarse_change"] = self._change[min(r, self._levels - 2)]
                 given |= self._moments(r)
                 shader["moments_at"] = r + 1
@@ -222,14 +246,14 @@ class _Match(PicturePass):
             shader.run_over(self._true.sizes[r], **given)
         return {
             "coarse_difference": self._difference[0],
-            "coarse_own": self._own.lows[0],
+            "coarse_own": self._own.pulled.lows[0],
             "coarse_change": (self._change or self._difference)[0],
             **self._moments(1),
         }
 
     def _moments(self, r: int) -> dict[str, moderngl.TextureArray]:
         """Both pictures' moments of resolution r + 1, chosen."""
-        true, own = self._true.moments[r], self._own.moments[r]
+        true, own = self._true.chosen.moments[r], self._own.chosen.moments[r]
         assert true is not None
         assert own is not None
         return {"true_moments": true, "own_moments": own}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from pipeline.foveation.geometry import Geometry, check_gaze
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling
+from pipeline.image_file import from_integers
 
 Picture = NDArray[np.float32]
 
@@ -94,3 +96,13 @@ def check_picture(picture: NDArray[np.floating]) -> Picture:
             " values in all); encode and clip light of high dynamic range first"
         )
     return np.ascontiguousarray(array, np.float32)
+
+
+def is_8_bits(picture: NDArray[np.generic]) -> TypeGuard[NDArray[np.uint8]]:
+    """Whether it is a picture (H, W, 3) of bytes."""
+    return picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
+
+
+def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:
+    """A picture that is checked, in [0, 1]."""
+    return from_integers(picture) if is_8_bits(picture) else picture

@@ -57,17 +57,20 @@ class PanoramaPass(FoveationPass):
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
 
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._belt.hold(source)
+        for (_, made), look_up, seen in zip(self._caps, self._look_up, self._seen, strict=True):
+            look_up(source, seen)
+            made.hold(seen)
+
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         shown, seed = self._shown, call.seed
-        self._belt(source, shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
-        for (cap, made), look_up, seen, found in zip(
-            self._caps, self._look_up, self._seen, shown[1:], strict=True
-        ):
-            look_up(source, seen)
+        self._belt.show(shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
+        for (cap, made), found in zip(self._caps, shown[1:], strict=True):
             gaze_px, field_gaze_px = (
                 cap_gaze_px(self.geometry, cap, at) for at in (call.gaze_px, call.field_gaze_px)
             )
-            made(seen, found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
+            made.show(found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
         pictures = dict(zip(("belt", "upper", "lower"), shown, strict=True))
         self._join.run_over(self.size, source=source, target=target, **pictures)
 

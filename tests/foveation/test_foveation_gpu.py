@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 from skimage import data
 
 from benchmarks.dispatches import dispatches_of
@@ -237,3 +238,75 @@ def test_full_chroma_is_left_to_numpy(gl_context):
     foveator = Foveator((32, 32), method="metamer", ctx=gl_context, chroma="full")
     assert foveator.passes is None
     foveator.release()
+
+
+HELD = [
+    ("blur", Flat(40)),
+    ("metamer", Flat(60)),
+    ("eidolon", Flat(60)),
+    ("warped-metamer", Flat(60)),
+    ("warped-metamer", Equirectangular()),
+]
+
+
+@pytest.mark.parametrize(("method", "viewing"), HELD)
+def test_a_picture_that_is_held_is_shown_bit_for_bit_as_it_would_be_anew(
+    gl_context, method, viewing
+):
+    """Also back at a gaze where it was, with another seed between, and with a field at rest."""
+    picture = photograph((50, 100))
+    looks = [
+        {"gaze_px": (20.0, 10.0), "seed": 1},
+        {"gaze_px": (90.0, 40.0), "seed": 1, "field_gaze_px": (20.0, 10.0)},
+        {"gaze_px": (90.0, 40.0), "seed": 2},
+        {"gaze_px": (20.0, 10.0), "seed": 1},
+    ]
+    foveator = Foveator((50, 100), viewing=viewing, method=method, ctx=gl_context)
+    anew = [foveator(picture, **look) for look in looks]
+    foveator.hold(picture)
+    held = [foveator.show(**look) for look in looks]
+    foveator.release()
+    for one, other in zip(held, anew, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (held[0] != held[1]).any()
+
+
+def test_a_picture_is_analysed_once_and_what_rests_is_not_displaced_again(gl_context):
+    foveator = Foveator((96, 96), method="warped-metamer", ctx=gl_context)
+    source, target = (create_texture(gl_context, (96, 96), "rgba32f") for _ in range(2))
+    passes, rests = foveator.passes, {"field_gaze_px": (40.0, 40.0)}
+    passes(source, target, (3.0, 4.0), **rests)
+    shown = dispatches_of(lambda: passes.show(target, (50.0, 60.0), **rests))
+    assert not set(shown) & {
+        "foveation/pull.comp.glsl",
+        "foveation/field.comp.glsl",
+        "foveation/displace.comp.glsl",
+    }
+    moved = dispatches_of(lambda: passes.show(target, (50.0, 60.0), field_gaze_px=(41.0, 40.0)))
+    assert len(moved) > len(shown)
+    for thing in (foveator, source, target):
+        thing.release()
+
+
+@pytest.mark.parametrize("method", ["metamer", "contrast-enhanced", "files"])
+def test_pictures_of_8_bits_are_held_as_they_are(gl_context, method, tmp_path):
+    bits = data.astronaut()[60:124, 120:200]
+    if method == "files":
+        Image.fromarray(bits).save(tmp_path / "000000.png")
+        method = f"files:{tmp_path}"
+    foveator = Foveator((64, 80), method=method, ctx=gl_context)
+    shown = foveator((bits / 255).astype(np.float32), (9, 9))
+    foveator.hold(bits)
+    np.testing.assert_allclose(foveator.show((9, 9)), shown, atol=PLAIN_TOLERANCE)
+    assert foveator.passes is None or "rgba8" in foveator.passes._ends
+    foveator.release()
+
+
+def test_nothing_is_shown_before_it_is_held():
+    foveator = Foveator((20, 30), method="blur")
+    with pytest.raises(InputError, match="must hold a picture"):
+        foveator.show((1, 1))
+    with pytest.raises(InputError, match="30 x 20"):
+        foveator.hold(np.zeros((30, 20, 3), np.uint8))
+    with pytest.raises(InputError, match="floating type"):
+        foveator.hold(np.zeros((20, 30, 3), np.uint16))

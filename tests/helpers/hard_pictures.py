@@ -3,7 +3,25 @@
 import cv2
 import numpy as np
 
-WORDS = "the mean colour of a page of print is nearly that of its paper and not grey ".split()
+WORDS = [
+    "the",
+    "mean",
+    "colour",
+    "of",
+    "a",
+    "page",
+    "of",
+    "print",
+    "is",
+    "nearly",
+    "that",
+    "of",
+    "its",
+    "paper",
+    "and",
+    "not",
+    "grey",
+]
 
 
 def text_page(edge):
