@@ -9,7 +9,7 @@ import moderngl
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.passes import TILE, PicturePass, Pooled, resolutions
-from pipeline.gl.compute import Resource
+from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,12 @@ class ChainPass(PicturePass):
             )
             for own, older, powers in dict.fromkeys(pulled)
         }
-        self._pulls = [made[key] for key in pulled]
+        pulls = [made[key] for key in pulled]
+        self._first_pull = Steps(lambda source: self._pull_step(pulls[0], 0, source))
+        self._pulls = [
+            self._pull_step(shader, r, self.pulled.lows[r - 1])
+            for r, shader in enumerate(pulls[1:], start=1)
+        ]
         pushed = {
             r: (r < deepest, min(r, levels) if r >= finest else 0) for r in range(1, self.count)
         }
@@ -101,7 +106,6 @@ class ChainPass(PicturePass):
             for base, layers in dict.fromkeys(pushed.values())
             if base or layers
         }
-        self._pushes = [(r, pushes[key]) for r, key in pushed.items() if any(key)]
         self.chosen = Resolutions(*(list(kind) for kind in vars(self.pulled).values()))
         for r, (base, layers) in pushed.items():
             if base:
@@ -110,45 +114,53 @@ class ChainPass(PicturePass):
                 self.chosen.moments[r - 1] = self._array(self.sizes[r], 2 * layers)
             if layers and has_powers:
                 self.chosen.powers[r - 1] = self._array(self.sizes[r], 2)
+        self._pushes = [
+            (r, self._push_step(pushes[key], r)) for r, key in reversed(pushed.items()) if any(key)
+        ]
 
     def pull(self, source: moderngl.Texture) -> None:
         """Make all resolutions of `source`."""
-        lows, moments, powers = vars(self.pulled).values()
-        for r, shader in enumerate(self._pulls):
-            shader.run_over(
-                self.sizes[r + 1],
-                **given(
-                    fine=lows[r - 1] if r else source,
-                    coarse=lows[r],
-                    fine_moments=moments[r - 1] if r else None,
-                    coarse_moments=moments[r],
-                    fine_powers=powers[r - 1] if r else None,
-                    coarse_powers=powers[r],
-                ),
-            )
+        self._first_pull.run(source)
+        for step in self._pulls:
+            step.run()
 
     def push(self, last: int, first: int | None = None) -> None:
         """Choose levels of detail at resolutions from `first` (the coarsest) down to `last`."""
+        for r, step in self._pushes:
+            if r >= last and (first is None or r <= first):
+                step.run()
+
+    def _pull_step(self, shader: Shader, r: int, fine: moderngl.Texture) -> Step:
+        lows, moments, powers = vars(self.pulled).values()
+        return shader.step_over(
+            self.sizes[r + 1],
+            **given(
+                fine=fine,
+                coarse=lows[r],
+                fine_moments=moments[r - 1] if r else None,
+                coarse_moments=moments[r],
+                fine_powers=powers[r - 1] if r else None,
+                coarse_powers=powers[r],
+            ),
+        )
+
+    def _push_step(self, shader: Shader, r: int) -> Step:
         own, chosen = self.pulled, self.chosen
-        for r, shader in reversed(self._pushes):
-            if r < last or (first is not None and r > first):
-                continue
-            shader["fine_size"] = self.sizes[r]
-            shader["halvings"] = r
-            shader.run_over(
-                self.sizes[r],
-                **given(
-                    fine=own.lows[r - 1],
-                    coarse=chosen.lows[r],
-                    chosen=chosen.lows[r - 1],
-                    fine_moments=own.moments[r - 1],
-                    coarse_moments=chosen.moments[r],
-                    chosen_moments=chosen.moments[r - 1],
-                    fine_powers=own.powers[r - 1],
-                    coarse_powers=chosen.powers[r],
-                    chosen_powers=chosen.powers[r - 1],
-                ),
-            )
+        return shader.step_over(
+            self.sizes[r],
+            {"halvings": of_int(r)},
+            **given(
+                fine=own.lows[r - 1],
+                coarse=chosen.lows[r],
+                chosen=chosen.lows[r - 1],
+                fine_moments=own.moments[r - 1],
+                coarse_moments=chosen.moments[r],
+                chosen_moments=chosen.moments[r - 1],
+                fine_powers=own.powers[r - 1],
+                coarse_powers=chosen.powers[r],
+                chosen_powers=chosen.powers[r - 1],
+            ),
+        )
 
 
 def given(**resources: Resource | None) -> dict[str, Resource]:

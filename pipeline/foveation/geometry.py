@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 Floats: TypeAlias = NDArray[np.float64]
+Ray: TypeAlias = tuple[float, float, float]
 
 WIDEST_FLAT_DEG = 180.0
 LEAST_FROM_FAR_POLE = 1e-6  # 1 less the cosine: a twelfth of a degree
@@ -42,6 +43,10 @@ class Geometry(Protocol):
 
     def directions(self, x: Floats, y: Floats) -> Floats:
         """Unit vectors from the eye to positions of one shape (...): (..., 3)."""
+        ...
+
+    def ray(self, x: float, y: float) -> Ray:
+        """`directions` of one position, without arrays: for every frame."""
         ...
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
@@ -148,6 +153,11 @@ class FlatGeometry:
         rays = np.stack(np.broadcast_arrays(across, down, self.distance_px), axis=-1)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
+    def ray(self, x: float, y: float) -> Ray:
+        across, down = x - self.centre_px[0], y - self.centre_px[1]
+        length = math.sqrt(across * across + down * down + self.distance_px**2)
+        return across / length, down / length, self.distance_px / length
+
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         scale = self.distance_px / np.where(rays[..., 2] > 1e-6, rays[..., 2], np.nan)
         x, y = (self.centre_px[axis] + scale * rays[..., axis] for axis in (0, 1))
@@ -180,6 +190,12 @@ class EquirectangularGeometry:
         level = np.cos(latitude)
         rays = (np.sin(longitude) * level, -np.sin(latitude), np.cos(longitude) * level)
         return np.stack(np.broadcast_arrays(*rays), axis=-1)
+
+    def ray(self, x: float, y: float) -> Ray:
+        longitude = (x / self.width_px - 0.5) * (2 * math.pi)
+        latitude = (0.5 - y / self.height_px) * math.pi
+        level = math.cos(latitude)
+        return math.sin(longitude) * level, -math.sin(latitude), math.cos(longitude) * level
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         longitude = np.arctan2(rays[..., 0], rays[..., 2])
@@ -247,6 +263,13 @@ class CapGeometry:
         square = across**2 + down**2
         rays = (2 * across, self.pole * (1 - square), -self.pole * 2 * down)
         return np.stack(np.broadcast_arrays(*rays), axis=-1) / (1 + square)[..., None]
+
+    def ray(self, x: float, y: float) -> Ray:
+        middle, tangent_px = self.edge_px / 2, 2 * self.radian_px
+        across, down = (x - middle) / tangent_px, (y - middle) / tangent_px
+        square = across * across + down * down
+        near = 1 + square
+        return 2 * across / near, self.pole * (1 - square) / near, -self.pole * 2 * down / near
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         # The other pole would lie at infinity.

@@ -39,7 +39,7 @@ from pipeline.foveation.passes import (
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.gl.compute import Shader
+from pipeline.gl.compute import Shader, Step, Steps
 from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
@@ -184,7 +184,12 @@ class BlurPass(FoveationPass):
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
-        self._finish = self._compile("finish", FADE_SHARE=FADE_SHARE)
+        finish, coarse = self._compile("finish", FADE_SHARE=FADE_SHARE), self._chain.chosen.lows[0]
+        self._finish = Steps(
+            lambda source, target: finish.step_over(
+                self.size, source=source, coarse=coarse, target=target
+            )
+        )
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
@@ -196,9 +201,7 @@ class BlurPass(FoveationPass):
         call: Call,  # noqa: ARG002
     ) -> None:
         self._chain.push(1)
-        self._finish.run_over(
-            self.size, source=source, coarse=self._chain.chosen.lows[0], target=target
-        )
+        self._finish.run(source, target)
 
 
 class MetamerPass(FoveationPass):
@@ -222,7 +225,7 @@ class MetamerPass(FoveationPass):
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
         layers = weight_layers(levels, bent=self._chroma)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
-        self._gains = self._compile(
+        gains = self._compile(
             "gains",
             **gain_constants(levels, aim=AIM),
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
@@ -233,9 +236,10 @@ class MetamerPass(FoveationPass):
             LOOSE_VARIANCE=LOOSE_VARIANCE,
             STRONGEST_BEND=STRONGEST_BEND,
         )
-        self._gains.hold(weights=self._weights)
+        self._gains = self._gains_step(gains)
         self._finish = self._compile_finish(carried=False)
         self._carried: Shader | None = None
+        self._finish_steps = Steps(self._finish_step)
         self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
         self._seeds: dict[bool, int] = {}
 
@@ -246,18 +250,26 @@ class MetamerPass(FoveationPass):
         carried = call.noise_shift_px is not None
         self.set_seed(call.seed, carried=carried)
         self._chain.push(2)
-        self._find_gains()
+        self._gains.run()
         self._chain.push(1, 1)
-        finish = self._carried if carried else self._finish
+        self._finish_steps.run(source, target, call.noise_shift_px)
+
+    def _finish_step(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        shift_px: moderngl.Texture | None,
+    ) -> Step:
+        finish = self._finish if shift_px is None else self._carried
         assert finish is not None
-        finish.run_over(
+        return finish.step_over(
             halved(self.size),
             source=source,
             coarse=self._chain.chosen.lows[0],
             weights=self._weights,
-            noise=self._tiles[carried],
+            noise=self._tiles[shift_px is not None],
             target=target,
-            **given(shift_px=call.noise_shift_px),
+            **given(shift_px=shift_px),
         )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
@@ -281,14 +293,16 @@ class MetamerPass(FoveationPass):
             lags = fitted_mixing(self.levels).lag_correlation
             self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
 
-    def _find_gains(self) -> None:
+    def _gains_step(self, gains: Shader) -> Step:
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
         chain = self._chain
         last = min(max(3, self.levels), chain.count)
         moments, powers = chain.chosen.moments, chain.chosen.powers
         named = {f"moments_{r}": moments[r - 1] for r in range(1, last + 1)}
         named_powers = {f"powers_{r}": powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
-        self._gains.run_over(halved(chain.sizes[2]), **given(**named, **named_powers))
+        return gains.step_over(
+            halved(chain.sizes[2]), weights=self._weights, **given(**named, **named_powers)
+        )
 
     def _compile_finish(self, *, carried: bool) -> Shader:
         constants = noise_constants(self.levels, BENT=self._chroma)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeVar
+import struct
+from typing import Any, TypeVar, cast
 
 import moderngl
 import numpy as np
@@ -61,7 +62,8 @@ class Pooled:
             self._fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[Shader | moderngl.Program] = []
+        self._gazes: list[moderngl.Uniform] = []
+        self._looks_at: tuple[float, float] | None = None
 
     def tell(self, shader: S) -> S:
         """Tell a shader what stays, and from now on the gaze."""
@@ -69,15 +71,19 @@ class Pooled:
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
-            self._shaders.append(shader)
+            uniform = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
+            self._gazes.append(cast(moderngl.Uniform, uniform))
+            self._looks_at = None
         return shader
 
     def look(self, gaze_px: tuple[float, float]) -> None:
         """Tell all shaders where the eye looks."""
-        x, y = check_gaze(self.geometry, gaze_px)
-        ray = tuple(self.geometry.directions(np.array(x), np.array(y)).tolist())
-        for shader in self._shaders:
-            shader["gaze"] = ray
+        if gaze_px == self._looks_at:
+            return
+        ray = struct.pack("3f", *self.geometry.ray(*check_gaze(self.geometry, gaze_px)))
+        for gaze in self._gazes:
+            gaze.write(ray)
+        self._looks_at = gaze_px
 
 
 class PicturePass(Pass):

@@ -11,7 +11,6 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-uniform ivec2 fine_size;
 uniform int halvings;  // of this resolution
 #if BASE
 uniform sampler2D fine;
@@ -39,6 +38,11 @@ vec4 choice(sampler2DArray own, sampler2DArray below, ivec3 texel, vec2 within, 
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+#if BASE
+    ivec2 fine_size = imageSize(chosen);
+#else
+    ivec2 fine_size = imageSize(chosen_moments).xy;
+#endif
     if (any(greaterThanEqual(texel, fine_size))) return;
     vec2 place = vec2(texel) + 0.5;
     float pool = pool_at(seen_at(place * float(1 << halvings)));
