@@ -64,25 +64,27 @@ class Pooled:
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
         self._gazes: list[moderngl.Uniform] = []
         self._looks_at: tuple[float, float] | None = None
+        self._ray: bytes | None = None
 
     def tell(self, shader: S) -> S:
-        """Tell a shader what stays, and from now on the gaze."""
+        """Tell a shader what stays, and the gaze, now and from now on."""
         for name, value in self._fixed.items():
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
             uniform = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
             self._gazes.append(cast(moderngl.Uniform, uniform))
-            self._looks_at = None
+            if self._ray is not None:
+                self._gazes[-1].write(self._ray)
         return shader
 
     def look(self, gaze_px: tuple[float, float]) -> None:
         """Tell all shaders where the eye looks."""
         if gaze_px == self._looks_at:
             return
-        ray = struct.pack("3f", *self.geometry.ray(*check_gaze(self.geometry, gaze_px)))
+        self._ray = struct.pack("3f", *self.geometry.ray(*check_gaze(self.geometry, gaze_px)))
         for gaze in self._gazes:
-            gaze.write(ray)
+            gaze.write(self._ray)
         self._looks_at = gaze_px
 
 

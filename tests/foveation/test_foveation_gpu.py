@@ -174,12 +174,15 @@ def test_carried_noise_on_gpu_matches_reference(run, rng):
     np.testing.assert_allclose(found, wanted, atol=1 / 255)
 
 
-def test_fovea_bits_are_the_pictures_on_gpu(run):
+@pytest.mark.parametrize("carried", [False, True])
+def test_fovea_bits_are_the_pictures_on_gpu(run, carried):
+    """Also of the first frame with carried noise, whose shader is compiled when it comes."""
     size, gaze_px = (128, 128), (64.0, 50.0)
     geometry = Flat(40).of(128, 128)
     settings = MetamerSettings(Pooling("linear", 0.5, 3.0))
     picture = photograph(size)
-    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px)
+    shift = {"noise_shift_px": np.ones((*size, 2))} if carried else {}
+    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, **shift)
     inside = Look(geometry, gaze_px).pools(settings.pooling).eccentricity_deg() < 2.999
     assert inside.sum() > 200
     assert (found[inside] == picture[inside]).all()

@@ -1,23 +1,29 @@
 """Flat views out of a panorama: what an eye in its middle sees on a flat screen.
 
-Directions are degrees right of and below the panorama's middle, as gazes are given.
+Directions are degrees right of and below the panorama's middle, as gazes are given. Noise of a
+view that turns lies on directions: `anchored_shift_px`.
+
+Twin: view_gpu.py. Change both or neither.
 """
 
 from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
-from pipeline.foveation.panorama import over_poles
+from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry, pixel_centres
+from pipeline.foveation.noise_plane import tile_edge
+from pipeline.foveation.panorama import seen_in
 
 SCORED_DEG = 90.0
 """Width and height of the view in which panoramas are scored."""
-_MARGIN = 4  # pixels beyond the border that a cubic reads, and some
-_MOST_SAMPLES = 16  # per edge of a pixel
+MOST_SAMPLES = 16  # per edge of a pixel
+NOISE_BELT_DEG = 45.0
+"""Up to this latitude noise lies along meridians and parallels, beyond it around the pole."""
+BELT_STRETCH = 0.85
+"""Pixels of noise over those of the view along the equator: so at 45 degrees it is 1.2."""
 
 
 def flat_view(
@@ -50,10 +56,8 @@ def flat_view(
         If the panorama is not 2:1.
     """
     height, width = panorama.shape[:2]
-    around = Equirectangular().of(width, height)
-    finest = math.radians(1) * geometry.distance_px  # px per degree in the middle: the least
-    samples = min(max(1, math.ceil(width / 360 / finest - 0.01)), _MOST_SAMPLES)
-    padded = _padded(np.asarray(panorama, np.float32))
+    Equirectangular().of(width, height)
+    samples = samples_of(geometry, width)
     turned = turn(right_deg, down_deg)
     total = np.zeros((geometry.height_px, geometry.width_px, 3), np.float64)
     inside = (np.arange(samples) + 0.5) / samples
@@ -62,13 +66,43 @@ def flat_view(
     for down in inside:
         for right in inside:
             rays = geometry.directions(columns + right, rows + down) @ turned.T
-            x, y = around.positions(rays)
-            # To indices of the padded array, whose pixels' centres are whole numbers.
-            x, y = x - 0.5 + _MARGIN, y - 0.5 + _MARGIN
-            total += cv2.remap(
-                padded, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC
-            ).reshape(total.shape)
+            total += seen_in(panorama, rays)
     return np.asarray(np.clip(total / samples**2, 0, 1), np.float32)
+
+
+def samples_of(geometry: FlatGeometry, panorama_width_px: int) -> int:
+    """How often a view samples a panorama along each edge of a pixel."""
+    finest = math.radians(1) * geometry.distance_px  # px per degree in the middle: the least
+    return min(max(1, math.ceil(panorama_width_px / 360 / finest - 0.01)), MOST_SAMPLES)
+
+
+def anchored_shift_px(
+    geometry: FlatGeometry, *, right_deg: float = 0.0, down_deg: float = 0.0
+) -> NDArray[np.float64]:
+    """Where each pixel of a view finds noise that lies on directions: `noise_shift_px`, (H, W, 2).
+
+    At 45 degrees of latitude, where what lies along parallels meets what lies around a pole, noise
+    changes from one pixel to the next.
+    """
+    x, y = np.broadcast_arrays(*pixel_centres(geometry))
+    rays = geometry.directions(x, y) @ turn(right_deg, down_deg).T
+    across, down, ahead = np.moveaxis(rays, -1, 0)
+    belt = (
+        belt_px(geometry) * np.arctan2(across, ahead),
+        geometry.distance_px * np.arcsin(np.clip(down, -1, 1)),
+    )
+    scale = 2 * geometry.distance_px / (1 + np.abs(down))
+    cap = (scale * across, scale * np.sign(down) * ahead)
+    in_belt = np.abs(down) <= math.sin(math.radians(NOISE_BELT_DEG))
+    place = [np.where(in_belt, *both) for both in zip(belt, cap, strict=True)]
+    return np.stack([x - place[0], y - place[1]], axis=-1)
+
+
+def belt_px(geometry: FlatGeometry) -> float:
+    """Pixels of noise for a radian of longitude: whole tiles go once round."""
+    edge = tile_edge(geometry.height_px, geometry.width_px)
+    tiles = round(BELT_STRETCH * 2 * math.pi * geometry.distance_px / edge)
+    return max(1, tiles) * edge / (2 * math.pi)
 
 
 def scored_view(panorama_px: tuple[int, int]) -> FlatGeometry:
@@ -106,9 +140,3 @@ def turn(right_deg: float, down_deg: float) -> NDArray[np.float64]:
         [[math.cos(right), 0, math.sin(right)], [0, 1, 0], [-math.sin(right), 0, math.cos(right)]]
     )
     return np.asarray(swing @ nod)
-
-
-def _padded(panorama: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Go on past the sides, and past the poles where the other meridian comes back."""
-    tall = over_poles(panorama, _MARGIN)
-    return np.pad(tall, ((0, 0), (_MARGIN, _MARGIN), (0, 0)), mode="wrap")
