@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
-from pipeline.foveation.look import Look, Picture, as_floats, check_picture, is_8_bits
+from pipeline.foveation.look import Look, Picture, as_floats, check_held, check_picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.registry import Entry, check_given, defaults_of, find
 
@@ -233,7 +233,7 @@ class Foveator:
         InputError
             If it is no picture, or of another size.
         """
-        self._keep(picture if is_8_bits(picture) else check_picture(picture))
+        self._keep(check_held(picture))
         if self.passes is not None:
             self._analyse(self.passes)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,11 +98,15 @@ def check_picture(picture: NDArray[np.floating]) -> Picture:
     return np.ascontiguousarray(array, np.float32)
 
 
-def is_8_bits(picture: NDArray[np.generic]) -> TypeGuard[NDArray[np.uint8]]:
-    """Whether it is a picture (H, W, 3) of bytes."""
-    return picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
+def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
+    """Return a picture (H, W, 3) of 8 bits as it is, any other as `check_picture` does."""
+    if picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3:
+        return picture
+    return check_picture(picture)
 
 
 def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:
     """A picture that is checked, in [0, 1]."""
-    return from_integers(picture) if is_8_bits(picture) else picture
+    if picture.dtype == np.uint8:
+        return from_integers(np.asarray(picture, np.uint8))
+    return np.asarray(picture, np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
@@ -73,7 +73,7 @@ class Pooled:
                 shader[name] = value
         if "gaze" in shader:
             uniform = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
-            self._gazes.append(cast(moderngl.Uniform, uniform))
+            self._gazes.append(uniform)
             if self._ray is not None:
                 self._gazes[-1].write(self._ray)
         return shader
