@@ -75,7 +75,7 @@ def part_steps(part: int, levels: int, channels: int, edge: int) -> Steps:
     """
     tiles = mixed_bands(part, levels, channels, edge)  # (level, band, channel, row, column)
     values = grained(tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels))
-    steps = np.rint(values / np.float16(GRAIN)).astype(np.int8)
+    steps: Steps = np.rint(values / np.float16(GRAIN)).astype(np.int8)
     steps.flags.writeable = False
     return steps
 
@@ -95,7 +95,8 @@ def seeded_steps(seed: int, levels: int, channels: int, edge: int = TILE) -> Ste
         for part, place in enumerate(places)
     )
     both = (ROOT_HALF_16BIT * (first + second) + 2**15) >> 16
-    return np.clip(both, -MOST_STEPS, MOST_STEPS).astype(np.int8)
+    steps: Steps = np.clip(both, -MOST_STEPS, MOST_STEPS).astype(np.int8)
+    return steps
 
 
 @lru_cache(maxsize=4)

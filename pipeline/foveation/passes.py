@@ -76,7 +76,7 @@ class Pooled:
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
-            uniform = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
+            uniform: Any = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
             self._gazes.append(uniform)
             if self._ray is not None:
                 self._gazes[-1].write(self._ray)
