@@ -207,8 +207,8 @@ class _Match(PicturePass):
         self.chains = [self._true, self._own]
         self._count, self._levels = self._true.count, levels
         # By resolution less 1: the finest is the join's.
-        self._difference = [self._texture(size) for size in self._true.sizes[1:]]
-        self._change = [self._texture(size) for size in self._true.sizes[1:levels]]
+        self._difference = [self._texture(size, "rgba16f") for size in self._true.sizes[1:]]
+        self._change = [self._texture(size, "rgba16f") for size in self._true.sizes[1:levels]]
         taps = band_constants()
         keys = [(r < levels, r == self._count) for r in range(1, self._count + 1)]
         made = {

@@ -19,12 +19,12 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 uniform int halvings;
 uniform sampler2D true_low;    // of this resolution: the picture
 uniform sampler2D own_low;     // and the displaced one
-layout(rgba32f) uniform writeonly image2D difference;
+layout(rgba16f) uniform writeonly image2D difference;
 #if !DEEPEST
 uniform sampler2D coarse_difference;  // linear
 #endif
 #if LEVEL
-layout(rgba32f) uniform writeonly image2D change;
+layout(rgba16f) uniform writeonly image2D change;
 uniform sampler2D coarse_own;     // the displaced one, halved once more; linear
 uniform sampler2D coarse_change;  // linear
 uniform sampler2DArray true_moments;  // chosen, of resolution `moments_at`
