@@ -26,14 +26,14 @@ from pipeline.foveation.moments import (
     SMALLEST_VARIANCE,
     STRONGEST_BEND,
 )
-from pipeline.foveation.noise_plane import GRAIN, carried_noise, check_seed, tile_edge
+from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
     PicturePass,
     Pooled,
-    ScreenNoise,
     halved,
     layered,
     noise_constants,
+    screen_noise,
     weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
@@ -240,10 +240,8 @@ class MetamerPass(FoveationPass):
         self._finish = self._compile_finish(carried=False)
         self._carried: Shader | None = None
         self._finish_steps = Steps(self._finish_step)
-        wraps = geometry.wraps
-        self._noise = self._part(ScreenNoise(ctx, self.size, levels, wraps=wraps))
-        self._carried_noise: moderngl.TextureArray | None = None
-        self._carried_seed = -1
+        self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
+        self._seeds: dict[bool, int] = {}
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
@@ -262,39 +260,38 @@ class MetamerPass(FoveationPass):
         target: moderngl.Texture,
         shift_px: moderngl.Texture | None,
     ) -> Step:
-        finish, noise = self._finish, self._noise.texture
-        if shift_px is not None:
-            assert self._carried is not None
-            assert self._carried_noise is not None
-            finish, noise = self._carried, self._carried_noise
+        finish = self._finish if shift_px is None else self._carried
+        assert finish is not None
         return finish.step_over(
             halved(self.size),
             source=source,
             coarse=self._chain.chosen.lows[0],
             weights=self._weights,
-            noise=noise,
+            noise=self._tiles[shift_px is not None],
             target=target,
             **given(shift_px=shift_px),
         )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
-        if not carried:
-            self._noise.set_seed(seed)
-            return
-        if self._carried is None:
+        seed = check_seed(seed)
+        if carried and self._carried is None:
             self._carried = self._compile_finish(carried=True)
+        if self._seeds.get(carried) == seed:
+            return
+        if carried:
+            tile = self._carried_tile(seed)
+        else:
+            tile = screen_noise(self.size, seed, self.levels, wraps=self.geometry.wraps)
+        layers, height, width, _ = tile.shape
+        if carried not in self._tiles:
+            self._tiles[carried] = self._array((width, height), layers, "rgba32ui")
+            self._tiles[carried].filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._tiles[carried].write(tile.tobytes())
+        self._seeds[carried] = seed
+        if carried and self._carried is not None:
             lags = fitted_mixing(self.levels).lag_correlation
             self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
-        if self._carried_seed == check_seed(seed):
-            return
-        tile = self._carried_tile(seed)
-        layers, height, width, _ = tile.shape
-        if self._carried_noise is None:
-            self._carried_noise = self._array((width, height), layers, "rgba32ui")
-            self._carried_noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._carried_noise.write(tile.tobytes())
-        self._carried_seed = seed
 
     def _gains_step(self, gains: Shader) -> Step:
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
@@ -319,5 +316,4 @@ class MetamerPass(FoveationPass):
         """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
         tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
         levels, edge = tiles.shape[:2]
-        values = tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels)
-        return layered(np.rint(values / GRAIN).astype(np.int8))
+        return layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))

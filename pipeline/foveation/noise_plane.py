@@ -3,10 +3,6 @@
 A picture gets a tile as large as itself, up to `LARGEST_TILE`: on any even texture one would see
 the tile of fills, 256 px, repeat itself. A panorama gets noise for all of it, without a seam.
 
-A seed is a pair of places: two fixed tiles of noise are moved there and added. So a new seed takes
-no filtering. What two seeds share would have to lie at one place of a tile in both: of a million
-seeds' places in the largest tile hardly two are nearer than a coarse wave.
-
 Noise is kept in steps of `GRAIN`, so that a byte holds it: what is added to a picture last waits
 for memory, and noise as coarse as that tells no more.
 """
@@ -34,13 +30,11 @@ from pipeline.noise.tile import (
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
 """Steps of `GRAIN` are exact in it."""
-Steps = NDArray[np.int8]
 
 LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little would be gained
 LARGEST_SEED = 2**63 - 1
 GRAIN = 2.0**-4  # step of the noise, deviations
 MOST_STEPS = 127  # to either side: 8 deviations
-ROOT_HALF_16BIT = 46341  # 2^16 over the root of 2
 
 
 def check_seed(seed: int) -> int:
@@ -68,46 +62,13 @@ def grained(noise: Floats) -> Halves:
 
 
 @lru_cache(maxsize=4)
-def part_steps(part: int, levels: int, channels: int, edge: int) -> Steps:
-    """One of the two tiles that every seed's noise is made of: mixed noise in steps of `GRAIN`.
-
-    A value per pixel, (edge, edge, channels, levels * 3); it goes on at its borders; read-only.
-    """
-    tiles = mixed_bands(part, levels, channels, edge)  # (level, band, channel, row, column)
-    values = grained(tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels))
-    steps: Steps = np.rint(values / np.float16(GRAIN)).astype(np.int8)
-    steps.flags.writeable = False
-    return steps
-
-
-def part_places_px(seed: int, edge: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """How far a seed moves each of the two tiles: (rows, columns), even, within the tile."""
-    raw = np.random.Philox(key=[check_seed(seed), 5]).random_raw(4) % np.uint64(edge // 2)
-    down, right, down_too, right_too = (2 * raw.astype(np.int64)).tolist()
-    return (down, right), (down_too, right_too)
-
-
-def seeded_steps(seed: int, levels: int, channels: int, edge: int = TILE) -> Steps:
-    """The noise of a seed, as `part_steps` gives it: both tiles moved to its places, and added."""
-    places = part_places_px(seed, edge)
-    first, second = (
-        np.roll(part_steps(part, levels, channels, edge), place, (0, 1)).astype(np.int32)
-        for part, place in enumerate(places)
-    )
-    both = (ROOT_HALF_16BIT * (first + second) + 2**15) >> 16
-    steps: Steps = np.clip(both, -MOST_STEPS, MOST_STEPS).astype(np.int8)
-    return steps
-
-
-@lru_cache(maxsize=4)
 def noise_tile(seed: int, levels: int, channels: int, edge: int = TILE) -> Halves:
     """The mixed noise of one seed, a value per pixel: (edge, edge, channels, levels * 3).
 
     It goes on at its borders.
     """
-    found = np.float16(GRAIN) * seeded_steps(seed, levels, channels, edge).astype(np.float16)
-    found.flags.writeable = False
-    return found
+    tiles = mixed_bands(seed, levels, channels, edge)  # (level, band, channel, row, column)
+    return grained(tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels))
 
 
 @lru_cache(maxsize=2)
@@ -125,11 +86,10 @@ def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Hal
 @lru_cache(maxsize=1)
 def carried_noise(seed: int, levels: int, channels: int, edge: int) -> NoiseBands:
     """The noise of `noise_tile` with two texels per pixel, to be read between them; read-only."""
-    tile = noise_tile(seed, levels, channels, edge).astype(np.float64)
-    by_level = tile.reshape(edge, edge, channels, levels, 3).transpose(3, 4, 2, 0, 1)
+    tiles = mixed_bands(seed, levels, channels, edge)
     dense = [
-        grained(np.moveaxis(between(between(bands, -2), -1), 0, -1))  # a level at a time: memory
-        for bands in by_level
+        grained(np.moveaxis(between(between(tile, -2), -1), 0, -1))  # a level at a time: memory
+        for tile in tiles
     ]
     stacked = np.stack(dense)
     stacked.flags.writeable = False

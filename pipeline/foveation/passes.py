@@ -21,12 +21,8 @@ from pipeline.foveation.geometry import (
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
-    MOST_STEPS,
-    ROOT_HALF_16BIT,
-    check_seed,
+    noise_tile,
     panorama_noise,
-    part_places_px,
-    part_steps,
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
@@ -159,59 +155,29 @@ def weight_layers(levels: int, *, bent: bool) -> int:
     return levels + -(-(levels + 1 + 3 * bent) // 4)
 
 
-class ScreenNoise(Pass):
-    """Noise of one seed at a time that lies on the screen, as finish_screen.comp.glsl reads it.
+def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
+    """Noise that lies on the screen, as finish_screen.comp.glsl reads it.
 
-    Of a flat picture it is made on the GPU from two tiles that stay.
+    A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
     """
-
-    def __init__(self, ctx: moderngl.Context, size: Size, levels: int, *, wraps: bool) -> None:
-        super().__init__(ctx)
-        self._levels, self._seed = levels, -1
-        self._height_px = size[1] if wraps else None
-        self._edge = tile_edge(size[1], size[0])
-        edges = halved(size) if wraps else (self._edge // 2, self._edge // 2)
-        layers = -(-3 * levels // 4)
-        self.texture = self._array(edges, layers, "rgba32ui")
-        if wraps:
-            return
-        parts = self._array(edges, 2 * layers, "rgba32ui")
-        cells = [of_cells(part_steps(part, levels, 1, self._edge)[:, :, 0]) for part in (0, 1)]
-        parts.write(np.concatenate(cells).tobytes())
-        constants = {"MOST_STEPS": MOST_STEPS, "ROOT_HALF_16BIT": ROOT_HALF_16BIT}
-        self._add = self._shader("foveation/noise_seed.comp.glsl", TILE=TILE, **constants)
-        self._add.hold(parts=parts, noise=self.texture)
-
-    def set_seed(self, seed: int) -> None:
-        """Make the noise of `seed`, unless it is the one at hand."""
-        seed = check_seed(seed)
-        if seed == self._seed:
-            return
-        if self._height_px is not None:
-            noise = panorama_noise(seed, self._levels, 1, self._height_px)[:, :, 0] / GRAIN
-            even = np.pad(noise, ((0, self._height_px % 2), (0, 0), (0, 0)))
-            self.texture.write(of_cells(np.rint(even).astype(np.int8)).tobytes())
-        else:
-            (down, right), (down_too, right_too) = part_places_px(seed, self._edge)
-            self._add["moved"] = right // 2, down // 2, right_too // 2, down_too // 2
-            self._add.run_over((self.texture.width, self.texture.height))
-        self._seed = seed
-
-
-def of_cells(steps: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Steps (rows, columns, bands) by 2x2 pixels, four bands a texel: (layers, h, w, 16)."""
-    rows, columns, bands = steps.shape
-    cells = steps.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
+    width, height = size
+    if wraps:
+        tile = panorama_noise(seed, levels, 1, height)[:, :, 0]
+        tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
+    else:
+        tile = noise_tile(seed, levels, 1, tile_edge(height, width))[:, :, 0]
+    rows, columns, bands = tile.shape
+    cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
     return layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
 
 
-def layered(steps: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Steps (rows, columns, values) as texels of words: (layers, rows, columns, 16)."""
-    rows, columns, count = steps.shape
+def layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:
+    """Noise (rows, columns, values) in steps of `GRAIN`: (layers, rows, columns, 16)."""
+    rows, columns, count = noise.shape
     layers = -(-count // TEXEL_BYTES)
-    padded = np.zeros((rows, columns, layers * TEXEL_BYTES), np.int8)
-    padded[..., :count] = steps
-    texels = padded.reshape(rows, columns, layers, TEXEL_BYTES)
+    steps = np.zeros((rows, columns, layers * TEXEL_BYTES), np.int8)
+    steps[..., :count] = np.rint(noise / GRAIN)
+    texels = steps.reshape(rows, columns, layers, TEXEL_BYTES)
     return np.ascontiguousarray(texels.transpose(2, 0, 1, 3))
 
 

@@ -37,8 +37,9 @@ vec4 bent(vec4 chroma, float skewness, float tightness, float variance) {
     vec4 bowed = mix(vec4(-0.25 * deviation / bend), chroma * (1.0 + turned), greaterThan(turned, vec4(-0.5)));
     bowed = (bowed - bend * deviation) * inversesqrt(1.0 + 2.0 * bend * bend);
     float lean = 1.5 * skewness * (1.0 + tightness), root = sqrt(lean * lean + tightness);
-    float reach = deviation / tightness;
-    return clamp(bowed, reach * (lean - root), reach * (lean + root));
+    // Its ends, without the difference of lean and root, which may be nothing but rounding.
+    float sum = abs(lean) + root, near = deviation / sum, far = deviation * sum / tightness;
+    return lean < 0.0 ? clamp(bowed, -far, near) : clamp(bowed, -near, far);
 }
 
 // A band of each pixel, weighed: `bands` has a column a pixel.

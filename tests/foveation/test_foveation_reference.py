@@ -26,13 +26,7 @@ from pipeline.foveation.moments import (
     chroma_shape,
     wanted_by_blocks,
 )
-from pipeline.foveation.noise_plane import (
-    GRAIN,
-    noise_plane,
-    noise_tile,
-    panorama_noise,
-    part_places_px,
-)
+from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import (
     FIRST_SMOOTH,
@@ -150,16 +144,14 @@ def test_flat_pictures_stay_flat():
         np.testing.assert_allclose(result, picture, atol=1e-6)
 
 
-def test_the_same_seed_is_bit_identical_and_others_are_uncorrelated():
-    """As far as pictures of so many waves can tell: .044, where independent noise has .040."""
+def test_the_same_seed_is_bit_identical_and_another_is_uncorrelated():
     picture = photograph(256)
     pools = pools_of(256, 256, (128, 128))
-    first, again = (metamer_parts(picture, pools, SETTINGS, 1).noise for _ in range(2))
+    first, again, other = (metamer_parts(picture, pools, SETTINGS, s).noise for s in (1, 1, 2))
     assert (first == again).all()
-    sums = [noise_tile(seed, 5, 1)[:, :, 0].astype(np.float64).sum(axis=2) for seed in range(10)]
-    correlations = np.corrcoef([one.ravel() for one in sums])[np.triu_indices(10, 1)]
-    assert correlations.std() < 0.06
-    assert np.abs(correlations).max() < 0.2
+    far = pools.eccentricity_deg() > 5
+    correlation = np.corrcoef(first[far][:, 0], other[far][:, 0])[0, 1]
+    assert abs(correlation) < 0.05
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0, 1.5])
@@ -355,13 +347,7 @@ def test_noise_is_of_steps_that_a_byte_holds_and_as_even_as_unrounded_noise():
     steps = tile.astype(np.float64) / GRAIN
     assert (steps == np.rint(steps)).all()
     assert np.abs(steps).max() <= 127
-    moved = [
-        np.roll(mixed_bands(part, 4, 1), place, (3, 4))
-        for part, place in enumerate(part_places_px(3, 256))
-    ]
-    exact = sum(moved) / np.sqrt(2)
-    by_pixel = exact.transpose(3, 4, 2, 0, 1).reshape(tile.shape)
-    np.testing.assert_allclose(tile, by_pixel, atol=1.3 * GRAIN)
+    exact = mixed_bands(3, 4, 1)
     np.testing.assert_allclose((tile.astype(np.float64) ** 2).mean(), (exact**2).mean(), rtol=1e-3)
 
 
