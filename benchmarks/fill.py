@@ -52,7 +52,6 @@ METAMERIC = {
     "metameric": MetamericSettings(),
     "metameric 3 levels": MetamericSettings(levels=3),
     "metameric 5 levels": MetamericSettings(levels=5),
-    "metameric background": MetamericSettings(texture="background"),
 }
 ON_GPU = (*METAMERIC, "coherence-transport", "push-pull-depth")
 ON_GPU += ("push-pull", "weighted-pull-push", "warp", "copy")

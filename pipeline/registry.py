@@ -102,17 +102,24 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
     return {name: parameter.default for name, parameter in parameters_of(kind).items()}
 
 
-def check_given(name: str, kind: type[Any], given: Mapping[str, Any]) -> None:
+def check_given(
+    name: str,
+    kind: type[Any],
+    given: Mapping[str, Any],
+    retired: Mapping[str, str] | None = None,
+) -> None:
     """Check the names and the types of parameters; their values are the class's to check.
 
     Raises
     ------
     InputError
-        Naming the parameter, with the nearest that there is.
+        Naming the parameter, with what `retired` says of it, or with the nearest that there is.
     """
     known = parameters_of(kind)
     for key, value in given.items():
         if key not in known:
+            if retired and f"{name}.{key}" in retired:
+                raise InputError(f"parameter {key!r} of {name} {retired[f'{name}.{key}']}")
             offered = ", ".join(known) or "none"
             raise InputError(
                 f"parameters of {name} are: {offered} (got {key!r}{_hint(key, known)})"

@@ -31,7 +31,7 @@ def check_methods(
     parameters_of : callable, optional
         Gives the parameter names of a known method.
     retired : mapping, optional
-        What to say of names that the registry had once.
+        What to say of methods, and as ``method.parameter`` of parameters, that were there once.
     """
     recipe = protocol.stimuli
     if not isinstance(recipe, WarpedClips):
@@ -54,7 +54,8 @@ def check_methods(
         problems += [
             Problem(
                 f"stimuli.methods[{index}].parameters.{key}",
-                f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
+                (retired or {}).get(f"{name}.{key}")
+                or f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
                 f"{did_you_mean(key, offered)}",
             )
             for key in method.parameters

@@ -368,6 +368,10 @@ def test_list_names_every_method_without_a_source():
             ["-m", "shift-map"],
             "'coherence-transport' replaces it; for its own fills install revision",
         ),
+        (
+            ["--set", "texture=background"],
+            "parameter 'texture' of metameric has left metamerlab, and metameric always fills with",
+        ),
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "options of stereo pairs"),

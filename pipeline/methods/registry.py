@@ -88,9 +88,12 @@ METHODS = _with_plugins(SHIPPED)
 
 RETIRED = {
     "shift-map": "has left metamerlab, and 'coherence-transport' replaces it; for its own fills"
-    " install revision 70b3711, the last that has it"
+    " install revision 70b3711, the last that has it",
+    "metameric.texture": "has left metamerlab, and metameric always fills with noise; leave it out,"
+    " or take 'coherence-transport' for structure of the background; for the fills of"
+    " texture = 'background' install revision 70b3711, the last that has them",
 }
-"""What a user is told of methods that were here once."""
+"""What a user is told of methods, and of their parameters, that were here once."""
 
 
 def method_names() -> list[str]:
@@ -161,7 +164,7 @@ def create_method(
     """
     entry = check_method_name(name)
     method_class = entry.load()
-    check_given(name, method_class, parameters or {})
+    check_given(name, method_class, parameters or {}, RETIRED)
     leading: list[object] = []
     if "ctx" in inspect.signature(method_class).parameters:
         if ctx is None:

@@ -113,6 +113,8 @@ def test_registry_names_are_passed_in_and_checked():
     assert str(problem) == (
         "stimuli.methods[0].parameters.noise: must be a parameter of reference (it has none)"
     )
+    (problem,) = check_methods(odd, known, lambda _: [], {"reference.noise": "has left"})
+    assert str(problem) == "stimuli.methods[0].parameters.noise: has left"
     (scene,) = check_scenes(protocol, ["garden", "colonade"])
     assert scene.place == "stimuli.scenes[1].builtin"
     assert "did you mean 'colonade'?" in scene.message
