@@ -20,6 +20,7 @@ Ray: TypeAlias = tuple[float, float, float]
 
 WIDEST_FLAT_DEG = 180.0
 LEAST_FROM_FAR_POLE = 1e-6  # 1 less the cosine: a twelfth of a degree
+FADE_DEG = 1.0  # over so many degrees gives way what is shown around the gaze
 
 
 class Geometry(Protocol):
@@ -157,6 +158,22 @@ class FlatGeometry:
         across, down = x - self.centre_px[0], y - self.centre_px[1]
         length = math.sqrt(across * across + down * down + self.distance_px**2)
         return across / length, down / length, self.distance_px / length
+
+    def place_px(self, across_deg: float, down_deg: float) -> tuple[float, float]:
+        """Position so many degrees right of and below where the normal meets the picture."""
+        x, y = (
+            centre + self.distance_px * math.tan(math.radians(angle))
+            for centre, angle in zip(self.centre_px, (across_deg, down_deg), strict=True)
+        )
+        return x, y
+
+    def angles_deg(self, place_px: tuple[float, float]) -> tuple[float, float]:
+        """Invert `place_px`."""
+        across_deg, down_deg = (
+            math.degrees(math.atan((place - centre) / self.distance_px))
+            for centre, place in zip(self.centre_px, place_px, strict=True)
+        )
+        return across_deg, down_deg
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         scale = self.distance_px / np.where(rays[..., 2] > 1e-6, rays[..., 2], np.nan)
@@ -308,6 +325,15 @@ def eccentricity_deg(
     gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))
     sine = np.linalg.norm(np.cross(rays, gaze), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, rays @ gaze)))
+
+
+def share_around(
+    geometry: Geometry, gaze_px: tuple[float, float], within_deg: float
+) -> NDArray[np.float32]:
+    """Fade out around a gaze: (H, W), 1 within an angle, 0 `FADE_DEG` beyond it."""
+    away = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
+    way = ((away - within_deg) / FADE_DEG).clip(0, 1)
+    return np.asarray(1 - way * way * (3 - 2 * way), np.float32)
 
 
 def check_gaze(geometry: Geometry, gaze_px: tuple[float, float]) -> tuple[float, float]:

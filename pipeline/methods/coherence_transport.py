@@ -21,10 +21,16 @@ class CoherenceTransport(Guided[TransportPass]):
         *,
         share: float = TransportSettings.share,
         depth_threshold: float = TransportSettings.depth_threshold,
+        fovea_deg: float = TransportSettings.fovea_deg,
+        gaze_x_deg: float = TransportSettings.gaze_x_deg,
+        gaze_y_deg: float = TransportSettings.gaze_y_deg,
+        width_deg: float = TransportSettings.width_deg,
         z_near_m: float = 0.0,
     ) -> None:
         super().__init__(ctx, z_near_m)
-        self._settings = TransportSettings(share, depth_threshold)
+        self._settings = TransportSettings(
+            share, depth_threshold, fovea_deg, gaze_x_deg, gaze_y_deg, width_deg
+        )
 
     def new_plate(self) -> PlateTextures:
         """Return what keeps the fills of one source frame from view to view."""

@@ -9,11 +9,16 @@ layout(rgba32f) uniform image2D tensors;  // xx, xy, yy; a: shell, 0 where known
 
 uniform float depth_threshold;
 uniform float z_near_m;
+uniform ivec2 low, high;  // corners of where transport works; the end is not in it
 
 const float UNREACHED = 1e9;
 
 bool is_inside(ivec2 place) {
     return all(greaterThanEqual(place, ivec2(0))) && all(lessThan(place, imageSize(image)));
+}
+
+bool is_worked(ivec2 place, int beyond_px) {
+    return all(greaterThanEqual(place, low - beyond_px)) && all(lessThan(place, high + beyond_px));
 }
 
 bool is_known(ivec2 place) { return imageLoad(image, place).a >= 0.5; }

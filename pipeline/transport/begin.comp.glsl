@@ -22,6 +22,7 @@ bool begin(ivec2 pixel) {
     float guide = guide_at(pixel);
     imageStore(moved, pixel, vec4(0.0, 0.0, 0.0, guide));
     imageStore(tensors, pixel, vec4(0.0, 0.0, 0.0, UNREACHED));
+    if (!is_worked(pixel, RADIUS_PX)) return false;
     bool at_border = false, at_own = false;
     for (int k = 0; k < 8; ++k) {
         ivec2 place = pixel + neighbour(k);
@@ -29,7 +30,7 @@ bool begin(ivec2 pixel) {
         at_border = true;
         at_own = at_own || is_alike(guide, guide_at(place));
     }
-    if (at_own && first_time(pixel)) append(shell_list.x, shell_list.y, pixel, 0);
+    if (at_own && is_worked(pixel, 0) && first_time(pixel)) append(shell_list.x, shell_list.y, pixel, 0);
     return at_border;
 }
 

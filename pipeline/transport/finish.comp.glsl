@@ -6,6 +6,7 @@
 #constant NEAR_SHARE
 #constant THIN_PX
 #constant WIDE_PX
+#constant FOVEATED  // 1: transport fills near the gaze alone
 
 #include "pixels.glsl"
 #include "transport.glsl"
@@ -14,6 +15,9 @@ layout(std430) buffer Listed { uint listed[]; };
 layout(rgba32f) uniform image2D filled;  // `image`: push-pull's fill, alpha still 0
 
 uniform float share;
+#if FOVEATED
+layout(r32f) uniform readonly image2D attention;  // share of transport that the gaze leaves
+#endif
 
 // Hole pixels that come next in a direction, fewer than WIDE_PX.
 int holes_along(ivec2 pixel, ivec2 along) {
@@ -48,13 +52,16 @@ vec4 near_around(ivec2 pixel) {
 void finish(ivec2 pixel) {
     listed[uint(pixel.y * imageSize(image).x + pixel.x)] = 0u;
     vec3 colour = imageLoad(filled, pixel).rgb, other = imageLoad(moved, pixel).rgb;
-    float mixed = share;
-    if (imageLoad(tensors, pixel).a >= UNREACHED) {
+    float mixed = share, part = 1.0;
+#if FOVEATED
+    part = imageLoad(attention, pixel).r;
+#endif
+    if (part > 0.0 && imageLoad(tensors, pixel).a >= UNREACHED) {
         vec4 around = near_around(pixel);
         mixed = around.a > 0.0 ? near_share(pixel) : 0.0;
         other = around.rgb / max(around.a, 1e-9);
     }
-    colour += mixed * (other - colour);
+    colour += part * mixed * (other - colour);
     imageStore(filled, pixel, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 

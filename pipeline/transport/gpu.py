@@ -11,6 +11,7 @@ import moderngl
 
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
+from pipeline.gl.texture import upload
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.regions import SHELLS
 from pipeline.synthesis.settings import MetamericSettings
@@ -47,6 +48,7 @@ class TransportPass(Pass):
         )
         self.lists = self._base.lists
         around = {"RADIUS_PX": fixed.RADIUS_PX}
+        foveated = settings.fovea_deg > 0
         self._gradients = self._shader("transport/gradients.comp.glsl", ROW=ROW)
         self._begin = self._shader("transport/begin.comp.glsl", **around)
         self._tensors = self._shader(
@@ -67,6 +69,7 @@ class TransportPass(Pass):
             "transport/finish.comp.glsl",
             NEAR_SHARE=fixed.NEAR_SHARE,
             THIN_PX=fixed.THIN_PX,
+            FOVEATED=foveated,
             WIDE_PX=fixed.WIDE_PX,
             **around,
         )
@@ -82,6 +85,18 @@ class TransportPass(Pass):
             gradients=gradients,
             listed=self.listed,
         )
+        rows, columns = settings.worked(size[::-1])
+        self._set(low=(columns.start, rows.start), high=(columns.stop, rows.stop))
+        reach = fixed.RADIUS_PX + fixed.TENSOR_REACH_PX + 1
+        first = max(0, columns.start - reach), max(0, rows.start - reach)
+        end = min(size[0], columns.stop + reach), min(size[1], rows.stop + reach)
+        self._gradients["first"] = first
+        self._graded = end[0] - first[0], end[1] - first[1]
+        self.attention = None
+        if foveated:
+            self.attention = self._texture(size, "r32f")
+            upload(self.attention, settings.attention(size[::-1]))
+            self._finish.hold(attention=self.attention)
 
     def __call__(self, frame: FrameTextures, *, z_near_m: float) -> None:
         """Fill the holes of `frame.colour` in place; alpha stays as it is.
@@ -96,7 +111,7 @@ class TransportPass(Pass):
         self._set(z_near_m=z_near_m)
         self._hold(image=frame.colour, filled=frame.colour, depth_m=frame.depth_m)
         run, holes = self.lists.run, ("holes", 1)
-        self._gradients.run_over(self.size)
+        self._gradients.run_over(self._graded)
         run(self._begin, holes)
         run(self._tensors, ("band", 0))
         for number in count(1):

@@ -12,11 +12,12 @@ layout(rgba32f) uniform writeonly image2D gradients;  // xx, xy, yy; a: guide, -
 
 uniform float depth_threshold;
 uniform float z_near_m;
+uniform ivec2 first;
 
 float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m, place).r); }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = first + ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, imageSize(image)))) return;
     vec4 result = vec4(0.0, 0.0, 0.0, -1.0);
     ivec2 last = imageSize(image) - 1;

@@ -16,6 +16,9 @@ belongs together:
 4. Near. A hole pixel that no shell reaches sees no background of its own, as in a gap between
    leaves. Another leaf may be uncovered there: some of what is near, at any depth, is mixed in.
 
+With a gaze, all this happens near it alone (`TransportSettings.fovea_deg`). Hole pixels far from it
+keep what push-pull finds, and are not seen.
+
 Twin: gpu.py with the shaders here. Change both or neither.
 """
 
@@ -50,6 +53,7 @@ Ints = NDArray[np.intp]
 S = TypeVar("S", bound=np.generic)
 
 UNREACHED = 1 << 30  # shell of a hole pixel that sees no background of its own
+LEFT_OUT = UNREACHED + 1  # and of one that is far from the gaze
 SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))  # row, column
 CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
 DISC = tuple(
@@ -89,25 +93,38 @@ def transport_fill(
         known, hole, guide, levels=1, gamma=MetamericSettings.gamma, threshold=threshold
     )[0].values
     base = np.where(hole[..., None], base, known)
-    shell = shells(hole, guide, threshold)
+    attention = settings.attention(warped.size).astype(np.float64)
+    worked = np.zeros(hole.shape, np.bool_)
+    worked[settings.worked(warped.size)] = True
+    shell = shells(hole, guide, threshold, worked)
     tensor = structure_tensors(known, hole, guide, threshold)
     moved = transported(known, tensor, shell, guide, threshold)
     result, reached = base.copy(), hole & (shell < UNREACHED)
-    result[reached] += settings.share * (moved - base)[reached]
-    enclosed = np.argwhere(hole & ~reached)
+    result[reached] += (settings.share * attention[..., None] * (moved - base))[reached]
+    enclosed = np.argwhere(shell == UNREACHED)
     near, share = near_around(known, hole, enclosed)
+    share *= attention[tuple(enclosed.T)]
     result[tuple(enclosed.T)] += share[:, None] * (near - base[tuple(enclosed.T)])
     return TransportFill(result.clip(0, 1), base, shell, moved)
 
 
-def shells(hole: NDArray[np.bool_], guide: Floats, threshold: float) -> Ints:
+def shells(
+    hole: NDArray[np.bool_],
+    guide: Floats,
+    threshold: float,
+    worked: NDArray[np.bool_] | None = None,
+) -> Ints:
     """Number the hole pixels of each surface by their distance from its known pixels: (H, W).
+
+    `LEFT_OUT` where they are not `worked` at; no way leads over these.
 
     The first shell has a known pixel of the same surface among the eight around it. From an odd
     shell the next is reached along rows and columns, from an even one along diagonals too: such
     shells are octagons, and grow by nearly a pixel each.
     """
     shell = np.where(hole, UNREACHED, 0)
+    if worked is not None:
+        shell[hole & ~worked] = LEFT_OUT
     front, number = np.argwhere(~hole), 0
     while len(front):
         steps = SIDES if number % 2 else SIDES + CORNERS

@@ -69,7 +69,8 @@ void work(ivec2 pixel, int chain) {
     imageStore(tensors, pixel, vec4(tensor, shell));
     for (int k = 0; k < ways; ++k) {
         ivec2 place = pixel + neighbour(k);
-        if (!is_inside(place) || is_known(place) || !is_alike(guide, guide_at(place))) continue;
+        if (!is_inside(place) || is_known(place) || !is_worked(place, 0)) continue;
+        if (!is_alike(guide, guide_at(place))) continue;
         uint number = uint(place.y * imageSize(image).x + place.x);
         if (atomicExchange(listed[number], 1u) == 0u) append(next_list.x, next_list.y, place, 0);
     }

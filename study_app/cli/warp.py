@@ -266,6 +266,9 @@ def warp(
 
         metamerlab warp photo.png out.png --mask holes.png
 
+        metamerlab warp photo.png out.png --depth depth.png -m coherence-transport
+        --set fovea_deg=5 --gaze 300,250
+
         metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
 
         metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
@@ -326,7 +329,7 @@ def warp(
             settled = replace(settled, rim_px=rim_px)
         if depth_speckle is not None:
             settled = replace(settled, depth_speckle=depth_speckle)
-        eye = _eye(loaded, true_within, gaze, display, fov)
+        choices, eye = _look(choices, loaded, true_within, gaze, display, fov)
         _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, eye)
 
 
@@ -390,31 +393,49 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
     return [Choice(name, parameters) for name, parameters in chosen]
 
 
-def _eye(
+def _look(
+    choices: list[Choice],
     loaded: Loaded,
     within_deg: float | None,
     gaze: str | None,
     display: str | None,
     fov_deg: float | None,
-) -> Eye | None:
+) -> tuple[list[Choice], Eye | None]:
+    """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.looking import look_at, read_gaze
+    from stimuli.foveated.looking import gaze_words, look_at, read_gaze, width_deg
     from stimuli.upsampled import Eye
 
-    if within_deg is None:
+    by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
+    if within_deg is None and not by_gaze:
         for name, given in (("--gaze", gaze), ("--display", display), ("--fov", fov_deg)):
             if given is not None:
-                raise StudyError(f"{name} says where the true view is shown: give --true-within")
-        return None
-    if loaded.truth is None:
+                raise StudyError(
+                    f"{name} says where the true view is shown, or where coherence-transport works:"
+                    " give --true-within DEG, or -m coherence-transport --set fovea_deg=DEG"
+                )
+        return choices, None
+    if within_deg is not None and loaded.truth is None:
         raise StudyError(
             "--true-within needs the true view: give --truth, or --right with a stereo pair"
         )
-    height, width = loaded.truth.shape[:2]
+    height, width = loaded.frame.source.colour.shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)
-    assert isinstance(looking.geometry, FlatGeometry)
+    geometry = looking.geometry
+    assert isinstance(geometry, FlatGeometry)
     say(looking.words)
-    return Eye(looking.geometry, read_gaze(gaze, looking.geometry), within_deg)
+    gaze_px = read_gaze(gaze, geometry)
+    if by_gaze:
+        say(gaze_words(gaze_px, geometry))
+        across, down = (round(angle, 4) for angle in geometry.angles_deg(gaze_px))
+        told = {"gaze_x_deg": across, "gaze_y_deg": down, "width_deg": width_deg(geometry)}
+        twice = sorted(told.keys() & choices[0].parameters)
+        if twice:
+            raise StudyError(
+                f"--gaze, --display and --fov say {twice[0]}: use them, and leave it out of --set"
+            )
+        choices = [replace(one, parameters={**one.parameters, **told}) for one in choices]
+    return choices, None if within_deg is None else Eye(geometry, gaze_px, within_deg)
 
 
 def _print_results(

@@ -78,6 +78,24 @@ def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_orders, 
     assert np.array_equal(frame(plain, "reference"), truth)
 
 
+def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_orders, tmp_path):
+    """Unless the study says another width; a fill without a gaze keeps what it has."""
+    gazed = 'name = "telea"\nmethod = "coherence-transport"\nparameters = { fovea_deg = 2.0'
+    widths = {}
+    for name, parameters in (
+        ("gazed", gazed + " }"),
+        ("said", gazed + ", width_deg = 30.0 }"),
+        ("whole", gazed.replace("2.0", "0.0") + " }"),
+    ):
+        path = study(tmp_path / name, ('name = "telea"', parameters))
+        orders = read_orders(path)
+        clip = next(clip for clip in orders.clip_names if clip.method == "telea")
+        widths[name] = orders.parameters(clip)["width_deg"]
+
+    half = np.degrees(np.arctan(orders.render_px[0] / 2 / orders.distance_px))
+    assert widths == {"gazed": pytest.approx(2 * half), "said": 30.0, "whole": 40.0}
+
+
 def test_without_a_true_view_a_study_has_the_hash_it_had(tmp_path):
     assert "true_view" not in load_protocol(study(tmp_path / "s")).stimuli.identity()["clips"]
 

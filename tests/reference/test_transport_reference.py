@@ -6,6 +6,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.transport.reference import (
+    LEFT_OUT,
     UNREACHED,
     across_px,
     coherence,
@@ -39,6 +40,15 @@ def test_shells_count_from_background_and_not_from_what_is_nearer_or_farther():
     guide = np.array([[0.5, 0.5, 0.52, 0.5, 0.9, 0.2]])
 
     assert shells(hole, guide, THRESHOLD).tolist() == [[0, 1, 2, 3, UNREACHED, 0]]
+
+
+def test_no_shell_comes_to_what_is_far_from_the_gaze_nor_over_it():
+    hole = np.array([[0, 1, 1, 1, 1]], bool)
+    worked = np.array([[1, 1, 0, 1, 1]], bool)
+
+    found = shells(hole, np.ones((1, 5)), THRESHOLD, worked)
+
+    assert found.tolist() == [[0, 1, LEFT_OUT, UNREACHED, UNREACHED]]
 
 
 def test_shells_are_octagons():
@@ -222,3 +232,76 @@ def test_transport_moves_with_the_background(rng):
 def test_a_setting_out_of_range_is_refused(key):
     with pytest.raises(InputError, match=f"{key} must lie in"):
         TransportSettings(**{key: -0.5})
+
+
+def test_the_gaze_leaves_transport_in_its_fovea_and_none_a_degree_beyond():
+    """By hand: a row before an eye at tan(20 deg) of half its width; the gaze is at its end."""
+    settings = TransportSettings(fovea_deg=5, gaze_x_deg=-20, width_deg=40)
+    x = np.arange(400) + 0.5
+    away = 20 + np.degrees(np.arctan((x - 200) / 200 * np.tan(np.radians(20))))
+
+    found = settings.attention((1, 400))[0]
+
+    assert (found[away < 5] == 1).all()
+    assert (found[away > 6] == 0).all()
+    np.testing.assert_allclose(np.interp(5.5, away, found), 0.5, atol=1e-3)
+    assert (TransportSettings().attention((2, 3)) == 1).all()
+
+
+def test_transport_works_64_px_around_what_the_gaze_leaves_it():
+    """By hand: at 10 px a degree near the middle, 3 degrees of fovea and one of fade are 40 px."""
+    width_deg = 2 * np.degrees(np.arctan(200 * np.radians(1) / 10))
+    settings = TransportSettings(fovea_deg=3, width_deg=width_deg)
+
+    rows, columns = settings.worked((90, 400))
+
+    assert rows == slice(0, 90)
+    assert columns == slice(200 - 40 - 64, 200 + 40 + 64)
+    assert TransportSettings().worked((90, 400)) == (slice(0, 90), slice(0, 400))
+    away = TransportSettings(fovea_deg=3, gaze_y_deg=80).worked((90, 400))
+    assert away == (slice(0, 0), slice(0, 0))
+
+
+def gazed_at(rng):
+    """Stripes with a wide hole behind a post, and many pixels missing."""
+    y, x = np.mgrid[:48, :96]
+    hole = ((x > 30) & (x < 70) & (y > 4)) | (rng.random((48, 96)) < 0.1)
+    colour = np.repeat(0.5 + 0.4 * np.sin(0.4 * x + 0.9 * y)[..., None], 3, axis=-1)
+    return frame_of(colour, hole, np.where((x < 30) & (x > 20) & ~hole, 2.0, 5.0))
+
+
+def test_a_fovea_wider_than_the_frame_is_coherence_transport(rng):
+    frame = gazed_at(rng)
+
+    assert fill(frame, fovea_deg=90).colour.tobytes() == fill(frame).colour.tobytes()
+
+
+def test_far_from_the_gaze_the_fill_is_push_pull_depths(rng):
+    frame = gazed_at(rng)
+    gaze = {"fovea_deg": 6, "gaze_x_deg": -3, "gaze_y_deg": 2}
+    away = TransportSettings(**gaze).attention(frame.size) == 0
+
+    found = fill(frame, **gaze)
+
+    np.testing.assert_array_equal(found.colour[away], found.base[away])
+    within = TransportSettings(**gaze).attention(frame.size) == 1
+    np.testing.assert_array_equal(found.colour[within], fill(frame).colour[within])
+    near = frame.hole & ~away
+    assert (found.colour != found.base)[near].any(axis=-1).mean() > 0.9
+    off = fill(frame, fovea_deg=6, gaze_x_deg=80)
+    assert off.colour.tobytes() == off.base.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("fovea_deg", -1.0),
+        ("fovea_deg", float("nan")),
+        ("gaze_x_deg", 90.0),
+        ("gaze_y_deg", float("nan")),
+        ("width_deg", 0.0),
+    ],
+)
+def test_a_gaze_that_is_none_is_refused(name, value):
+    with pytest.raises(InputError, match=f"^{name} "):
+        TransportSettings(**{name: value})

@@ -13,7 +13,7 @@ from pipeline.gl.texture import read_back, texture_bytes
 from pipeline.inpaint.regions import SHELLS
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
-from pipeline.transport.reference import UNREACHED, transport_fill
+from pipeline.transport.reference import LEFT_OUT, UNREACHED, transport_fill
 from pipeline.transport.settings import TransportSettings
 
 Z_NEAR_M = 1.0
@@ -41,12 +41,16 @@ def two_grounds(rng, size, width_px=24, *, far_m=20.0) -> WarpedFrame:
     return WarpedFrame(colour, depth_m, hole, np.zeros((*size, 2), np.float32))
 
 
+WHOLE = TransportSettings()
+GAZED = TransportSettings(fovea_deg=3, gaze_x_deg=-12, gaze_y_deg=1)
+
+
 class Run:
     """A pass with the textures of one frame."""
 
-    def __init__(self, ctx, frame):
+    def __init__(self, ctx, frame, settings=WHOLE):
         self.frame = frame
-        self.fill_pass = TransportPass(ctx, frame.size[::-1], TransportSettings())
+        self.fill_pass = TransportPass(ctx, frame.size[::-1], settings)
         self._inputs = FrameTextures.create(ctx, frame.size[::-1])
 
     def __call__(self):
@@ -59,16 +63,22 @@ class Run:
             item.release()
 
 
-@pytest.fixture(
-    scope="module", params=[(75, 110, 24), (64, 96, 4), (24, 300, 190)], ids=["odd", "thin", "deep"]
-)
+RUNS = {
+    "odd": (75, 110, 24, WHOLE),
+    "thin": (64, 96, 4, WHOLE),
+    "deep": (24, 300, 190, WHOLE),
+    "gazed": (24, 300, 190, GAZED),
+}
+
+
+@pytest.fixture(scope="module", params=RUNS.values(), ids=RUNS)
 def run(request, module_gl_context):
     """A filled frame; of odd size, with thin holes, or with one of more shells than are sent."""
-    height, width, width_px = request.param
+    height, width, width_px, settings = request.param
     frame = two_grounds(np.random.default_rng(5), (height, width), width_px)
-    made = Run(module_gl_context, frame)
+    made = Run(module_gl_context, frame, settings)
     made.filled = made()
-    made.wanted = transport_fill(frame, TransportSettings(), z_near_m=Z_NEAR_M)
+    made.wanted = transport_fill(frame, settings, z_near_m=Z_NEAR_M)
     yield made
     made.release()
 
@@ -79,7 +89,9 @@ def test_shells_are_the_same(run):
 
     np.testing.assert_array_equal(found, np.where(shell < UNREACHED, shell, 1e9)[hole])
     assert (shell == UNREACHED).any()
-    if run.frame.size[1] == 300:
+    if run.fill_pass.attention is not None:
+        assert ((shell == LEFT_OUT) & hole).sum() > hole.sum() / 4
+    if run.fill_pass.attention is None and run.frame.size[1] == 300:
         assert shell[shell < UNREACHED].max() > SHELLS
 
 
@@ -116,8 +128,8 @@ def test_nothing_left_in_memory_is_ever_read(run):
     found = {}
     written(run.fill_pass, found)
     lists, listed = run.fill_pass.lists, run.fill_pass.listed
-    for fixed in (lists._packed_regions, lists._region_of_group, listed):
-        del found[id(fixed)]
+    for fixed in (lists._packed_regions, lists._region_of_group, listed, run.fill_pass.attention):
+        found.pop(id(fixed), None)
     assert len(found) > 12
     for value in (np.nan, 7.0):
         for item in found.values():
@@ -160,3 +172,29 @@ def test_far_backgrounds_and_holes_without_a_background_are_filled(gl_context, r
 def test_a_nearest_depth_that_is_none_is_refused(gl_context):
     with pytest.raises(InputError, match="z_near_m must be a depth in metres"):
         create_method("coherence-transport", gl_context, {"z_near_m": -1.0})
+
+
+def filled_by(ctx, frame, name, **parameters):
+    method = create_method(name, ctx, {"z_near_m": Z_NEAR_M, **parameters})
+    filled = method.fill(frame, 0)
+    method.release()
+    return filled
+
+
+def test_near_the_gaze_transport_fills_and_push_pull_depth_beyond(gl_context, rng):
+    frame = two_grounds(rng, (75, 110), 24)
+    gaze = {"fovea_deg": 7.0, "gaze_x_deg": -2.0, "gaze_y_deg": -4.0}
+    attention = TransportSettings(**gaze).attention(frame.size)
+    away, within = attention == 0, attention == 1
+    plain = filled_by(gl_context, frame, "push-pull-depth")
+    whole = filled_by(gl_context, frame, "coherence-transport")
+
+    found = filled_by(gl_context, frame, "coherence-transport", **gaze)
+
+    np.testing.assert_array_equal(found[away], plain[away])
+    np.testing.assert_array_equal(found[within], whole[within])
+    assert (whole != plain)[frame.hole & within].any(axis=-1).mean() > 0.5
+    wide = filled_by(gl_context, frame, "coherence-transport", **gaze | {"fovea_deg": 90.0})
+    assert wide.tobytes() == whole.tobytes()
+    off = filled_by(gl_context, frame, "coherence-transport", **gaze | {"gaze_x_deg": 80.0})
+    assert off.tobytes() == plain.tobytes()
