@@ -1,6 +1,7 @@
 """Coherence transport on the GPU against its definition, and what it leaves alone."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import moderngl
 import numpy as np
@@ -10,7 +11,8 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back, texture_bytes
-from pipeline.inpaint.regions import SHELLS
+from pipeline.inpaint import regions
+from pipeline.inpaint.regions import SHELLS, WorkLists
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
 from pipeline.transport.reference import LEFT_OUT, UNREACHED, transport_fill
@@ -198,3 +200,25 @@ def test_near_the_gaze_transport_fills_and_push_pull_depth_beyond(gl_context, rn
     assert wide.tobytes() == whole.tobytes()
     off = filled_by(gl_context, frame, "coherence-transport", **gaze | {"gaze_x_deg": 80.0})
     assert off.tobytes() == plain.tobytes()
+
+
+def test_shells_and_their_band_share_one_place_for_each_pixel(gl_context):
+    """Frames of 4096 x 4096 px would not fit Mesa's 128 MiB otherwise."""
+    sizes = [(90, 70), (45, 35), (23, 18), (12, 9)]
+    plain, shelled = (WorkLists(gl_context, sizes, 1, shells=shells) for shells in (False, True))
+    counts = 4 * 4 * (SHELLS + 2)  # of each list
+
+    assert shelled.held_bytes == plain.held_bytes + 4 * 90 * 70 + counts
+    for lists in (plain, shelled):
+        lists.release()
+
+
+def test_lists_that_a_driver_cannot_take_are_refused_with_its_limit(gl_context, monkeypatch):
+    driver = SimpleNamespace(info={"GL_MAX_SHADER_STORAGE_BLOCK_SIZE": 1 << 20})
+    check = regions._checked
+    monkeypatch.setattr(regions, "_checked", lambda _, *given: check(driver, *given))
+
+    with pytest.raises(
+        InputError, match=r"at most 1 MiB on this driver \(got 512x400, which takes"
+    ):
+        TransportPass(gl_context, (512, 400), WHOLE)
