@@ -78,8 +78,11 @@ class Fills:
 def _checked(plate: Plate | TexturePlate) -> Plate | TexturePlate:
     """Require a plate that fills; a plug-in's may not."""
     if not isinstance(plate, Plate | TexturePlate):
+        old = [name for name in ("settle", "settle_textures") if hasattr(plate, name)]
+        has = f", which has {old[0]}" if old else ""
+        cure = "; fill takes the frame with its holes, where settle took the finished fill"
         raise InputError(
             "a plate must have fill, or fill_textures and release (got"
-            f" {type(plate).__name__}); mend the method that makes it"
+            f" {type(plate).__name__}{has}); mend the method that makes it{cure if old else ''}"
         )
     return plate

@@ -221,11 +221,25 @@ def test_a_method_of_arrays_has_a_plate_of_arrays():
 
 
 def test_a_plate_that_does_not_fill_is_refused():
-    class Settling(Arrays):
+    class Nothing(Arrays):
         def new_plate(self) -> object:
             return object()
 
-    with pytest.raises(InputError, match=r"a plate must have fill.*got object"):
+    with pytest.raises(InputError, match=r"a plate must have fill.*got object\); mend the method"):
+        Fills(Nothing(), Gliding(), 0).frame(1)
+
+
+@pytest.mark.parametrize("name", ["settle", "settle_textures"])
+def test_a_plate_that_settles_finished_fills_is_told_what_it_does_now(name):
+    """As plates of other packages did up to revision 70b3711."""
+    old = type("Old", (), {name: lambda *_: None, "release": lambda _: None})
+
+    class Settling(Arrays):
+        def new_plate(self) -> object:
+            return old()
+
+    said = rf"got Old, which has {name}\); mend.*where settle took the finished fill"
+    with pytest.raises(InputError, match=said):
         Fills(Settling(), Gliding(), 0).frame(1)
 
 
