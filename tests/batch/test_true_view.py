@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from built_study import write_small_study
 
+from pipeline.transport.settings import TransportSettings
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView
@@ -94,6 +95,31 @@ def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_o
 
     half = np.degrees(np.arctan(orders.render_px[0] / 2 / orders.distance_px))
     assert widths == {"gazed": pytest.approx(2 * half), "said": 30.0, "whole": 40.0}
+
+
+def test_clips_are_filled_by_eccentricity(read_orders, inline, tmp_path):
+    """The first frame, before anything is kept from earlier ones; its hole goes half way down."""
+    gazed = 'method = "coherence-transport"\nparameters = { fovea_deg = 0.1, gaze_y_deg = -1.1 }'
+    path = study(
+        tmp_path / "s",
+        ('name = "push-pull"', 'name = "push-pull"\nmethod = "push-pull-depth"'),
+        ('name = "telea"', f'name = "telea"\n{gazed}'),
+        UPSAMPLED[::-1],
+    )
+    build(read_orders(path), path.parent / "clips", inline)
+    orders = read_orders(path)
+    clip = next(clip for clip in orders.clip_names if clip.method == "telea")
+    given = {k: v for k, v in orders.parameters(clip).items() if k != "z_near_m"}
+    width, height = orders.render_px
+    attention = TransportSettings(**given).attention((height, width))
+
+    plain, shown, hole = (
+        decode(path.parent / f"clips/{name}/000000.png")
+        for name in ("box__small__push-pull", "box__small__telea", "holes/box__small")
+    )
+    assert hole[attention == 0].any()
+    assert np.array_equal(shown[attention == 0], plain[attention == 0])
+    assert (shown != plain)[attention > 0].any()
 
 
 def test_without_a_true_view_a_study_has_the_hash_it_had(tmp_path):
