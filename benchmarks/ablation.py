@@ -133,8 +133,6 @@ VARIANTS = (
         patches=((lacking, "luma_moments", _from_squares),),
     ),
     Variant("statistics of the whole frame", patches=((statistics, "near_a_hole", _everywhere),)),
-    Variant("texture background", MetamericSettings(texture="background")),
-    Variant("texture background, levels 4", MetamericSettings(texture="background", levels=4)),
     Variant("noise 0.8", MetamericSettings(noise=0.8)),
     Variant("noise 0 (push-pull-depth)", MetamericSettings(noise=0.0)),
 )

@@ -37,10 +37,10 @@ from pipeline.gl.timer import measure
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.registry import create_method
 from pipeline.pushpull.gpu import PushPullPass
-from pipeline.shiftmap.gpu import ShiftMapPass
-from pipeline.shiftmap.settings import ShiftMapSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
+from pipeline.transport.gpu import TransportPass
+from pipeline.transport.settings import TransportSettings
 from pipeline.warp.gpu import WarpPass
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
@@ -52,9 +52,8 @@ METAMERIC = {
     "metameric": MetamericSettings(),
     "metameric 3 levels": MetamericSettings(levels=3),
     "metameric 5 levels": MetamericSettings(levels=5),
-    "metameric background": MetamericSettings(texture="background"),
 }
-ON_GPU = (*METAMERIC, "shift-map", "push-pull-depth")
+ON_GPU = (*METAMERIC, "coherence-transport", "push-pull-depth")
 ON_GPU += ("push-pull", "weighted-pull-push", "warp", "copy")
 ON_CPU = ("telea", "navier-stokes", "oiio-push-pull", "background-extension")
 MASKS = {  # name: (share of the frame, hole width px at 1024, what)
@@ -156,12 +155,12 @@ class Bench:
                 metameric(self.textures, z_near_m=Z_NEAR_M, seed=SEED)
 
             return fill, metameric.held_bytes, metameric.release
-        if method == "shift-map":
-            shift_map = ShiftMapPass(self.ctx, self.size, ShiftMapSettings())
+        if method == "coherence-transport":
+            transport = TransportPass(self.ctx, self.size, TransportSettings())
             return (
-                lambda: shift_map(self.textures, z_near_m=Z_NEAR_M),
-                shift_map.held_bytes,
-                shift_map.release,
+                lambda: transport(self.textures, z_near_m=Z_NEAR_M),
+                transport.held_bytes,
+                transport.release,
             )
         if method == "push-pull-depth":
             guided = GuidedBasePass(self.ctx, self.size, gamma=MetamericSettings.gamma)
@@ -275,7 +274,7 @@ def plot(timings: list[Timing], target: Path) -> None:
     figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
     colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555"]
     markers = "osD^vPX"
-    methods = ("metameric", "push-pull", "push-pull-depth", "warp", "telea", "shift-map")
+    methods = ("metameric", "push-pull", "push-pull-depth", "warp", "telea", "coherence-transport")
     for method, colour, marker in zip((*methods, "copy"), colours, markers, strict=True):
         rows = [t for t in timings if t.method == method and t.mask == "thin"]
         if rows:

@@ -17,7 +17,8 @@ covariance that band `b` measures between all bands of unit noise, it measures
 T couples neighbouring levels only, treats x and y alike, and is held to the identity. The
 noise is linear in its weights, so T is absorbed into the tile (tile.py). What T leaves, the
 gains of `gains.spectral_gains` correct place by place, so that ``s`` above is what they make
-of it: T is fitted with them. `mixing.json` also holds the covariances, for those gains.
+of it: T is fitted with them. `mixing.json` also holds the covariances, for those gains, and how
+unit bands correlate, for the variance of their sum.
 
 Mixed bands interpolate differently, too. `lag_correlation` is the answer to: whatever the
 sub-pixel offset, the variance of the mixed sum stays, for the same textures.
@@ -363,7 +364,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     covariances, lagged = noise_statistics(MAX_LEVELS)
     covariances = unpacked(packed(covariances).round(5))
     record = {str(levels): fit(levels, covariances, lagged) for levels in range(1, MAX_LEVELS + 1)}
-    lines = json.dumps({"covariances": packed(covariances).tolist(), **record}, indent=1)
+    shared = {
+        "covariances": packed(covariances).tolist(),
+        "correlations": lagged[0].round(5).tolist(),
+    }
+    lines = json.dumps(shared | record, indent=1)
     TARGET.write_text(_rows_in_lines(lines) + "\n", encoding="utf-8")
     for levels, found in record.items():
         print(levels, json.dumps(found["deviation ratios on a plane"]))

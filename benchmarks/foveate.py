@@ -3,6 +3,7 @@
 Conditions take turns, so that what else the machine does meets all alike; ratios are turn by turn.
 What the CPU does, a software renderer's work as well, is counted in CPU time, over all cores: what
 other programs take is no time of its.
+"Held" is what a new gaze at the same picture takes, beside the blur that is held alike.
 Analysis and synthesis are told apart by the passes' own times (Beyond Blur's Fig. 8).
 odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is installed.
 """
@@ -10,6 +11,7 @@ odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is i
 from __future__ import annotations
 
 import argparse
+import itertools
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -43,6 +45,7 @@ CONDITIONS = (
 LARGEST_TWIN_EDGE = 1024  # beyond it the numpy twin of what the GPU does is not timed
 LARGEST_SLOW_EDGE = 4096  # beyond it what only numpy makes takes many minutes
 LARGEST_ODAK_EDGE = 1024
+HELD = ", held"  # of a picture that was analysed before
 PULL = "pull.comp.glsl"  # the shader of the analysis
 SHARED_RUNS = 3  # of which the least time of each dispatch counts
 TILE = 8
@@ -81,6 +84,12 @@ def time_gpu(
     works: dict[str, Callable[[], None]] = {"copy": lambda: copy((source, target))}
     for name, passes in made.items():
         works[name] = lambda passes=passes: passes(source, target, middle)  # type: ignore[misc]
+    beside = itertools.count()
+    for name, passes in made.items():
+        # Analysed once. The gaze moves and the field of displacements rests, as with a live eye.
+        works[name + HELD] = lambda passes=passes: passes.show(  # type: ignore[misc]
+            target, (middle[0] + next(beside) % 8, middle[1]), field_gaze_px=middle
+        )
     software = describe(ctx).software
     times: dict[str, list[float]] = {name: [] for name in works}
     cpu_times: dict[str, list[float]] = {name: [] for name in works}
@@ -96,9 +105,10 @@ def time_gpu(
 
     def line(name: str) -> Line:
         # Turn by turn: then a ratio holds while the machine's speed drifts.
+        blur = "blur" + HELD if name.endswith(HELD) else "blur"
         blurs, copies = (
             statistics.median(ours / theirs for ours, theirs in zip(*pair, strict=True))
-            for pair in ((compared[name], compared[other]) for other in ("blur", "copy"))
+            for pair in ((compared[name], compared[other]) for other in (blur, "copy"))
         )
         return Line(
             edge_px,
@@ -127,6 +137,14 @@ def time_gpu(
                 analysis_bytes=sum(chain.held_bytes for chain in passes.chains),
             )
         )
+    lines += [
+        replace(
+            line(name + HELD),
+            passes=len(dispatches_of(works[name + HELD])),
+            held_bytes=passes.held_bytes,
+        )
+        for name, passes in made.items()
+    ]
     for foveator in foveators:
         foveator.release()
     for thing in (source, target, copy):

@@ -43,7 +43,8 @@ from stimuli.textured.scenes import SCENES, WIDTH_DEG
 NAMES = {
     "warp": ("warp",),
     "fill": (
-        "push-pull", "push-pull-depth", "metameric", "metameric background", "shift-map", "telea",
+        "push-pull", "push-pull-depth", "metameric", "metameric background",
+        "coherence-transport", "telea",
     ),
     "foveate": ("blur", "metamer", "warped-metamer", "eidolon"),
     "textures": ("reference", "blur", "metamer"),

@@ -24,7 +24,7 @@ from stimuli.scenes.registry import build_scene
 from stimuli.steps import metameric_steps
 from study_app.cli.demo.pictures import most_holes
 
-FILLS = "push-pull", "metameric", "background-extension", "shift-map"
+FILLS = "push-pull", "metameric", "background-extension", "coherence-transport"
 
 SEED = 1
 DETAIL_PX = (120, 160)

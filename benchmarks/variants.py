@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import moderngl
@@ -45,12 +45,8 @@ class Variant:
     settings: MetamericSettings = DEFAULTS
 
 
-BACKGROUND = MetamericSettings(texture="background")
 VARIANTS = (
-    Variant("texture noise (default)"),
-    Variant("texture background", BACKGROUND),
-    Variant("texture background, noise 0.5", replace(BACKGROUND, noise=0.5)),
-    Variant("texture background, levels 3", replace(BACKGROUND, levels=3)),
+    Variant("default"),
     Variant("levels 3", MetamericSettings(levels=3)),
     Variant("noise 0", MetamericSettings(noise=0.0)),
     Variant("noise 0.5", MetamericSettings(noise=0.5)),

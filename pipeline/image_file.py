@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
-from pipeline.image_statements import COLOUR_SPACES, check_statements
 from pipeline.limits import check_need, check_values
 from pipeline.netpbm import read_netpbm
+from pipeline.statements.check import check_statements, refusal
+from pipeline.statements.row import Use
 from protocols.outside import reading, visible_line
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
@@ -29,7 +30,6 @@ _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
 _NEEDS_ROOM = ("jpeg", "webp")
 """Formats whose libraries end the process, or never return, when the disk is full."""
 _HEAD = 2**16  # bytes that hold all of such a file but its pixels
-_ANY = ("Orientation", "PixelAspectRatio", "ICCProfile", "Exif:ColorSpace", "CICP")
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
@@ -91,20 +91,28 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     if source is None:
         no_file = "it is a folder" if path.is_dir() else "it is no regular file"
         reason = visible_line(oiio.geterror()) if path.is_file() else no_file
-        raise InputError(f"{path}: must be an image ({reason}); is it damaged or of another kind?")
+        raise InputError(
+            f"{path}: must be an image ({reason}); is it damaged? If not, save it as PNG, TIFF or"
+            " OpenEXR"
+        )
     try:
         spec = source.spec()
         if not ours:
             check_values(path, spec.width, spec.height, spec.nchannels)
         check_flat(path, spec)
+        name = source.format_name()
+        plain = read_netpbm(path) if name == "pnm" else None
     except Exception:
         source.close()
         raise
+    if plain is not None:
+        source.close()
+        numbers = plain.stretched() if stretched else plain.data
+        return Pixels(numbers, tuple(spec.channelnames), {}, name)
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)
     error = source.geterror()
-    name = source.format_name()
     source.close()
     if data is None or error:
         raise InputError(
@@ -113,9 +121,7 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
         )
     data = np.asarray(data).reshape(spec.height, spec.width, spec.nchannels)
     attributes = {item.name: item.value for item in spec.extra_attribs}
-    if name == "pnm" and (plain := read_netpbm(path)) is not None:
-        data = plain.stretched() if stretched else plain.data
-    elif not stretched and data.dtype.kind == "u":
+    if not stretched and data.dtype.kind == "u":
         data = _narrow(data, _bits(path, name, attributes))
     data = in_display_window(path, spec, name, data)
     return Pixels(data, tuple(spec.channelnames), attributes, name)
@@ -130,9 +136,7 @@ def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
         If a pixel may hold any number of samples.
     """
     if spec.deep:
-        raise InputError(
-            f"{path}: must hold one value a pixel (it is deep: any number of samples); flatten it"
-        )
+        raise refusal(path, "deep pixels", "it is deep: any number of samples")
 
 
 def in_display_window(
@@ -151,11 +155,8 @@ def in_display_window(
     width, height = spec.full_width, spec.full_height
     whole = f"{width} x {height} px"
     if min(left, top) < 0 or left + width > spec.width or top + height > spec.height:
-        raise InputError(
-            f"{path}: must store its whole display window, {whole} (its data window has"
-            f" {spec.width} x {spec.height} px from column {-left}, row {-top}); render or save it"
-            " whole, without a crop or a render region"
-        )
+        found = f"of {whole}, its data window has {spec.width} x {spec.height} px from column"
+        raise refusal(path, "small data window", f"{found} {-left}, row {-top}")
     if (spec.width, spec.height) == (width, height):
         return data
     note(path, f"cropped from {spec.width} x {spec.height} px to its display window, {whole}")
@@ -217,7 +218,7 @@ def check_picture(
     Parameters
     ----------
     handled : sequence of str
-        Statements that the caller deals with; see `pipeline.image_statements`.
+        Statements that the caller deals with; see `pipeline.statements`.
     encoded : bool
         Floats were said to hold encoded colour.
 
@@ -232,25 +233,8 @@ def check_picture(
             f"{path}: a picture must hold 8 or 16 bits without a sign, or floats (holds {dtype}"
             " numbers, of which no one knows what white is); save it as PNG"
         )
-    if encoded:
-        handled = (*handled, *COLOUR_SPACES)
     if pixels.kind:  # there is a file
-        check_statements(path, pixels.kind, _general(path, pixels), ("colour",), handled=handled)
-
-
-def check_header(
-    path: Path, kind: str, attributes: Mapping[str, Any], *, encoded: bool = False
-) -> None:
-    """Do what `check_picture` does, of a file of colour and numbers.
-
-    Raises
-    ------
-    InputError
-        If a statement is refused.
-    """
-    general = {name: attributes[name] for name in _ANY if name in attributes}
-    handled = COLOUR_SPACES if encoded else ()
-    check_statements(path, kind, general, ("colour", "numbers"), handled=handled)
+        _check(path, pixels, "colour", handled, encoded=encoded)
 
 
 def check_numbers(path: Path, pixels: Pixels) -> float | None:
@@ -271,33 +255,32 @@ def check_numbers(path: Path, pixels: Pixels) -> float | None:
             f"{path}: numbers are read from PNG, TIFF, OpenEXR, PGM and PFM (this is"
             f" {pixels.kind}); save them as one of these"
         )
-    check_statements(path, pixels.kind, _general(path, pixels), ("numbers",))
-    named = [part["42113"] for part in read_statements(path, pixels.kind) if "42113" in part]
+    _check(path, pixels, "numbers")
+    tags = read_statements(path, "tiff")[0] if pixels.kind == "tiff" else {}
     try:
-        return float(named[0].strip(b"\0 ")) if named and pixels.kind == "tiff" else None
+        return float(tags["tag 42113"].strip(b"\0 ")) if "tag 42113" in tags else None
     except ValueError:
+        said = tags["tag 42113"][:40]
         raise InputError(
-            f"{path}: GDAL_NODATA must be a number (it says {named[0][:40]!r}); write it again"
+            f"{path}: GDAL_NODATA must be a number (it says {said!r}); write it again"
         ) from None
 
 
-def _general(path: Path, pixels: Pixels) -> dict[str, Any]:
-    """What OpenImageIO says of a file in any format."""
-    found = {name: pixels.attributes[name] for name in _ANY if name in pixels.attributes}
-    if "ICCProfile" in found:
-        found["ICCProfile tone"] = found["ICCProfile"]
+def _check(path: Path, pixels: Pixels, use: Use, handled: Sequence[str] = (), **how: bool) -> None:
+    found = dict(pixels.attributes)
     if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
         found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
     if pixels.kind not in _LAYERED:
-        found["pictures"] = count_pictures(path)
-    return found
+        found["several pictures"] = count_pictures(path)
+    check_statements(path, pixels.kind, found, (use,), handled=handled, **how)
 
 
 def count_pictures(path: Path) -> int:
     """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
     for part in read_statements(path, "png"):
         if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
-            return int.from_bytes(frames[:4], "big")
+            beside = [name for name in part if name in ("fcTL", "IDAT")] == ["IDAT", "fcTL"]
+            return int.from_bytes(frames[:4], "big") + beside
     source, count = oiio.ImageInput.open(str(path)), 0
     while source is not None and source.seek_subimage(count, 0):
         count += 1
@@ -333,7 +316,8 @@ def three_channels(path: Path, pixels: Pixels, *, encoded: bool = False) -> NDAr
         return np.repeat(data, 3, axis=-1)
     if set(names) != {"R", "G", "B"}:
         raise InputError(
-            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)})"
+            f"{path}: must have the channels R, G, B (has {', '.join(pixels.channels)}); save it"
+            " as a PNG in colour"
         )
     return data[..., [names.index(name) for name in "RGB"]]
 

@@ -14,6 +14,8 @@ _TIFF_TYPES = {1: "B", 2: "c", 3: "H", 4: "I", 5: "II", 6: "b", 7: "c", 8: "h", 
                11: "f", 12: "d", 13: "I", 16: "Q", 17: "q", 18: "Q"}  # fmt: skip
 _BARE_SEGMENTS = {0x01, *range(0xD0, 0xD8)}  # of JPEG: no length follows
 _SCAN = 0xDA
+_XMP_OF_PNG = b"XML:com.adobe.xmp\0\0"
+_XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 
 Statements = Mapping[str, Any]
@@ -53,9 +55,14 @@ def _png(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
     """Chunks by name."""
     if file.read(8) != _PNG_START:
         return
+    pixels = False
     while len(head := file.read(8)) == 8:
         length, name = struct.unpack(">I4s", head)
-        yield 0, name.decode("latin-1"), _taken(file, length)
+        data = _taken(file, length)
+        pixels |= name == b"IDAT"
+        yield 0, "late eXIf" if pixels and name == b"eXIf" else name.decode("latin-1"), data
+        if name == b"iTXt" and data.startswith(_XMP_OF_PNG):
+            yield 0, "XMP", data
         file.seek(4, 1)
         if name == b"IEND":
             return
@@ -76,6 +83,8 @@ def _jpeg(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
         if 0xE0 <= code <= 0xEF:
             word = re.match(rb"[\x20-\x7e]*", data)
             yield 0, f"APP{code - 0xE0} {(word[0] if word else b'')[:32].decode()}".strip(), data
+            if data.startswith(_XMP_OF_JPEG):
+                yield 0, "XMP", data
         elif code == 0xFE:
             yield 0, "COM", data
 
@@ -98,12 +107,15 @@ def _tiff(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
         if length > size:
             file.seek(struct.unpack(order + word, data)[0])
             data = _taken(file, length)
-        yield 0, str(tag), _tiff_value(order, kind, form, number, data[:length])
+        value = _tiff_value(order, kind, form, number, data[:length])
+        yield 0, f"tag {tag}", value
+        if tag == 700 and isinstance(value, bytes):
+            yield 0, "XMP", value
 
 
 def _tiff_value(order: str, kind: int, form: str, number: int, data: bytes) -> Any:
-    if kind in (2, 7):
-        return data
+    if kind in (2, 7) or form == "B":
+        return data[:number]
     values = struct.unpack_from(f"{order}{number * len(form)}{form[0]}", data)
     if len(form) == 2:  # of a numerator and a denominator
         return tuple(

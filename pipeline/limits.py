@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import psutil
+
 from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit
 
@@ -82,7 +84,7 @@ def check_need(
     Raises
     ------
     InputError
-        With the need, the limit and how to raise it.
+        With the need, the limit and how to raise it; or what is free on this machine.
     """
     always, each, seconds = NEEDS[command]
     packed, pixels = path.stat().st_size if packed is None else packed, width * height
@@ -109,7 +111,7 @@ def check_memory(path: Path, need: int, what: str, packed: int) -> None:
     Raises
     ------
     InputError
-        With the need, the limit and how to raise it.
+        With the need, the limit and how to raise it; or what is free on this machine.
     """
     _check_small(path, "memory", need, MEMORY_FOR_A_BYTE_OF_A_MESH * packed, what, packed)
 
@@ -127,6 +129,13 @@ def _check_small(
             f"{path}: must take at most {least}, as a file of {packed:,} bytes may ({what} take"
             f" {found}); make it smaller, or, if it is right, raise the limit with"
             f" {LIMITS_VARIABLE}={name}={math.ceil(need)}"
+        )
+    free = psutil.virtual_memory().available + psutil.swap_memory().free
+    free += psutil.Process().memory_info().rss  # the need counts what is held already
+    if name == "memory" and need > free:
+        raise InputError(
+            f"{path}: must take at most {free / 1e9:.3g} GB of memory, which is what is free here"
+            f" ({what} take {need / 1e9:.3g} GB); make it smaller, or end other programs"
         )
 
 

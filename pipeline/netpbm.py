@@ -79,31 +79,39 @@ def read_netpbm(path: Path) -> Netpbm | None:
     dtype = _stored_type(is_float, largest)
     if kind in ("P2", "P3"):
         words = re.sub(rb"#[^\n]*", b"", body).split()
-        found = np.array([int(word) for word in words[: np.prod(shape)] if word.isdigit()], dtype)
+        if odd := [word for word in words if not word.isdigit()]:
+            said = odd[0][:20].decode("latin-1")
+            raise InputError(
+                f"{path}: must hold whole numbers of 0 and more (one is {said!r}); write it again,"
+                " as PFM if they are fractions or negative"
+            )
+        wanted, there = int(np.prod(shape)), len(words)
+        found = np.array([min(int(word), 65535) for word in words], np.uint16)
     else:
         wanted = dtype.itemsize * int(np.prod(shape))
         # One white space ends the header; some programs write a line end of two.
         body = body[2 if body[:2] == b"\r\n" and len(body) == wanted + 2 else 1 :]
-        if len(body) > wanted:
-            raise InputError(
-                f"{path}: must end with its last number (it says {width} x {height} px, {wanted}"
-                f" bytes, and {len(body)} follow its header: where they begin is not known); make"
-                " it again, as one picture"
-            )
+        there = len(body)
         found = np.frombuffer(body[: dtype.itemsize * (len(body) // dtype.itemsize)], dtype)
+    if there > wanted:
+        raise InputError(
+            f"{path}: must end with its last number (it says {width} x {height} px, {wanted}"
+            f" {'numbers' if kind in ('P2', 'P3') else 'bytes'}, and {there} follow its header:"
+            " where they begin is not known); make it again, as one picture"
+        )
     if found.size < np.prod(shape):
         raise InputError(
             f"{path}: must be a whole image (it says {width} x {height} px, and ends before); the"
             " file is damaged or was cut short: copy or make it again"
         )
+    if not is_float and found.max() > largest:
+        raise InputError(
+            f"{path}: must hold numbers up to {largest:g}, as its header says (holds"
+            f" {found.max()}); make it again"
+        )
     data = found[: np.prod(shape)].reshape(shape).astype(dtype.newbyteorder("="))
     if is_float:
         return Netpbm(np.ascontiguousarray(data[::-1]), True)
-    if data.max() > largest:
-        raise InputError(
-            f"{path}: must hold numbers up to {largest:g}, as its header says (holds {data.max()});"
-            " make it again"
-        )
     return Netpbm(data, False, int(largest))
 
 

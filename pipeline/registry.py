@@ -62,13 +62,14 @@ class Entry:
         return (Path(name.removeprefix(self.name)),) if self.takes_path else ()
 
 
-def find(entries: Sequence[Entry], name: str) -> Entry:
+def find(entries: Sequence[Entry], name: str, retired: Mapping[str, str] | None = None) -> Entry:
     """Return the entry that `name` means; nothing is imported.
 
     Raises
     ------
     InputError
-        If there is none, with the nearest name; or if its path is missing.
+        If there is none, with what `retired` says of the name, or with the nearest name; or if its
+        path is missing.
     """
     for entry in entries:
         if entry.takes_path and name.startswith(entry.name):
@@ -77,6 +78,8 @@ def find(entries: Sequence[Entry], name: str) -> Entry:
             return entry
         if name == entry.name:
             return entry
+    if retired and name in retired:
+        raise InputError(f"method {name!r} {retired[name]}")
     shown = ", ".join(entry.shown_name for entry in entries)
     near = _hint(name.lower().replace("_", "-"), [entry.name for entry in entries])
     raise InputError(f"method must be one of {shown} (got {name!r}{near})")
@@ -99,17 +102,24 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
     return {name: parameter.default for name, parameter in parameters_of(kind).items()}
 
 
-def check_given(name: str, kind: type[Any], given: Mapping[str, Any]) -> None:
+def check_given(
+    name: str,
+    kind: type[Any],
+    given: Mapping[str, Any],
+    retired: Mapping[str, str] | None = None,
+) -> None:
     """Check the names and the types of parameters; their values are the class's to check.
 
     Raises
     ------
     InputError
-        Naming the parameter, with the nearest that there is.
+        Naming the parameter, with what `retired` says of it, or with the nearest that there is.
     """
     known = parameters_of(kind)
     for key, value in given.items():
         if key not in known:
+            if retired and f"{name}.{key}" in retired:
+                raise InputError(f"parameter {key!r} of {name} {retired[f'{name}.{key}']}")
             offered = ", ".join(known) or "none"
             raise InputError(
                 f"parameters of {name} are: {offered} (got {key!r}{_hint(key, known)})"

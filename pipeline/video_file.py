@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
+from pipeline.statements.check import Said, judged
 from pipeline.video_header.read import number_bytes, statements
-from pipeline.video_header.statements import Said, judged
 from protocols.outside import reading
 
 _CONTAINERS: Final = (
@@ -36,6 +36,7 @@ LARGEST_SHIFT: Final = 0.5
 """Frames that a frame may come early or late: it is still nearest to its own place."""
 _ROUNDING_MS: Final = 1.0  # of times in Matroska
 _NEAR_RATE_SHARE: Final = 0.03
+_NO_FRAMES: Final = Said("no frames", "has none, or is damaged, or its codec is not known")
 
 
 def is_video(path: Path) -> bool:
@@ -76,7 +77,10 @@ def _capture(path: Path) -> cv2.VideoCapture:
     with quiet_stderr():
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
-        raise InputError(f"{path}: must be a video that OpenCV reads (or it is damaged)")
+        raise InputError(
+            f"{path}: must be a video that OpenCV reads (it is damaged, or its codec is not known);"
+            " export it anew, in a common codec such as H.264"
+        )
     return video
 
 
@@ -116,6 +120,8 @@ class VideoFrames:
         number = self._video.get
         try:
             self.size_px = _edges(self._video)
+            if not all(self.size_px):
+                judged(path, [_NO_FRAMES])
             check_values(path, *self.size_px, 3)
             fps = number(cv2.CAP_PROP_FPS)
             if np.isfinite(fps) and fps > 0:
@@ -144,7 +150,7 @@ class VideoFrames:
         count = self._next
         self.release()
         if not count:
-            raise InputError(f"{self.path}: must have frames (has none, or is damaged)")
+            judged(self.path, [_NO_FRAMES])
         return count
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:

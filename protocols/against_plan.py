@@ -118,11 +118,20 @@ def _timed(attempt: Attempt) -> Iterator[str]:
             yield f"{after.phase} must begin when {before.phase} ends"
     if attempt.phases and attempt.t_s + _ROUND_S < attempt.phases[-1].onset_s:
         yield "t_s must not be before the last phase"
-    asked = next((phase for phase in attempt.phases if phase.phase == "respond"), None)
-    if attempt.rt_s is not None and asked is not None:
-        lasted_s = asked.offset_s - asked.onset_s
+    asked = {phase.phase: phase for phase in attempt.phases}
+    if attempt.rt_s is not None and "respond" in asked:
+        lasted_s = asked["respond"].offset_s - asked["respond"].onset_s
         if attempt.rt_s > lasted_s + _ROUND_S:
             yield f"rt_s must be within the answer phase, {lasted_s:g} s (got {attempt.rt_s:g})"
+    for one in attempt.further:
+        if attempt.phases:
+            first = asked.get(one.question, attempt.phases[0])
+            lasted_s = attempt.phases[-1].offset_s - first.onset_s
+            if one.rt_s > lasted_s + _ROUND_S:
+                yield (
+                    f"rt_s of {one.question!r} must be within the attempt, {lasted_s:g} s after the"
+                    f" question (got {one.rt_s:g})"
+                )
 
 
 def _said(value: object) -> str:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
+from itertools import combinations
 
 from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_json
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
-from protocols.phases import Clip, Image
 from protocols.prose import shortest
 from protocols.schema import StudyProtocol
-from protocols.viewing import Viewing
+from protocols.script import Picture, Ring, Stored, example_scripts
 
 TRIALS_IN_MEMORY = 2
 """The one that is shown, and the next one."""
@@ -225,47 +225,54 @@ def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
 
 
 def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    """Return a problem where stimuli that stand beside each other overlap or leave the screen."""
-    width, height = clip_size_px(protocol, display)
-    viewing = Viewing.of(display)
-    for phase in protocol.task.phases(protocol.pool, display):
-        shown = [entry for entry in phase.show if isinstance(entry, Clip | Image)]
-        centres = [viewing.to_px(entry.x_deg, entry.y_deg) for entry in shown]
-        halves = {entry.half for entry in shown if isinstance(entry, Image)} - {None}
-        if halves and width % 2:
+    """Return a problem where a trial cannot be run, or what it shows overlaps or leaves the screen.
+
+    Pictures of words are as large as the screen, and the fixation target has its own check.
+    """
+    try:
+        script = example_scripts(protocol, display)[0]
+    except StudyError as error:
+        return [Problem("task", str(error).removeprefix("task: "))]
+    (across, down), (width, height) = script.size_px, script.stimulus_px
+    for phase, frames in zip(script.phases, script.frames, strict=True):
+        if width % 2 and any(entry.crop for entry in frames):
             return [
                 Problem(
                     "stimuli.width_px",
                     f"must be even: halves of the stimuli are shown (got {width} px)",
                 )
             ]
-        for x, y in centres:
-            if not (
-                width / 2 <= x + 1 <= display.width_px + 2 - width / 2
-                and height / 2 <= y + 1 <= display.height_px + 2 - height / 2
-            ):
+        rects = [(*entry.at, *(entry.crop or (0, 0, width, height))[2:]) for entry in frames]
+        pictures = [
+            (*entry.at, *entry.size_px)
+            for entry in phase.show
+            if isinstance(entry, Picture) and isinstance(entry.of, Ring | Stored)
+        ]
+        for x, y, wide, high in (*rects, *pictures):
+            left, top = x + across // 2, y + down // 2
+            if left < -1 or top < -1 or left + wide > across + 1 or top + high > down + 1:
                 return [
                     Problem(
                         "task",
                         f"phase {phase.name!r}: every stimulus must be whole on the screen (got one"
-                        f" of {width}x{height} px around pixel {x:.0f}, {y:.0f} of"
-                        f" {display.width_px}x{display.height_px}); make stimuli smaller, or put"
+                        f" of {wide}x{high} px around pixel {left + wide / 2:.0f},"
+                        f" {top + high / 2:.0f} of {across}x{down}); make stimuli smaller, or put"
                         " them nearer to the middle",
                     )
                 ]
-        for index, (x, y) in enumerate(centres):
-            for place, (other_x, other_y) in enumerate(centres[:index]):
-                if {getattr(shown[k], "half", None) for k in (index, place)} == {"left", "right"}:
-                    continue  # halves of one place share no pixel
-                if abs(x - other_x) < width and abs(y - other_y) < height:
-                    return [
-                        Problem(
-                            "task",
-                            f"phase {phase.name!r}: stimuli must not overlap (got"
-                            f" {abs(x - other_x):.0f} px between the middles of stimuli {width} px"
-                            " wide); put them farther apart, or make them smaller",
-                        )
-                    ]
+        for (x, y, wide, high), (left, top, other_wide, other_high) in combinations(rects, 2):
+            apart_x = x + wide <= left or left + other_wide <= x
+            apart_y = y + high <= top or top + other_high <= y
+            if not (apart_x or apart_y):
+                return [
+                    Problem(
+                        "task",
+                        f"phase {phase.name!r}: stimuli must not overlap (got"
+                        f" {abs(x + wide / 2 - left - other_wide / 2):.0f} px between the middles"
+                        f" of stimuli {wide} px wide); put them farther apart, or make them"
+                        " smaller",
+                    )
+                ]
     return []
 
 

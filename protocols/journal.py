@@ -9,13 +9,14 @@ The analysis needs nothing else: `Attempt` repeats the condition of its trial.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.hashing import canonical_json
 from protocols.units import (
     Count,
+    Grown,
     Hertz,
     LanguageCode,
     Model,
@@ -239,7 +240,19 @@ class SideFile(Model):
     sha256: Sha256
 
 
-class Attempt(Event):
+class FurtherAnswer(Model):
+    """An answer to a question after, or beside, the study's own."""
+
+    question: Name
+    """Its name in the task."""
+    answer: Name
+    """The answer given."""
+    key: str | None
+    rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    """From the onset of the question to the key press."""
+
+
+class Attempt(Event, Grown):
     """One attempt at a trial, completed or void, written when it is over."""
 
     kind: Literal["attempt"] = "attempt"
@@ -269,12 +282,12 @@ class Attempt(Event):
     void_reason: VoidReason | None
     """Why a void attempt must be repeated."""
     answer: Name | None
-    """The answer given."""
+    """The answer given to the study's question."""
     correct: bool | None
     """Whether it was right. Null without an answer or a right answer."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
-    """From the onset of the answer phase to the key press."""
+    """From the onset of the question to the key press."""
     phases: tuple[Phase, ...]
     """The phases that were shown, in order."""
     dropped: Count
@@ -288,6 +301,11 @@ class Attempt(Event):
     """Every flip: CSV with flip (number), t_s, interval_s, refreshes, kind, late_s, evidence,
     phase, clip_frame, frame_sha256. For several stimuli at once the last two hold one entry each,
     separated by a space."""
+    further: tuple[FurtherAnswer, ...] = ()
+    """Answers to all other questions of the trial, in their order. Left out where there are none,
+    as in a void attempt."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("further",)
 
     @property
     def refreshes(self) -> int:
@@ -314,6 +332,8 @@ class Attempt(Event):
             raise ValueError("a completed attempt must have answer and rt_s")
         if not completed and answer != (None, None):
             raise ValueError("a void attempt must have no answer or rt_s")
+        if not completed and self.further:
+            raise ValueError("a void attempt must have no further answers")
         for name, value in (("answer", self.answer), ("expected", self.expected)):
             if value is not None and value not in self.answers:
                 raise ValueError(
@@ -390,6 +410,7 @@ __all__ = [
     "Consent",
     "DisplayReport",
     "Event",
+    "FurtherAnswer",
     "GazeInfo",
     "GazeQuality",
     "Note",

@@ -105,7 +105,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
         lines, tail, ends_open = [*lines, tail], b"", True
     events: list[AnyEvent] = []
     damaged: list[DamagedLine] = []
-    checksums = _Checksums()
+    checksums = _Checksums(data)
     lost = 0  # numbers that damaged lines stand for
     for number, line in enumerate(lines, start=1):
         event, wrong = _parse(line), checksums.problem(line)
@@ -153,7 +153,7 @@ def header_of(data: bytes) -> SessionStart | None:
     """Return the header of a journal's bytes without reading on; None where line 1 is none."""
     line, end, _ = data.partition(b"\n")
     event = _parse(line)
-    whole = end and _Checksums().problem(line) is None
+    whole = end and _Checksums(data).problem(line) is None
     return event if whole and isinstance(event, SessionStart) else None
 
 
@@ -171,9 +171,9 @@ def find_journals(folder: Path) -> tuple[Path, ...]:
 
 
 class _Checksums:
-    """Follows the checksums of a journal from line to line."""
+    """Follows the checksums of a journal's bytes from line to line."""
 
-    def __init__(self) -> None:
+    def __init__(self, data: bytes) -> None:
         self.lacking = 0
         """Lines that have none."""
         self.certain = True
@@ -181,7 +181,7 @@ class _Checksums:
         before it was as written, or says what it said."""
         self._before: list[str] = []  # what the next line may build on
         self._begun = False
-        self._unsealed = b""
+        self._data, self._unsealed = data, 0  # bytes before the first checksum
 
     def problem(self, line: bytes) -> str | None:
         """Take the next line; return what is wrong with its checksum."""
@@ -189,12 +189,12 @@ class _Checksums:
         if said is None:
             if not self._begun:
                 self.lacking += 1
-                self._unsealed += line + b"\n"
+                self._unsealed += len(line) + 1
                 return None
             self.certain, self._before = bool(self._before), []
             return "must have a checksum, as the lines before it have"
         if not self._begun:
-            self._begun, self._before = True, [first_link(self._unsealed)]
+            self._begun, self._before = True, [first_link(self._data[: self._unsealed])]
         found = [due(line, link) for link in self._before]
         self.certain = bool(self._before)
         if said in found:

@@ -6,13 +6,13 @@ Each limit is raised by the environment variable ``METAMERLAB_LIMITS``, as those
 
 from __future__ import annotations
 
+import gzip
+import io
 import zlib
 from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.outside import LIMITS_VARIABLE, check_within, limit
-
-_PIECE = 1 << 20
 
 
 def check_trials(count: int) -> None:
@@ -56,30 +56,22 @@ def check_cells(path: Path, text: str, separator: str = ",") -> None:
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
-    """Return what a gzip file holds, read in pieces so that no file unpacks to any size.
+    """Return what a gzip file holds, and nothing of one that unpacks to more than the limit.
 
     Raises
     ------
     StudyError
         If it is no whole gzip file, or holds more than the limit allows.
     """
-    most, parts, size = limit("text", StudyError), [], 0
-    while data:
-        stream = zlib.decompressobj(wbits=31)
-        try:
-            while data and not stream.eof:
-                parts.append(stream.decompress(data, _PIECE))
-                data, size = stream.unconsumed_tail, size + len(parts[-1])
-                if size > most:
-                    raise StudyError(
-                        f"{path}: must unpack to at most {most:,} bytes (it holds more); if it is"
-                        f" right, raise the limit with {LIMITS_VARIABLE}=text=NUMBER"
-                    )
-            while not stream.eof and parts and parts[-1]:
-                parts.append(stream.decompress(b"", _PIECE))
-        except zlib.error:
-            raise StudyError(f"{path}: must be a whole gzip file; copy it again") from None
-        if not stream.eof:
-            raise StudyError(f"{path}: must be a whole gzip file; copy it again")
-        data = stream.unused_data.lstrip(b"\0")
-    return b"".join(parts)
+    most = limit("text", StudyError)
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            found = file.read(most + 1)
+    except (EOFError, OSError, zlib.error):
+        raise StudyError(f"{path}: must be a whole gzip file; copy it again") from None
+    if len(found) > most:
+        raise StudyError(
+            f"{path}: must unpack to at most {most:,} bytes (it holds more); if it is"
+            f" right, raise the limit with {LIMITS_VARIABLE}=text=NUMBER"
+        )
+    return found

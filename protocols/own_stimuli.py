@@ -41,7 +41,7 @@ class OwnMethod:
 
 
 BUILT_IN_SCENES = ("garden", "shed")
-BUILT_IN_METHODS = (OwnMethod("shift-map"), OwnMethod(PLAINLY_WORSE), OwnMethod(REFERENCE))
+BUILT_IN_METHODS = tuple(map(OwnMethod, ("coherence-transport", PLAINLY_WORSE, REFERENCE)))
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,13 @@
-"""A trial as data: a list of phases, counted in refreshes, each with what it draws.
+"""What a task says of a trial: a list of phases in refreshes, with what each draws, in degrees.
 
-The trial machine interprets the list and the presenter draws it; neither knows a task.
+`protocols.script` makes of it what machine and stages read; neither knows a task.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 
@@ -59,15 +61,57 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Text:
-    """A text of the protocol, laid out by the presenter."""
+class QuestionText:
+    """The question of the phase, with each answer's label over its key."""
+
+
+@dataclass(frozen=True)
+class Bitmap:
+    """A picture that the task draws itself, for the pixels of the display; shown one to one."""
+
+    width_px: int
+    height_px: int
+    rgba: bytes = field(repr=False)
+    """Rows from the top, four bytes a pixel; alpha is straight."""
+    x_deg: float = 0.0
+    """Place of its middle, right of the screen's centre."""
+    y_deg: float = 0.0
+    """Place of its middle, below the screen's centre."""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of size and pixels."""
+        return rgba_sha256(self.width_px, self.height_px, self.rgba)
+
+
+def rgba_sha256(width_px: int, height_px: int, rgba: bytes) -> str:
+    """Return the name of a picture by its pixels: SHA-256 of ``WIDTHxHEIGHT`` and its RGBA."""
+    return hashlib.sha256(f"{width_px}x{height_px}".encode() + rgba).hexdigest()
+
+
+Drawable: TypeAlias = Fixation | Image | Clip | Optotype | Bar | QuestionText | Bitmap
+"""What a flip can show; a phase that draws nothing is blank. What is none of these is refused:
+a task of your own draws it as a `Bitmap`."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a phase asks. A key of an answer ends the phase."""
 
     name: str
-    """`answer`: the question, with each answer's label over its key; `feedback`."""
+    answers: tuple[str, ...] = ()
+    """Names, from left to right."""
+    keys: tuple[tuple[str, ...], ...] = ()
+    """A list of keys per answer."""
+    text: Mapping[str, str] = field(default_factory=dict)
+    """What is asked, by language."""
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """A label per answer, by language."""
 
 
-Drawable: TypeAlias = Fixation | Image | Clip | Optotype | Bar | Text
-"""What a flip can show; a phase that draws nothing is blank."""
+STUDY_QUESTION = Question("answer")
+"""The study's own, with the answers of the task and the keys, texts and labels of the study. Its
+answer is the attempt's; those to all other questions are its further ones."""
 
 ITI = "iti"
 """Name of the blank phase that ends every trial."""
@@ -86,11 +130,8 @@ class Phase:
     """Where gaze must be held for `frames` before the phase ends: how long it waits for that."""
     watched: bool = False
     """Gaze that leaves the dot voids the attempt; missed refreshes count."""
-    ends_on: frozenset[str] = frozenset()
-    """Answers that end it."""
+    asks: Question | None = None
+    """The question whose answer ends it. A question may last over several phases in a row, such as
+    a stimulus and a blank: an answer ends them all."""
     timeout_frames: int | None = None
     """Without an answer for so long, the attempt is void."""
-
-    def clip_frame(self, drawable: Clip | Image, refreshes: int) -> int:
-        """Return which frame of a stimulus is shown after so many refreshes of the phase."""
-        return refreshes // drawable.refreshes_per_frame if isinstance(drawable, Clip) else 0

@@ -6,16 +6,14 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from protocols.chance import Chance
-from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
 from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
-from protocols.phases import Fixation, Phase, Text
 from protocols.places import place_of
 from protocols.schema import StudyProtocol
-from protocols.tasks.base import Cell, Turn, whole_frames
+from protocols.tasks.base import Cell, Turn
 from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
 
 
@@ -164,33 +162,6 @@ def chosen(
             "correct": arrangement.correct,
         }
     )
-
-
-def trial_phases(study: StudyProtocol, display: Display, *, practice: bool) -> tuple[Phase, ...]:
-    """Return all phases of a trial: fixation, the task's own, answer, feedback."""
-    timing, response, task = study.trial, study.response, study.task
-    timeout_s = response.timeout_s
-    phases = [
-        Phase(
-            "fixate",
-            whole_frames(display, timing.fixation_s),
-            (Fixation(),),
-            gate_frames=whole_frames(display, timing.fixation_timeout_s),
-        ),
-        *task.phases(study.pool, display),
-        Phase(
-            "respond",
-            None,
-            (Text("answer"),),
-            ends_on=frozenset(task.answers()),
-            timeout_frames=None if timeout_s is None else whole_frames(display, timeout_s),
-        ),
-    ]
-    rounds = study.design.practice
-    if practice and rounds is not None and rounds.feedback:
-        feedback = whole_frames(display, timing.feedback_s)
-        phases.append(Phase("feedback", feedback, (Text("feedback"),)))
-    return tuple(phases)
 
 
 def latin_row(count: int, row: int) -> list[int]:

@@ -14,6 +14,8 @@ from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS
 from protocols.suggest import cure_for_key, cure_for_key_name, did_you_mean, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 
+MOST_PROBLEMS = 150
+"""Mistakes of one file that are told; their count stands among the lines that a command prints."""
 _WANTED_TYPE = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -50,7 +52,11 @@ def problems_of(error: ValidationError, raw: object, model: type[BaseModel]) -> 
     """
     found: dict[str, list[str]] = {}
     between: list[Problem] = []  # what the model checks itself: every mistake is one of its own
-    for detail in error.errors():
+    details = error.errors()
+    if len(details) > MOST_PROBLEMS:
+        left = f"{len(details) - MOST_PROBLEMS:,} more mistakes; mend these first"
+        between.append(Problem("", left))
+    for detail in details[:MOST_PROBLEMS]:
         for problem in _problems(detail, raw, model):
             if not detail["loc"]:
                 between.append(problem)

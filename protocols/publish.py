@@ -14,13 +14,17 @@ from protocols.display import Display
 from protocols.hashing import Json
 from protocols.journal import EVENT
 from protocols.manifest import Manifest
+from protocols.plan import Plan
 from protocols.schema import StudyProtocol
+from protocols.script import TrialScript
 
 _FORMATS: dict[str, tuple[TypeAdapter[Any], str]] = {
     "study": (TypeAdapter(StudyProtocol), "metamerlab study protocol"),
     "display": (TypeAdapter(Display), "metamerlab display"),
     "manifest": (TypeAdapter(Manifest), "metamerlab manifest of clips"),
     "journal": (EVENT, "one line of a metamerlab session journal"),
+    "plan": (TypeAdapter(Plan), "trials of one participant of a metamerlab study"),
+    "script": (TypeAdapter(TrialScript), "metamerlab trial, as it is drawn"),
 }
 
 

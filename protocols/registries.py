@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import BuiltinScene, WarpedClips
@@ -17,6 +17,7 @@ def check_methods(
     protocol: StudyProtocol,
     known: Iterable[str],
     parameters_of: Callable[[str], Iterable[str]] | None = None,
+    retired: Mapping[str, str] | None = None,
 ) -> list[Problem]:
     """Return a problem for every method or parameter that the registry does not know.
 
@@ -29,6 +30,8 @@ def check_methods(
         `reference`, the true view, is no method and always known.
     parameters_of : callable, optional
         Gives the parameter names of a known method.
+    retired : mapping, optional
+        What to say of methods, and as ``method.parameter`` of parameters, that were there once.
     """
     recipe = protocol.stimuli
     if not isinstance(recipe, WarpedClips):
@@ -40,13 +43,10 @@ def check_methods(
         name = method.registry_name
         place = f"stimuli.methods[{index}].{'method' if method.method else 'name'}"
         if name not in names and not name.startswith(prefixes or ("\0",)):
-            problems.append(
-                Problem(
-                    place,
-                    f"must be a known method ({', '.join(names)}) (got {name!r})"
-                    f"{did_you_mean(name, names)}",
-                )
-            )
+            gone = (retired or {}).get(name)
+            said = f"must be a known method ({', '.join(names)}) (got {name!r})"
+            said += did_you_mean(name, names)
+            problems.append(Problem(place, f"method {name!r} {gone}" if gone else said))
             continue
         if parameters_of is None:
             continue
@@ -54,7 +54,8 @@ def check_methods(
         problems += [
             Problem(
                 f"stimuli.methods[{index}].parameters.{key}",
-                f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
+                (retired or {}).get(f"{name}.{key}")
+                or f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
                 f"{did_you_mean(key, offered)}",
             )
             for key in method.parameters

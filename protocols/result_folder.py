@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import tempfile
@@ -48,11 +49,13 @@ def whole_folder(
     ------
     StudyError
         If `out` is a file, holds or is what the command reads, holds something else or the
-        command itself, or its parent cannot be made.
+        command itself, or lies below a file.
+    OSError
+        If it cannot be made.
     """
     place = check_result(out, replace=replace, reads=reads, keeps=keeps)
     with ExitStack() as undo:
-        _make_parents(out, place.parent, undo)
+        _make_parents(place.parent, undo)
         _clear(place, "unfinished")
         with _hidden(place, "unfinished") as hidden:
             work = hidden / _NEW
@@ -83,10 +86,26 @@ def check_result(
         As `whole_folder`.
     """
     place = _place(out)
+    check_folder(out)
     if place.exists():
         _check_reads(out, place, reads)
         _check_held(out, place, replace, keeps)
     return place
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that is not there and cannot be made.
+
+    Raises
+    ------
+    StudyError
+        Saying which part of the path stands in the way.
+    """
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
 
 
 def stranger(folder: Path, keeps: str | None = None) -> str | None:
@@ -213,18 +232,12 @@ def _check_held(out: Path, place: Path, replace: bool | None, keeps: str | None)
         )
 
 
-def _make_parents(out: Path, parent: Path, undo: ExitStack) -> None:
+def _make_parents(parent: Path, undo: ExitStack) -> None:
     """Make the folders above; those that were not there go again where nothing comes of it."""
     for folder in reversed((parent, *parent.parents)):
-        if folder.is_dir():
-            continue
-        try:
+        if not folder.is_dir():
             folder.mkdir(exist_ok=True)
-        except FileExistsError:
-            raise StudyError(f"{out}: {folder} must be a folder (this is a file)") from None
-        except NotADirectoryError:
-            raise StudyError(f"{out}: a part of this path is a file, not a folder") from None
-        undo.callback(_remove_empty, folder)
+            undo.callback(_remove_empty, folder)
 
 
 def _remove_empty(folder: Path) -> None:

@@ -179,7 +179,7 @@ def _frames(
     method, fills = None, None
     try:
         if not orders.method(clip).is_reference:
-            given = orders.method(clip).parameters
+            given = orders.parameters(clip)
             method = create_method(orders.registry_name(clip), ctx, given)
             fills = Fills(method, footage, orders.protocol.warped.clips.seed)
         view = orders.protocol.warped.clips.true_view

@@ -75,7 +75,7 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
             if orders.method(name).is_reference:
                 colour, frame_s = _timed(lambda: footage.truth(frame))  # compiled by the source
             else:
-                given = orders.method(name).parameters
+                given = orders.parameters(name)
                 fill = create_method(orders.registry_name(name), bench.ctx, given)
                 fill.fill(warped, clips.seed)
                 colour, fill_s = _timed(lambda: fill.fill(warped, clips.seed))  # noqa: B023

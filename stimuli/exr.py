@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import decode_srgb, encode_srgb
-from pipeline.errors import InputError
+from pipeline.errors import InputError, note
 from pipeline.frame import NO_DEPTH, SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
     Pixels,
@@ -34,6 +34,7 @@ from pipeline.image_file import (
     write_pixels,
 )
 from stimuli.channels import (
+    OPTIONS,
     Layer,
     Planes,
     check_opaque,
@@ -47,6 +48,8 @@ from stimuli.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
 _TRANSFER = "metamerlab:transfer"
+NEARLY = 1 / 256
+"""Light outside [0, 1] that lossy compression and filters leave, and no display shows."""
 
 
 class Transfer(enum.StrEnum):
@@ -219,10 +222,11 @@ def load_warp_input(
     stored = stored_transfer(path, file.attributes)
     colour = _encoded(path, colour, transfer or stored, clip)
     check_depth_unit(path, file.attributes)
-    depth_m = need(path, planes, "depth", _told(planes, told.depth))
+    depth_m = need(path, planes, "depth", _told(planes, told.depth), cure=_named_by("depth"))
     check_depth(depth_m, f"{path}: depth", cure=NO_DEPTH)
     told_motion = (_told(planes, told.flow_x), _told(planes, told.flow_y))
-    flow_px = need_motion(path, planes, told_motion, layer=layer).flow_px
+    cure = _named_by("motion_x", "motion_y")
+    flow_px = need_motion(path, planes, told_motion, layer=layer, cure=cure).flow_px
     check_flow(flow_px, f"{path}: flow")
     target_m = find(path, planes, "target_depth", _told(planes, told.target_depth))
     if target_m is not None:
@@ -274,29 +278,51 @@ def _layered_colour(
 def _light(path: Path, planes: Planes, told: Channels, layer: Layer | None) -> NDArray[np.float32]:
     """Red, green and blue as stored, shape (H, W, 3), which must be opaque."""
     named = (("r", told.red), ("g", told.green), ("b", told.blue))
-    light = [need(path, planes, key, _told(planes, names), layer=layer) for key, names in named]
+    light = [
+        need(path, planes, key, _told(planes, names), layer=layer, cure=_named_by(key))
+        for key, names in named
+    ]
     check_opaque(path, planes, light[0])
     return np.stack(light, axis=-1)
+
+
+def _named_by(*keys: str) -> str:
+    """End of a message: the options that name channels."""
+    return f"; name it by {' '.join(f'--channel {OPTIONS[key]}=NAME' for key in keys)}"
+
+
+def check_finite(path: Path, colour: NDArray[Any]) -> None:
+    """Refuse colour, shape (H, W, C), that is infinite or no number.
+
+    Raises
+    ------
+    InputError
+        With the first such pixel.
+    """
+    if not np.isfinite(colour).all():
+        row, column = np.argwhere(~np.isfinite(colour).all(axis=-1))[0]
+        raise InputError(
+            f"{path}: colour must be finite (found {colour[row, column]} at row {row},"
+            f" column {column}); render it again, or mend these pixels"
+        )
 
 
 def _encoded(
     path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
 ) -> NDArray[np.float32]:
     data = data.astype(np.float32)
-    if not np.isfinite(data).all():
-        row, column = np.argwhere(~np.isfinite(data).all(axis=-1))[0]
-        raise InputError(
-            f"{path}: colour must be finite (found {data[row, column]} at row {row},"
-            f" column {column}); render it again, or mend these pixels"
-        )
-    outside = (data < 0) | (data > 1)
-    if outside.any() and not clip:
-        row, column = np.argwhere(outside.any(axis=-1))[0]
-        raise InputError(
-            f"{path}: colour must lie in [0, 1] (found {data[row, column]} at row {row}, column"
-            f" {column}, and {int(outside.any(axis=-1).sum()) - 1} more such pixels); lower the"
-            " exposure, or allow clipping"
-        )
+    check_finite(path, data)
+    beyond = np.maximum(-data, data - 1).max(axis=-1)
+    outside = int((beyond > 0).sum())
+    if outside and not clip:
+        row, column = np.argwhere(beyond == beyond.max())[0]
+        if beyond.max() > NEARLY:
+            cure = "lower the exposure, or allow clipping" if data.max() > 1 else "allow clipping"
+            raise InputError(
+                f"{path}: colour must lie in [0, 1] (found {data[row, column]} at row {row}, column"
+                f" {column}, and {outside - 1} more such pixels); {cure}"
+            )
+        note(path, f"{outside} pixels lie up to {beyond.max():.2g} outside [0, 1]: clipped")
     data = data.clip(0, 1)
     if transfer is Transfer.LINEAR:
         # In float64, so that white is exactly 1.

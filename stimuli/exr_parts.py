@@ -13,8 +13,9 @@ import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import check_fits, check_flat, check_header, in_display_window
+from pipeline.image_file import check_fits, check_flat, in_display_window
 from pipeline.limits import check_values
+from pipeline.statements.check import check_statements
 from protocols.outside import reading, visible_line
 from stimuli.channels import Planes
 
@@ -48,7 +49,7 @@ def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Pa
         If there is no such file.
     InputError
         If it is not a whole image, its parts differ in size, or its header says what no reader
-        honours (`pipeline.image_statements`).
+        honours (`pipeline.statements`).
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
@@ -56,7 +57,7 @@ def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Pa
         check_fits(path, "read")
         file, kind = _read_parts(path)
         if not judged:
-            check_header(path, kind, file.attributes, encoded=encoded)
+            check_statements(path, kind, file.attributes, ("colour", "numbers"), encoded=encoded)
         return file
 
 

@@ -5,9 +5,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.method import Method, Plate, PlateMethod, TextureMethod, TexturePlate
+from pipeline.methods.method import Method, Plate, PlateMethod, TexturePlate
 from pipeline.methods.on_gpu import filled_colour
 
 
@@ -49,7 +50,7 @@ class Fills:
         source = self._views.source_key(frame)
         if self._plate is None or source != self._source or frame < self._next:
             self.release()
-            self._plate, self._source, self._next = self._method.new_plate(), source, 0
+            self._plate, self._source, self._next = _checked(self._method.new_plate()), source, 0
         result: NDArray[np.float32] | None = None
         for k in range(self._next, frame + 1):
             if self._views.source_key(k) == source:
@@ -65,17 +66,23 @@ class Fills:
         self._plate = None
 
     def _filled(self, frame: int, plate: Plate | TexturePlate | None) -> NDArray[np.float32]:
-        """Fill one frame, and settle it on a plate."""
-        method = self._method
-        if isinstance(method, TextureMethod) and not isinstance(plate, Plate):
+        """Fill one frame, from a plate where there is one."""
+        filler = self._method if plate is None else plate
+        if isinstance(filler, TexturePlate):  # or a method on the GPU, which has what a plate has
             textures = self._views.warped_textures(frame)
-            method.fill_textures(textures, self._seed)
-            if plate is not None:
-                plate.settle_textures(textures)
+            filler.fill_textures(textures, self._seed)
             return filled_colour(textures)
-        warped = self._views.warped(frame)
-        filled = method.fill(warped, self._seed)
-        if plate is None:
-            return filled
-        assert isinstance(plate, Plate)  # only a method on the GPU has another
-        return plate.settle(warped, filled)
+        return filler.fill(self._views.warped(frame), self._seed)
+
+
+def _checked(plate: Plate | TexturePlate) -> Plate | TexturePlate:
+    """Require a plate that fills; a plug-in's may not."""
+    if not isinstance(plate, Plate | TexturePlate):
+        old = [name for name in ("settle", "settle_textures") if hasattr(plate, name)]
+        has = f", which has {old[0]}" if old else ""
+        cure = "; fill takes the frame with its holes, where settle took the finished fill"
+        raise InputError(
+            "a plate must have fill, or fill_textures and release (got"
+            f" {type(plate).__name__}{has}); mend the method that makes it{cure if old else ''}"
+        )
+    return plate

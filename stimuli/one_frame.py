@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -43,11 +43,14 @@ def warp_and_fill(
     settings: WarpSettings | None = None,
     truth: NDArray[np.float32] | None = None,
     truth_mask: NDArray[np.bool_] | None = None,
+    hole: NDArray[np.bool_] | None = None,
 ) -> tuple[WarpedFrame, list[Filled]]:
     """Warp `frame` once and fill it by every method of `choices`.
 
     Parameters
     ----------
+    hole : ndarray of bool, shape (H, W), optional
+        Further holes, in the new view.
     truth : ndarray of float32, shape (H, W, 3), optional
         What the target view shows: fills are measured against it.
     truth_mask : ndarray of bool, shape (H, W), optional
@@ -66,6 +69,8 @@ def warp_and_fill(
         target_depth_m=frame.target_depth_m,
         settings=settings or WarpSettings(),
     )
+    if hole is not None:
+        warped = replace(warped, hole=warped.hole | hole)
     everywhere = warped.hole if truth_mask is None else warped.hole & truth_mask
     inside = interior(warped.hole) if truth_mask is None else everywhere
     results = []

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pipeline.foveation.geometry import Flat
 from pipeline.methods.registry import check_method_name, method_files, method_parameters
 from protocols.display import Display
 from protocols.feasibility import clip_size_px
@@ -14,6 +15,7 @@ from protocols.hashing import Json, sha256_file, sha256_json
 from protocols.manifest import cache_key
 from protocols.recipes.warped_clips import ClipName, Method, Scene, Size
 from protocols.schema import StudyProtocol
+from stimuli.foveated.looking import width_deg
 from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
 from stimuli.sources import source_sha256
 
@@ -85,10 +87,15 @@ class Orders:
         return f"{kind}:{self.folder / path}" if colon else name
 
     def parameters(self, clip: ClipName) -> dict[str, Any]:
-        """Every parameter of the clip's method, given or by default."""
+        """Every parameter of the clip's method, given, by the display or by default."""
         if self.method(clip).is_reference:
             return {}
-        return method_parameters(self.registry_name(clip)) | self.method(clip).parameters
+        given = self.method(clip).parameters
+        found = method_parameters(self.registry_name(clip)) | given
+        if found.get("fovea_deg") and "width_deg" in found.keys() - given:
+            eye = Flat(distance_px=self.distance_px).of(*self.render_px)
+            found["width_deg"] = width_deg(eye)
+        return found
 
     def survey_key(self, clip: ClipName) -> str:
         """The hash of all that decides extent, margin and holes of a clip."""

@@ -6,7 +6,6 @@ A picture is uint8 of shape (H, W, 3).
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -15,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from pipeline.errors import InputError
 from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import nearest_depth_m
+from protocols.result_folder import whole_folder
 
 Picture: TypeAlias = NDArray[np.uint8]
 Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 HOLE_COLOUR = (255, 0, 255)  # photographs hold no magenta
-_STEP = re.compile(r"\d{2,}-.*\.png")
 _BACKGROUND = (24, 24, 24)
 _TEXT = (240, 240, 240)
 _MARGIN_PX = 12
@@ -149,23 +147,6 @@ def save_picture(path: Path, picture: Picture) -> None:
     write_pixels(path, picture, ("R", "G", "B"))
 
 
-def check_steps_folder(folder: Path) -> None:
-    """Refuse a folder that holds anything but earlier steps.
-
-    Raises
-    ------
-    InputError
-        Saying what it holds.
-    """
-    held = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    others = [name for name in held if name != "sheet.png" and not _STEP.fullmatch(name)]
-    if others or held == ["sheet.png"]:
-        raise InputError(
-            f"{folder}: must be new, empty, or hold earlier steps (it holds"
-            f" {others[0] if others else held[0]}); choose another folder"
-        )
-
-
 def save_steps(
     folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
 ) -> list[Path]:
@@ -174,7 +155,7 @@ def save_steps(
     Parameters
     ----------
     folder : Path
-        As `check_steps_folder` allows.
+        New, empty, or with earlier steps, which are replaced; see `whole_folder`.
     size : tuple of int
         Height and width of every picture on the sheet: small ones are enlarged, large ones shrunk.
     columns : int, optional
@@ -185,15 +166,15 @@ def save_steps(
     list of Path
         What was written, the sheet last.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    written, labelled = [], []
-    for number, (name, label, picture) in enumerate(steps):
-        written.append(folder / f"{number:02d}-{name}.png")
-        save_picture(written[-1], picture)
-        labelled.append((f"{number:02d} {label}", fitted(picture, size)))
-    written.append(folder / "sheet.png")
-    save_picture(written[-1], sheet(labelled, columns))
-    return written
+    names, labelled = [], []
+    with whole_folder(folder, replace=True) as work:
+        for number, (name, label, picture) in enumerate(steps):
+            names.append(f"{number:02d}-{name}.png")
+            save_picture(work / names[-1], picture)
+            labelled.append((f"{number:02d} {label}", fitted(picture, size)))
+        names.append("sheet.png")
+        save_picture(work / names[-1], sheet(labelled, columns))
+    return [folder / name for name in names]
 
 
 def _grey(values: NDArray[np.floating]) -> Picture:

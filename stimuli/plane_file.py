@@ -36,6 +36,7 @@ _APART = 1 / 16  # of an integer type's range, between a stand-in and the next n
 _APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
 _UNITS = "units_per_px (--units-per-px)"
 _NEARLY_ALL = 0.9
+_LONE = 100.0  # times nearer than all else, from which on a distance is doubted
 _LISTED = 6  # numbers that a message lists
 _FAR = 2.0  # widths of the picture; a single disparity from there on may be a stand-in
 _FLOAT_STAND_INS = (65504.0, 65520.0, 65535.0)
@@ -122,7 +123,8 @@ def read_depth(
     if unknown is None:
         held = np.unique(stored[impossible])[:1].tolist()
         missing |= _impossible_stand_in(path, stored, impossible, held)
-        _ask(path, stored, missing, (), 0.0, 1.0)
+        nearest = () if is_a == "inverse" else _lone(values[~missing & ~impossible])
+        _ask(path, stored, missing, nearest, 0.0, 1.0)
         impossible &= ~missing
     if impossible.any():
         rule = "at or above 0, and finite" if is_a == "inverse" else "greater than 0"
@@ -302,6 +304,12 @@ def _digits(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return np.format_float_positional(value, trim="-")
     return str(value)
+
+
+def _lone(values: NDArray[np.float64]) -> tuple[float, ...]:
+    """The least of some numbers, where all others are more than a hundred times as large."""
+    others = values[values > values.min(initial=np.inf)]
+    return (values.min(),) if others.size and values.min() * _LONE < others.min() else ()
 
 
 def _highest(dtype: np.dtype[Any], units: float) -> tuple[float, ...]:

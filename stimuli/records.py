@@ -20,6 +20,7 @@ from protocols.schema import StudyProtocol
 from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
+from stimuli.open_scene import open_world
 from stimuli.orders import Orders
 from stimuli.whole_file import write_whole
 from stimuli.worker import RendererInfo
@@ -128,6 +129,15 @@ class Records(Book):
     def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
         super().__init__(orders.protocol, orders.display, out, renderer)
         self._orders = orders
+        self._noted: dict[str, str] = {}  # of mesh scenes, by name
+
+    def _notes(self, scene: MeshScene) -> str:
+        """What a mesh says and is not drawn, without the folder that it lies in."""
+        if scene.name not in self._noted:
+            folder = self._orders.folder
+            notes = "; ".join(open_world(scene, folder).notes)
+            self._noted[scene.name] = notes.replace(f"{folder}/", "")
+        return self._noted[scene.name]
 
     def is_done(self, name: ClipName, record: Clip | None) -> bool:
         """Whether `name` is there whole, made from what is wanted now."""
@@ -161,6 +171,9 @@ class Records(Book):
         }
         if not isinstance(scene, (BuiltinScene, MeshScene)):
             parameters["rim_px"] = scene.rim_px
+            parameters["depth_speckle"] = scene.depth_speckle
+        if isinstance(scene, MeshScene) and (notes := self._notes(scene)):
+            parameters["noted"] = notes
         for key, value in orders.parameters(name).items():
             if value is not None:
                 parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value

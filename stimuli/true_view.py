@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
+from pipeline.foveation.geometry import Flat, share_around
 from protocols.recipes.warped_clips import TrueView
-
-FADE_DEG = 1.0
-"""Over so many degrees the true view gives way."""
 
 
 def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> NDArray[np.float32]:
@@ -25,21 +20,9 @@ def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> 
         Of the eye, in pixels of the clip.
     """
     geometry = Flat(distance_px=distance_px).of(*size_px)
-    dot_px = tuple(
-        edge / 2 + distance_px * math.tan(math.radians(angle))
-        for edge, angle in zip(size_px, (view.x_deg, view.y_deg), strict=True)
-    )
-    return share_around(geometry, (dot_px[0], dot_px[1]), view.within_deg)
-
-
-def share_around(
-    geometry: Geometry, gaze_px: tuple[float, float], within_deg: float
-) -> NDArray[np.float32]:
-    """Return the same around a gaze in pixels: (H, W, 1)."""
-    away = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
-    way = ((away - within_deg) / FADE_DEG).clip(0, 1)
-    share = 1 - way * way * (3 - 2 * way)
-    return np.asarray(share[..., None], np.float32)
+    return share_around(geometry, geometry.place_px(view.x_deg, view.y_deg), view.within_deg)[
+        ..., None
+    ]
 
 
 def with_true_view(

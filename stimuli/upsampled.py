@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import FlatGeometry
+from pipeline.foveation.geometry import FlatGeometry, share_around
 from pipeline.frame import WarpedFrame
 from stimuli import pictures
 from stimuli.one_frame import Filled, quality_words
 from stimuli.teaser import Crop, auto_crops, difference
-from stimuli.true_view import share_around, with_true_view
+from stimuli.true_view import with_true_view
 
 CROPS = 3
 """One of the fovea, and so many less one of the periphery."""
@@ -69,7 +69,7 @@ class Eye:
 
     def share(self) -> NDArray[np.float32]:
         """How much of each pixel is the true view's, (H, W, 1)."""
-        return share_around(self.geometry, self.gaze_px, self.within_deg)
+        return share_around(self.geometry, self.gaze_px, self.within_deg)[..., None]
 
 
 def periphery(eye: Eye) -> NDArray[np.bool_]:

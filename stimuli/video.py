@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
 from pipeline.video_file import VideoFrames, is_video, quiet_stderr
+from protocols.left_behind import clear_files
 from stimuli.png import encode_bytes
 from stimuli.whole_file import whole_path
 
@@ -141,7 +142,7 @@ def whole_video(
     """Give what writes a frame, (height, width, 3); the video appears when all went well.
 
     On a full disk OpenCV drops frames and reports success, so the file is read back. Of the same
-    frames it has the same bytes.
+    frames it has the same bytes. What a killed program left of it is removed before.
 
     Raises
     ------
@@ -151,6 +152,7 @@ def whole_video(
         If the disk is full or fails.
     """
     codec, count = check_video(path, *size_px), 0
+    clear_files(path)
     with whole_path(path, path.suffix) as temporary:
         with quiet_stderr():
             writer = cv2.VideoWriter(

@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from protocols.journal import GazeQuality, VoidReason
-from protocols.phases import ITI, Phase
-from protocols.plan import PlannedTrial
-from protocols.session_schema import Response
+from protocols.phases import ITI
+from protocols.script import Question, ScriptPhase, TrialScript
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import Flip, Pacer
 from study_app.stage import KeyPress, Picture, Shown, Stage
-from study_app.trial import Observed, Timeline, Trial, Watch, advance
+from study_app.trial import Observed, Trial, Watch, advance
 
-BLANK = Phase(ITI, 0)
+BLANK = ScriptPhase(name=ITI, frames=1)
 """What is shown while nothing else is."""
 TRACKER_PATIENCE_S = 2.0
 """A tracker that is silent for longer between two attempts ends the run."""
@@ -32,6 +31,20 @@ class Flipped(NamedTuple):
     flip: Flip
 
 
+class Given(NamedTuple):
+    """An answer to a question."""
+
+    answer: str
+    press: KeyPress
+    onset_s: float
+    """When the question was first shown, on the stage's clock."""
+
+    @property
+    def rt_s(self) -> float:
+        """From that onset to the key press."""
+        return round(self.press.t_s - self.onset_s, 6)
+
+
 @dataclass
 class Log:
     """What is collected during an attempt, in memory."""
@@ -40,7 +53,8 @@ class Log:
     shown: list[Shown] = field(default_factory=list)
     """What the stage said of each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
-    answer: KeyPress | None = None
+    given: dict[str, Given] = field(default_factory=dict)
+    """The answers by question, in their order."""
     quality: GazeQuality | None = None
     disturbance: str = ""
     """What came between participant and display, if it voided the attempt."""
@@ -74,9 +88,7 @@ class AttemptResult:
 
 
 def run_attempt(
-    planned: PlannedTrial,
-    timeline: Timeline,
-    response: Response,
+    script: TrialScript,
     stage: Stage,
     watcher: Watcher | None,
     on_outcome: Callable[[Trial, Log], None],
@@ -86,12 +98,8 @@ def run_attempt(
 
     Parameters
     ----------
-    planned : PlannedTrial
-        Its clips must be prepared.
-    timeline : Timeline
-        Lengths and rules in refreshes.
-    response : Response
-        Keys.
+    script : TrialScript
+        What it shows must be prepared.
     stage : Stage
         Display, clock and keys.
     watcher : Watcher or None
@@ -104,78 +112,68 @@ def run_attempt(
     pacer = Pacer(stage.refresh_hz)
     log = Log()
     state = Trial()
-    written = False
-    onset_s = 0.0  # of the answer phase
+    written, last = False, len(script.phases) - 1
+    onset_s = 0.0  # of the question
+    asked: Question | None = None
+    pauses = False
     interrupts: list[VoidReason] = []
     stage.key_presses()  # what was pressed before does not count
-    while not state.done(timeline):
-        phase = timeline.phases[state.phase]
-        shown = stage.show(_picture(state, planned, timeline))
+    while not state.done(script):
+        phase = script.phases[state.phase]
+        rests, notice = script.rests(state.phase), None
+        if phase.follows:
+            notice = state.follows(script)
+        shown = stage.show(Picture(phase, state.frames, rests, notice))
         flip = pacer.flip(shown.t_s)
         before = log.flips[-1].phase if log.flips else None
         log.shown.append(shown)
-        log.flips.append(Flipped(state.phase, state.shown_frames(timeline), flip))
+        log.flips.append(Flipped(state.phase, state.shown_frames(script), flip))
         if before != state.phase:  # the first flip of a phase
             mark(phase.name, flip.t_s)
-            watched_before = before is not None and timeline.phases[before].watched
+            watched_before = before is not None and script.phases[before].watched
             if watcher and phase.watched and not watched_before:
-                watcher.monitor.watch(flip.t_s, timeline.watched_frames / stage.refresh_hz)
-            if phase.ends_on:
-                onset_s = flip.t_s
+                watcher.monitor.watch(flip.t_s, script.watched_frames / stage.refresh_hz)
+            pauses = watched_before and not phase.watched and not rests
+            if phase.question != asked:
+                asked, onset_s = phase.question, flip.t_s
         gaze = _read_gaze(watcher, stage, log, recording=not state.over)
-        if watcher and log.quality is None and timeline.rests(state.phase):
-            if any(timeline.phases[entry.phase].watched for entry in log.flips):
+        if watcher and pauses:  # a question comes between two watched stretches
+            watcher.monitor.pause(flip.t_s)
+            pauses = False
+        if watcher and log.quality is None and rests:
+            if any(script.phases[entry.phase].watched for entry in log.flips):
                 log.quality = watcher.monitor.quality(flip.t_s)
             watcher.monitor.rest()
-        if state.phase == len(timeline.phases) - 1 and not written:
+        if state.phase == last and not written:
             on_outcome(state, log)
             written = True
-        answer, interrupt = _read_keys(stage, state, phase, planned, response, onset_s, log)
+        answer, interrupt = _read_keys(stage, state, script, onset_s, log)
         if interrupt:
             interrupts.append(interrupt)
         state = advance(
             state,
             Observed(flip.refreshes if len(log.flips) > 1 else 1, gaze, answer, interrupt),
-            timeline,
+            script,
         )
     return AttemptResult(state, log, tuple(interrupts))
 
 
-def _picture(state: Trial, planned: PlannedTrial, timeline: Timeline) -> Picture:
-    phase = timeline.phases[state.phase]
-    last = state.phase == len(timeline.phases) - 1
-    judged = state.completed and planned.correct is not None
-    return Picture(
-        phase,
-        state.frames,
-        timeline.rests(state.phase),
-        state.void_reason if last else None,
-        state.warned and last,
-        state.answer == planned.correct if judged else None,
-    )
-
-
 def _read_keys(
-    stage: Stage,
-    state: Trial,
-    phase: Phase,
-    planned: PlannedTrial,
-    response: Response,
-    onset_s: float,
-    log: Log,
+    stage: Stage, state: Trial, script: TrialScript, onset_s: float, log: Log
 ) -> tuple[str | None, VoidReason | None]:
     """Return the answer, where one is awaited, and the wish to pause or quit."""
     answer: str | None = None
     interrupt: VoidReason | None = None
     for press in stage.key_presses():
-        if press.key in response.quit_keys:
+        if press.key in script.quit_keys:
             interrupt = "quit"
-        elif press.key in response.pause_keys:
+        elif press.key in script.pause_keys:
             interrupt = interrupt or "paused"
-        elif answer is None and phase.ends_on and press.t_s >= onset_s and not state.over:
-            place = next((i for i, keys in enumerate(response.keys) if press.key in keys), None)
-            if place is not None:
-                answer, log.answer = planned.answers[place], press
+        elif answer is None and press.t_s >= onset_s and not state.over:
+            question = script.phases[state.phase].question
+            answer = question.answer_of(press.key) if question else None
+            if question and answer is not None:
+                log.given[question.name] = Given(answer, press, onset_s)
     disturbance = stage.disturbed() if interrupt is None else ""
     if disturbance and not state.over:
         interrupt, log.disturbance = "focus-lost", disturbance

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from protocols.journal import Attempt, Phase, ShownStimulus
+from protocols.journal import Attempt, FurtherAnswer, Phase, ShownStimulus
 from protocols.manifest import Manifest
+from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
+from protocols.script import GazeMode, TrialScript
 from study_app.attempt import Flipped, Log
 from study_app.gaze.source import GazeSample
 from study_app.recorder import Recorder
-from study_app.trial import GazeMode, Timeline, Trial
+from study_app.trial import Trial
 
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
 _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
@@ -22,7 +24,7 @@ def attempt_event(
     position: int,
     trial: Trial,
     log: Log,
-    timeline: Timeline,
+    script: TrialScript,
     manifest: Manifest,
     recorder: Recorder,
     *,
@@ -42,14 +44,10 @@ def attempt_event(
             f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.start_s)
         )
     flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(planned, log, timeline, manifest, recorder.start_s)
+        f"flips/{stem}", ".csv", _flips_csv(planned, log, script, manifest, recorder.start_s)
     )
-    rt_s = None
-    if trial.completed and log.answer:
-        onset_s = next(
-            entry.flip.t_s for entry in log.flips if timeline.phases[entry.phase].ends_on
-        )
-        rt_s = round(log.answer.t_s - onset_s, 6)
+    given = dict(log.given) if trial.completed else {}
+    first = given.pop(STUDY_QUESTION.name, None)
     judged = trial.completed and planned.correct is not None
     return Attempt(
         **recorder.stamps(),
@@ -66,16 +64,20 @@ def attempt_event(
         expected=planned.correct,
         outcome="completed" if trial.completed else "void",
         void_reason=trial.void_reason,
-        answer=trial.answer,
+        answer=first.answer if first else None,
         correct=trial.answer == planned.correct if judged else None,
-        key=log.answer.key if trial.completed and log.answer else None,
-        rt_s=rt_s,
-        phases=_phases(log.flips, timeline, recorder.session_time),
+        key=first.press.key if first else None,
+        rt_s=first.rt_s if first else None,
+        phases=_phases(log.flips, script, recorder.session_time),
         dropped=trial.dropped,
         warned=trial.warned,
-        gaze=log.quality if timeline.gaze is not GazeMode.NONE else None,
+        gaze=log.quality if script.gaze is not GazeMode.NONE else None,
         gaze_file=gaze_file,
         flips_file=flips_file,
+        further=tuple(
+            FurtherAnswer(question=name, answer=one.answer, key=one.press.key, rt_s=one.rt_s)
+            for name, one in given.items()
+        ),
     )
 
 
@@ -98,12 +100,12 @@ def _shown(
 
 
 def _phases(
-    flips: Sequence[Flipped], timeline: Timeline, session_time: Callable[[float], float]
+    flips: Sequence[Flipped], script: TrialScript, session_time: Callable[[float], float]
 ) -> tuple[Phase, ...]:
     """Sum up the flips by phase; the flip that replaces a phase's last picture ends it."""
     records = []
     for number, (index, _, flip) in enumerate(flips):
-        last = index == len(timeline.phases) - 1  # the blank that ends the trial
+        last = index == len(script.phases) - 1  # the blank that ends the trial
         if last or (number and flips[number - 1].phase == index):
             continue
         end = next(
@@ -112,11 +114,11 @@ def _phases(
         inside = [flips[i].flip for i in range(number + 1, end + 1)]
         records.append(
             Phase(
-                phase=timeline.phases[index].name,
+                phase=script.phases[index].name,
                 onset_s=session_time(flip.t_s),
                 offset_s=session_time(flips[end].flip.t_s),
                 refreshes=sum(entry.refreshes for entry in inside),
-                planned=timeline.planned(index),
+                planned=script.planned(index),
                 dropped=sum(entry.missed for entry in inside),
                 stimuli=tuple(stimulus for stimulus, _ in flips[number].frames),
             )
@@ -137,12 +139,12 @@ def _gaze_csv(samples: Sequence[GazeSample], start_s: float) -> bytes:
 def _flips_csv(
     planned: PlannedTrial,
     log: Log,
-    timeline: Timeline,
+    script: TrialScript,
     manifest: Manifest,
     start_s: float,
 ) -> bytes:
     hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
-    names = [phase.name for phase in timeline.phases]
+    names = [phase.name for phase in script.phases]
     lines = [FLIPS_HEADER + "\n"]
     before_s: float | None = None
     for (index, frames, flip), shown in zip(log.flips, log.shown, strict=True):

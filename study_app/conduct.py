@@ -21,7 +21,9 @@ from protocols.journal import (
     SessionStart,
 )
 from protocols.plan import Plan
+from protocols.script import Scripts
 from protocols.viewing import Viewing
+from protocols.wording import consent_text
 from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
@@ -46,8 +48,7 @@ from study_app.session import (
     next_step,
 )
 from study_app.stage import Stage
-from study_app.trial import Timeline, Trial
-from study_app.wording import consent_text
+from study_app.trial import Trial
 
 LATE_MOST = 3
 """So many attempts in a row that a late display made void end the run."""
@@ -155,6 +156,7 @@ class _Conductor:
         assert isinstance(start, SessionStart)
         self._language = start.language
         self._texts = texts_of(self._protocol, self._language)
+        self._scripts = Scripts(self._protocol, setting.display, self._language, setting.manifest)
         self._pages = Dialogue(stage, self._protocol.response, self._texts, max(plan.blocks))
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
@@ -279,8 +281,9 @@ class _Conductor:
         return self._gaze_check is None or self._gaze_check.passed(block)
 
     def _trial(self, step: RunTrial) -> bool:
-        timeline = Timeline.of(self._protocol, self._setting.display, step.trial)
-        self._stage.prepare(step.trial, step.attempt)
+        setting = self._setting
+        script = self._scripts.of(step.trial)
+        self._stage.prepare(step.trial, script, step.attempt)
         after = following(self._protocol, self._plan, self._recorder.events, step.trial)
         if after is not None:
             self._stage.expect(after)
@@ -294,8 +297,8 @@ class _Conductor:
                 step.position,
                 trial,
                 log,
-                timeline,
-                self._setting.manifest,
+                script,
+                setting.manifest,
                 self._recorder,
                 store_gaze=self._protocol.privacy.store_gaze,
             )
@@ -306,9 +309,7 @@ class _Conductor:
 
         left_out = self._left_out()
         result = run_attempt(
-            step.trial,
-            timeline,
-            self._protocol.response,
+            script,
             self._stage,
             self._watcher,
             write,

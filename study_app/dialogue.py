@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from protocols.session_schema import Question, Response, Texts
+from protocols.wording import fill
 from study_app.stage import Page, PageResult, Stage
-from study_app.wording import fill
 
 
 class Dialogue:

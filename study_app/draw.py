@@ -89,28 +89,29 @@ class Painter:
         self._ctx.viewport = (0, 0, *self._size)
         self._ctx.clear(self._grey, self._grey, self._grey, 1.0)
 
-    def clip_frame(self, clip: moderngl.TextureArray, layer: int, place: tuple[int, int]) -> None:
-        """Draw one layer of `clip` with its upper left corner at `place`, one to one."""
+    def clip_frame(
+        self,
+        clip: moderngl.TextureArray,
+        layer: int,
+        place: tuple[int, int],
+        crop: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        """Draw one layer of `clip`, or its `crop` (left, top, width, height), one to one.
+
+        `place` is the upper left corner of what is drawn.
+        """
         clip.use(0)
-        corner = self._view(place, clip.width, clip.height)
-        self._layer_corner.value = corner
+        left, top, width, height = crop or (0, 0, clip.width, clip.height)
+        x, y = self._view(place, width, height)
+        self._layer_corner.value = x - left, y - (clip.height - top - height)
         self._layer_index.value = layer
         self._layer.render(moderngl.TRIANGLE_STRIP, vertices=4)
 
-    def half_frame(
-        self, clip: moderngl.TextureArray, layer: int, place: tuple[int, int], half: str
-    ) -> None:
-        """Draw the left or the right half of a layer where `clip_frame` would draw it."""
-        width = clip.width // 2
-        left = place[0] if half == "left" else place[0] + width
-        self._ctx.scissor = (left, self._size[1] - place[1] - clip.height, width, clip.height)
-        self.clip_frame(clip, layer, place)
-        self._ctx.scissor = None
-
-    def bar(self, left: int, width: int) -> None:
-        """Fill columns with the background, from the upper to the lower edge."""
-        self._ctx.scissor = (left, 0, width, self._size[1])
-        self._ctx.clear(self._grey, self._grey, self._grey, 1.0)
+    def fill(self, place: tuple[int, int], size: tuple[int, int], level: float) -> None:
+        """Fill a rectangle; `level` from 0 (black) to 1 (white)."""
+        (x, y), (width, height) = place, size
+        self._ctx.scissor = (x, self._size[1] - y - height, width, height)
+        self._ctx.clear(level, level, level, 1.0)
         self._ctx.scissor = None
 
     def image(self, texture: moderngl.Texture, place: tuple[int, int]) -> None:
@@ -128,13 +129,6 @@ class Painter:
             corner = self._view((0, top), BLOCKS * BLOCK_PX, BLOCK_PX)
             self._strip_corner.value = corner
             self._strip.render(moderngl.TRIANGLE_STRIP, vertices=4)
-
-    def patch(self, place: tuple[int, int], edge_px: int, level: float) -> None:
-        """Fill a square for a photodiode; `level` from 0 (black) to 1 (white)."""
-        x, y = place
-        self._ctx.scissor = (x, self._size[1] - y - edge_px, edge_px, edge_px)
-        self._ctx.clear(level, level, level, 1.0)
-        self._ctx.scissor = None
 
     def texture(self, image: NDArray[np.uint8]) -> moderngl.Texture:
         """Upload an image of shape (height, width, 4)."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 _NAMED = {
@@ -17,8 +16,6 @@ _NAMED = {
     "TAB": "tab",
     "BACKSPACE": "backspace",
 }
-_DEVICES = {"kp": "num", "pad": "pad"}
-_SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
 
 
 def key_name(glfw: Any, key: int, scancode: int) -> str:
@@ -40,19 +37,6 @@ def key_name(glfw: Any, key: int, scancode: int) -> str:
     if glfw.KEY_A <= key <= glfw.KEY_Z or glfw.KEY_0 <= key <= glfw.KEY_9:
         return chr(key).lower()
     return ""
-
-
-def key_label(name: str, names: Mapping[str, str] | None = None) -> str:
-    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``.
-
-    `names` has the words of the participant's language.
-    """
-    if names and name in names:
-        return names[name]
-    kind, joined, rest = name.partition("_")
-    if joined and kind in _DEVICES:
-        return f"{_DEVICES[kind]} {key_label(rest)}"
-    return _SHOWN.get(name, name.upper() if len(name) == 1 else name)
 
 
 def edited(text: str, typed: str) -> str:

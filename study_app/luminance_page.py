@@ -49,7 +49,7 @@ def _read_one(window: Window, painter: Painter, level: int, progress: str) -> fl
             texture, drawn = painter.texture(np.ascontiguousarray(image)), typed
         assert texture is not None
         painter.clear()
-        painter.patch(((width - edge) // 2, height // 16), edge, level / 255)
+        painter.fill(((width - edge) // 2, height // 16), (edge, edge), level / 255)
         painter.image(texture, (0, height // 16 + edge + letter_px))
         window.flip()
         typed = edited(typed, window.typed())

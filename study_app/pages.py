@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Response, Texts
-from study_app.keys import key_label
-from study_app.stage import Page, Picture
+from protocols.script import Words
+from protocols.session_schema import Texts
+from protocols.wording import consent_text, fill, key_label
+from study_app.stage import Page
 from study_app.text_image import Align, text_image, typeface_for, widest_px, wrap, writable
-from study_app.wording import consent_text, fill
 
 _TEXT_SHARE = 1 / 27
 """Letter size as a share of the screen's height; never below `_SMALLEST_PX`."""
@@ -22,12 +22,6 @@ _MARGIN_SHARE = 0.12
 _LONGEST_LINE = 34
 """Width of a text in letter sizes: longer lines are hard to read."""
 _CARET = "|"
-_NOTICES = {
-    "gaze-break": "gaze-lost",
-    "no-fixation": "gaze-lost",
-    "data-loss": "gaze-lost",
-    "too-late": "too-late",
-}
 
 
 class Pages:
@@ -37,40 +31,19 @@ class Pages:
     ----------
     size : (width, height)
         Of the screen, in pixels.
-    texts : Texts
-        Of the protocol, in the participant's language.
+    key_names : mapping
+        Names of keys in the participant's language.
     background : int
         Grey of the screen, 0 to 255: dark letters on light, light ones on dark.
     """
 
-    def __init__(self, size: tuple[int, int], texts: Texts, background: int) -> None:
-        self._size, self._texts = size, texts
+    def __init__(
+        self, size: tuple[int, int], key_names: Mapping[str, str], background: int
+    ) -> None:
+        self._size, self._key_names = size, key_names
         self._letter_px = max(_SMALLEST_PX, round(size[1] * _TEXT_SHARE))
         # Contrast with 50 % grey is 5.3 to 1 for black, and 3.9 to 1 for white.
         self._grey = 0 if background >= 110 else 255
-
-    def fixed(self, response: Response, answers: Sequence[str]) -> dict[str, NDArray[np.uint8]]:
-        """Return every image that is known beforehand, by name."""
-        texts = self._texts
-        shown = {
-            "preparing": texts.preparing,
-            "gaze-lost": texts.gaze_lost,
-            "too-late": texts.too_late,
-            "right": texts.right,
-            "wrong": texts.wrong,
-        }
-        return {
-            name: self._centred(fill(text, response)) for name, text in shown.items() if text
-        } | {
-            answer_name(order): self._answer(order, response)
-            for order in (tuple(answers), tuple(answers)[::-1])
-        }
-
-    def notice_of(self, picture: Picture) -> str:
-        """Return which notice an inter-trial picture carries; empty: none."""
-        if picture.notice is not None:
-            return _NOTICES.get(picture.notice, "")
-        return "gaze-lost" if picture.warned else ""
 
     def page(self, text: str, key: str = "") -> NDArray[np.uint8]:
         """Return a page of text, with the key that turns it below; letters shrink if need be."""
@@ -96,24 +69,23 @@ class Pages:
 
     def _hint(self, image: NDArray[np.uint8], key: str) -> None:
         """Write at the lower edge which key goes on."""
-        label = f"[ {key_label(key, self._texts.key_names)} ]"
+        label = f"[ {key_label(key, self._key_names)} ]"
         face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
         width, height = self._size
         hint = text_image([label], face, width, align="centre", grey=self._grey)
         _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
 
-    def _answer(self, order: Sequence[str], response: Response) -> NDArray[np.uint8]:
-        """Return the answer screen: the question, and below it each answer's label and key.
+    def words(self, words: Words) -> NDArray[np.uint8]:
+        """Return a notice, or a question with each answer's label and key below it.
 
         Letters of all labels shrink alike until every one fits its share of the width.
         """
+        if not words.labels:
+            return self._centred(words.text)
         width, height = self._size
-        image = self._centred(fill(self._texts.question, response), at=0.36, ends=0.47)
-        room, top = width // len(order), round(height * 0.5)
-        texts = [
-            f"{self._texts.answers[answer]}\n{key_label(keys[0], self._texts.key_names)}"
-            for answer, keys in zip(order, response.keys, strict=True)
-        ]
+        image = self._centred(words.text, at=0.36, ends=0.47)
+        room, top = width // len(words.labels), round(height * 0.5)
+        texts = ["\n".join(both) for both in zip(words.labels, words.keys, strict=True)]
         letter_px = self._letter_px
         while True:
             face = typeface_for(texts, letter_px)
@@ -127,14 +99,14 @@ class Pages:
                 break
             if letter_px <= _SMALLEST_PX:
                 raise StudyError(
-                    f"text: the labels of {len(order)} answers must fit beside each other on"
-                    f" {width}x{height} pixels (got {', '.join(self._texts.answers.values())});"
+                    f"text: the labels of {len(texts)} answers must fit beside each other on"
+                    f" {width}x{height} pixels (got {', '.join(words.labels)});"
                     " take shorter ones"
                 )
             letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
         for place, lines in enumerate(wrapped):
             block = text_image(lines, face, room, align="centre", grey=self._grey)
-            x = round(width * (2 * place + 1) / (2 * len(order))) - room // 2
+            x = round(width * (2 * place + 1) / (2 * len(texts))) - room // 2
             _paste(image, block, (x, top))
         return image
 
@@ -176,23 +148,18 @@ class Pages:
         return image
 
 
-def answer_name(answers: Sequence[str]) -> str:
-    """Return the name of the answer screen on which answers have this order."""
-    return "answer-" + "-".join(answers)
+def words_image(words: Words) -> NDArray[np.uint8]:
+    """Return the picture of a script's words, shape (height, width, 4)."""
+    return Pages(words.size_px, {}, words.background).words(words)
 
 
-def check_texts(protocol: StudyProtocol, texts: Texts, size: tuple[int, int] | None = None) -> None:
+def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
     """Refuse texts that no font of this machine can write, before anything is shown.
-
-    Parameters
-    ----------
-    size : (width, height), optional
-        Of the screen, in pixels: labels of answers that do not fit on it are refused as well.
 
     Raises
     ------
     StudyError
-        Naming the characters that are missing, or the labels that do not fit.
+        Naming the characters that are missing.
     """
     digits = "0123456789"
     for text in (
@@ -215,9 +182,6 @@ def check_texts(protocol: StudyProtocol, texts: Texts, size: tuple[int, int] | N
     for question in texts.questions:
         text = fill(question.text, protocol.response)
         typeface_for([text, *question.choices, digits, _CARET], _SMALLEST_PX)
-    if size is not None:
-        background = round(255 * protocol.display.background)
-        Pages(size, texts, background).fixed(protocol.response, protocol.task.answers())
 
 
 def _key_labels(protocol: StudyProtocol, texts: Texts) -> list[str]:

@@ -9,24 +9,34 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import assert_never
 
 import moderngl
 
 from protocols.manifest import Manifest
-from protocols.phases import Bar, Clip, Image, Optotype, Text
+from protocols.phases import ITI
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
+from protocols.script import (
+    Drawn,
+    Fill,
+    Frames,
+    TrialScript,
+    example_scripts,
+    fixation_target,
+    text_picture,
+)
+from protocols.script import Picture as Drawing
 from protocols.session_schema import Texts
+from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
 from study_app.draw import Painter
-from study_app.layout import PATCH_PX, Extras, Layout
-from study_app.optotype import landolt_ring
 from study_app.page_turner import NOTICE_S, PageTurner
-from study_app.pages import Pages, answer_name
+from study_app.pages import Pages
+from study_app.paint import bitmaps_of, drawn
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
-from study_app.target import target_image
-from study_app.trial import Timeline
-from study_app.virtual import Observer
+from study_app.strip import PATCH_PX, Extras, patch_place
+from study_app.virtual import Asked, Observer
 from study_app.window import Window
 
 _POLL_SHARE = 0.6
@@ -83,30 +93,26 @@ class Presenter:
         self._window, self._protocol = window, protocol
         self._refresh_hz, self._extras = refresh_hz, extras or Extras()
         self._observer, self._on_prepare = observer, on_prepare
-        background = round(255 * protocol.display.background)
+        display, background = window.display, round(255 * protocol.display.background)
+        self._middle = display.width_px // 2, display.height_px // 2
         self._painter = Painter(window.ctx, window.size, background)
-        self._pages = Pages(window.size, texts, background)
-        self._layout = Layout.of(window.display, protocol, manifest, self._extras)
+        self._pages = Pages(window.size, texts.key_names, background)
+        self._extras.check(example_scripts(protocol, display)[0])
         self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
-        image = target_image(self._layout.dot_diameter_px, background)
-        self._reach = len(image) // 2
-        x_px, y_px = self._layout.dot_px
-        self._target = self._painter.texture(image)
-        self._target_place = round(x_px) - self._reach, round(y_px) - self._reach
-        self._statics = {
-            name: self._painter.texture(image)
-            for name, image in self._pages.fixed(protocol.response, protocol.task.answers()).items()
-        }
-        self._trial: PlannedTrial | None = None
-        self._attempt = 1
+        self._bitmaps = bitmaps_of(protocol, display)
+        self._textures: dict[Drawn, moderngl.Texture] = {}
+        self._ready: dict[int, tuple[Drawing, moderngl.Texture]] = {}
+        """Pictures by identity: found faster than by what they are of."""
+        self._target = self._texture(fixation_target(protocol, display))
+        self._preparing = text_picture(protocol, display, texts.preparing)
+        self._ready[id(self._preparing)] = self._preparing, self._texture(self._preparing)
+        self._asked: Asked | None = None
         self._next: Names | None = None
         self._stimuli: tuple[moderngl.TextureArray, ...] = ()
-        self._rings: dict[Optotype, tuple[moderngl.Texture, tuple[int, int]]] = {}
         self._number = 0
         self._last_s = window.now()
-        self._notice: tuple[str, float] | None = None
-        self._answer: tuple[str, float] | None = None
-        self._asked = False
+        self._notice: tuple[Drawing, float] | None = None
+        self._answer: KeyPress | None = None
         self._turner = PageTurner(
             window,
             self._painter,
@@ -128,8 +134,7 @@ class Presenter:
         gc.enable()
         self._store.close()
         self._turner.release()
-        rings = (texture for texture, _ in self._rings.values())
-        for texture in (*self._statics.values(), self._target, *rings):
+        for texture in self._textures.values():
             texture.release()
         self._painter.release()
 
@@ -146,11 +151,11 @@ class Presenter:
         """Load the trial's stimuli while nothing moves: it comes next."""
         self._next = trial.stimuli
 
-    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
-        """Have the trial's stimuli in graphics memory, saying so while it takes time."""
+    def prepare(self, trial: PlannedTrial, script: TrialScript, attempt: int) -> None:
+        """Have all that the script shows in graphics memory, saying so while it takes time."""
         self._store.allow(True)
         while self._notice and self.now() < self._notice[1] + NOTICE_S:
-            self._flip(lambda: self._draw_static(str(self._notice and self._notice[0])))
+            self._flip_notice(self._notice[0])
             self._store.pump(self.now())
         self._notice = None
         self._store.expect(trial.stimuli)
@@ -162,13 +167,13 @@ class Presenter:
             elif self.now() > moved_s + CLIP_PATIENCE_S:
                 raise self._store.too_slow(CLIP_PATIENCE_S)
             if not self._store.ready(trial.stimuli):
-                self._flip(lambda: self._draw_static("preparing"))
+                self._flip_notice(self._preparing)
         self._window.require_display()
         self._store.allow(False)
-        self._trial, self._attempt, self._next = trial, attempt, None
+        self._next, self._answer = None, None
+        self._asked = Asked(self._observer, trial, attempt) if self._observer else None
         self._stimuli = self._store.show(trial.stimuli)
-        self._answer, self._asked = None, False
-        self._warm_up()
+        self._warm_up(script)
         self._on_prepare(trial, attempt)
         gc.collect()
         gc.disable()
@@ -179,11 +184,12 @@ class Presenter:
         """Draw, flip, and return the flip's stamp and number."""
         if picture.rests:
             self._between_stimuli(picture)
+        if picture.phase.question:  # keys are taken as they come
+            self._window.pump_until(self._last_s + _POLL_SHARE / self._refresh_hz)
         shown = self._flip(lambda: self._draw(picture))
-        if picture.phase.ends_on and self._observer and self._trial and not self._asked:
-            self._asked = True
-            key, after_s = self._observer.answer(self._trial, self._attempt)
-            self._answer = key, shown.t_s + after_s
+        question = picture.phase.question
+        if question and self._asked and (press := self._asked.press(question, shown.t_s)):
+            self._answer = press
         return shown
 
     def key_presses(self) -> Sequence[KeyPress]:
@@ -191,8 +197,8 @@ class Presenter:
         presses = list(self._window.key_presses())
         if self._window.closing():
             presses.append(KeyPress(self._protocol.response.quit_keys[0], self.now()))
-        if self._answer and self.now() >= self._answer[1]:
-            presses.append(KeyPress(*self._answer))
+        if self._answer and self.now() >= self._answer.t_s:
+            presses.append(self._answer)
             self._answer = None
         return presses
 
@@ -249,78 +255,53 @@ class Presenter:
         return shown
 
     def _draw(self, picture: Picture) -> None:
-        painter, phase = self._painter, picture.phase
-        light = 0.0
+        painter, ready, light, (x, y) = self._painter, self._ready, 0.0, self._middle
         painter.clear()
-        name = self._pages.notice_of(picture)
-        if name:
-            painter.image(self._statics[name], (0, 0))
-        places = []
-        for entry in phase.show:
-            if isinstance(entry, Clip | Image):
-                frame = phase.clip_frame(entry, picture.refreshes)
-                places.append(self._layout.places[entry.x_deg, entry.y_deg])
-                shown = self._stimuli[entry.stimulus], frame, places[-1]
-                if isinstance(entry, Image) and entry.half is not None:
-                    painter.half_frame(*shown, entry.half)
-                else:
-                    painter.clip_frame(*shown)
-                light = 1.0 - frame % 2
-            elif isinstance(entry, Text):
-                painter.image(self._statics[self._text_name(entry, picture)], (0, 0))
-            elif isinstance(entry, Bar):
-                painter.bar(*self._layout.bars[entry.width_deg])
-            elif isinstance(entry, Optotype):
-                painter.image(*self._ring(entry))
-            elif self._dot_shows(places):
-                painter.image(self._target, self._target_place)
+        shown: Sequence[Frames | Drawing | Fill] = picture.phase.show
+        for entry in shown if picture.notice is None else (picture.notice, *shown):
+            match entry:
+                case Frames():
+                    (left, top), frame = entry.at, entry.frame(picture.refreshes)
+                    stimulus = self._stimuli[entry.stimulus]
+                    painter.clip_frame(stimulus, frame, (x + left, y + top), entry.crop)
+                    light = 1.0 - frame % 2
+                case Drawing():
+                    (left, top), (_, texture) = entry.at, ready[id(entry)]
+                    painter.image(texture, (x + left, y + top))
+                case Fill():
+                    left, top, width, height = entry.rect
+                    painter.fill((x + left, y + top), (width, height), entry.grey / 255)
+                case _:
+                    assert_never(entry)
         if self._extras.photodiode:
-            painter.patch(self._layout.patch, PATCH_PX, light)
+            painter.fill(patch_place(self._window.size), (PATCH_PX, PATCH_PX), light)
 
-    def _dot_shows(self, places: Sequence[tuple[int, int]]) -> bool:
-        """Return whether the target is drawn beside or over stimuli at these places."""
-        over = self._protocol.trial.dot_over_clips
-        return not places or over or self._layout.beside(places, self._reach)
+    def _texture(self, picture: Drawing) -> moderngl.Texture:
+        """Return a picture's texture; drawn once, before its trial begins."""
+        if picture.of not in self._textures:
+            self._textures[picture.of] = self._painter.texture(drawn(picture.of, self._bitmaps))
+        return self._textures[picture.of]
 
-    def _text_name(self, text: Text, picture: Picture) -> str:
-        if text.name == "answer" and self._trial is not None:
-            return answer_name(self._trial.answers)
-        return "right" if picture.correct else "wrong"
-
-    def _ring(self, entry: Optotype) -> tuple[moderngl.Texture, tuple[int, int]]:
-        """Return a ring's texture and its place; drawn once, before its trial begins."""
-        if entry not in self._rings:
-            image, place = landolt_ring(entry, self._window.display)
-            self._rings[entry] = self._painter.texture(image), place
-        return self._rings[entry]
-
-    def _draw_static(self, name: str) -> None:
-        self._painter.clear()
-        self._painter.image(self._statics[name], (0, 0))
-        if self._extras.photodiode:
-            self._painter.patch(self._layout.patch, PATCH_PX, 0.0)
+    def _flip_notice(self, said: Drawing) -> None:
+        self._flip(lambda: self._draw(Picture(BLANK, notice=said)))
 
     def _between_stimuli(self, picture: Picture) -> None:
-        """Use the time in which nothing moves: load what comes next, take keys as they come."""
+        """Use the time in which nothing moves: load what comes next."""
         self._store.allow(True)
         if self._next is not None:
             self._store.expect(self._next)
             self._next = None
-        period_s = 1.0 / self._refresh_hz
-        self._store.pump(self.now() + _UPLOAD_SHARE * period_s)
-        if picture.phase.ends_on:
-            self._window.pump_until(self._last_s + _POLL_SHARE * period_s)
-        else:
+        self._store.pump(self.now() + _UPLOAD_SHARE / self._refresh_hz)
+        if not picture.phase.question:
             gc.enable()
-            name = self._pages.notice_of(picture)
-            if name and self._notice is None:
-                self._notice = name, self.now()
+            if picture.notice and picture.phase.name == ITI and self._notice is None:
+                self._notice = picture.notice, self.now()
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, script: TrialScript) -> None:
         """Draw everything the trial will draw, without flipping, so that nothing is the first."""
-        assert self._trial is not None
-        timeline = Timeline.of(self._protocol, self._window.display, self._trial)
-        for phase in timeline.phases:
+        for entry in script.pictures():
+            self._ready[id(entry)] = entry, self._texture(entry)
+        for phase in script.phases:
             for refreshes in (0, (phase.frames or 1) - 1):
                 self._draw(Picture(phase, refreshes))
         if self._extras.strip:

@@ -7,35 +7,42 @@ and pictures as a session's, made small.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, assert_never
 
 import cv2
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from numpy.typing import NDArray
 
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.manifest import Manifest
-from protocols.phases import Bar, Clip, Image, Optotype, Phase, Text
 from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.base import SCENE
 from protocols.schema import StudyProtocol
+from protocols.script import (
+    Drawn,
+    Fill,
+    Frames,
+    Picture,
+    Place,
+    ScriptPhase,
+    Scripts,
+    TrialScript,
+    Words,
+    example_scripts,
+    text_picture,
+)
 from protocols.session_schema import Texts
 from protocols.viewing import Viewing
+from protocols.wording import consent_text, fill, key_label
 from study_app.clips import read_frame
-from study_app.keys import key_label
-from study_app.layout import Extras, Layout
-from study_app.optotype import landolt_ring
-from study_app.pages import Pages, answer_name, check_texts
+from study_app.pages import Pages, check_texts, words_image
+from study_app.paint import Pixels, bitmaps_of, drawn
 from study_app.stage import Page
-from study_app.target import target_image
-from study_app.trial import Timeline
-from study_app.wording import consent_text, fill
 
 MARK: Final = '<meta name="generator" content="metamerlab protocol preview">'
 """Stands in every such page: what bears it may be written over."""
@@ -43,9 +50,14 @@ STAGE_PX: Final = 960
 MOST_FRAMES: Final = 30
 OPEN_MS: Final = 800
 """How wide a phase that an answer ends is drawn."""
+_KINDS: Final = {
+    "dot": ("dot", "the dot"),
+    "ring": ("image", "a Landolt ring"),
+    "stored": ("image", "a picture"),
+    "words": ("page", "the question and its answers"),
+}
+"""How the timeline colours a picture, and what it is called."""
 ROLES: Final = {"main": "", "catch": "catch trial", "practice": "practice"}
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -85,13 +97,10 @@ def preview_page(
         If a clip is missing or changed, or a text cannot be written.
     """
     known = manifest or virtual_manifest(study, display)
-    # The second slot's keys may be exchanged.
-    plans = [make_plan(study.in_any_order(), known, f"P{slot}", slot) for slot in (0, 1)]
-    orders = dict.fromkeys(trial.answers for plan in plans for trial in plan.trials)
-    trials = _one_of_each(plans[0].trials)
+    trials = _one_of_each(make_plan(study.in_any_order(), known, "P0", 0).trials)
     spread = np.linspace(0, len(trials) - 1, min(most, len(trials)))
     chosen = [trials[int(index)] for index in spread]
-    maker = _Maker(study, display, known, stimuli, orders)
+    maker = _Maker(study, display, known, stimuli)
     played = [maker.trial(trial) for trial in chosen]
     environment = Environment(
         loader=PackageLoader("study_app", "."), autoescape=True, undefined=StrictUndefined
@@ -103,9 +112,7 @@ def preview_page(
         "trials": played,
         "stimuli": maker.stimuli(),
         "images": maker.images,
-        "dot": maker.dot(),
         "window": maker.window(),
-        "language": study.text.default_language,
     }
     html = environment.get_template("preview.html").render(
         mark=MARK,
@@ -117,9 +124,9 @@ def preview_page(
         languages={
             language: [
                 {"name": name, "says": says, "text": text, "image": image}
-                for name, says, text, image in maker.pages(texts)
+                for name, says, text, image in maker.pages(language)
             ]
-            for language, texts in study.text.languages.items()
+            for language in study.text.languages
         },
         left_out=len(trials) - len(chosen),
         built=stimuli is not None,
@@ -153,18 +160,15 @@ class _Maker:
         display: Display,
         manifest: Manifest,
         folder: Path | None,
-        orders: Iterable[tuple[str, ...]],
     ) -> None:
-        self._orders = tuple(orders)
         self._study, self._display, self._folder = study, display, folder
         self._clips = {clip.name: clip for clip in manifest.clips}
-        self._layout = Layout.of(display, study, manifest, Extras())
+        self._scripts = Scripts(study, display, study.text.default_language, manifest)
+        self._bitmaps = bitmaps_of(study, display)
         self._scale = min(1.0, STAGE_PX / display.width_px)
         self._labels = study.stimuli.labels()
         self._used: dict[str, None] = {}
-        self._target = target_image(
-            self._layout.dot_diameter_px, round(255 * study.display.background)
-        )
+        self._indices: dict[Drawn, int] = {}
         self.images: list[str] = []
         self.grey = round(255 * study.display.background)
         self.stage = (
@@ -174,9 +178,9 @@ class _Maker:
 
     def trial(self, trial: PlannedTrial) -> dict[str, Any]:
         """Return a trial as the page plays it."""
-        timeline = Timeline.of(self._study, self._display, trial)
+        script = self._scripts.of(trial)
         self._used |= dict.fromkeys(trial.stimuli)
-        phases = [self._phase(phase, trial) for phase in timeline.phases]
+        phases = [self._phase(phase, script) for phase in script.phases]
         said = [
             f"{column.replace('_', ' ')} {self._labels.get(str(value), value)}"
             for column, value in trial.condition.items()
@@ -187,10 +191,6 @@ class _Maker:
         return {
             "title": ", ".join([*([role] if role else []), *said]) or trial.id,
             "phases": phases,
-            "answers": [
-                {"key": key_label(keys[0]), "answer": answer}
-                for keys, answer in zip(self._study.response.keys, trial.answers, strict=True)
-            ],
             "stimuli": list(trial.stimuli),
             "correct": trial.correct,
         }
@@ -198,13 +198,6 @@ class _Maker:
     def stimuli(self) -> dict[str, dict[str, Any]]:
         """Return the pictures of everything that the trials show, by name."""
         return {name: self._stimulus(name) for name in self._used}
-
-    def dot(self) -> dict[str, Any]:
-        """Return the fixation target and its place."""
-        x_px, y_px = self._layout.dot_px
-        edge = len(self._target)
-        place = round(x_px) - edge // 2, round(y_px) - edge // 2
-        return {"src": _png(self._target), **self._box(place, (edge, edge))}
 
     def window(self) -> dict[str, float] | None:
         """Return the ellipse within which gaze counts as held, in pixels of the stage."""
@@ -224,15 +217,16 @@ class _Maker:
             "ry": (bottom - top) / 2 * self._scale,
         }
 
-    def pages(self, texts: Texts) -> Iterator[tuple[str, str, str, str]]:
+    def pages(self, language: str) -> Iterator[tuple[str, str, str, str]]:
         """Yield (name, when it is shown, text, image) of every page in one language.
 
         The image is empty where no font of this machine writes the texts.
         """
+        texts = self._study.text.languages[language]
         draws = not self.unwritten(texts)
         study, response = self._study, self._study.response
         size = self._display.width_px, self._display.height_px
-        maker = Pages(size, texts, self.grey)
+        maker = Pages(size, texts.key_names, self.grey)
         key = response.continue_keys[0]
         blocks, practice = study.design.blocks, study.design.practice
         turned = [
@@ -258,26 +252,27 @@ class _Maker:
             yield f"question-{number}", "At the end", full, image
         thanks = fill(texts.thanks, response)
         yield "thanks", "Last", thanks, self._page(maker.page(thanks)) if draws else ""
-        fixed = maker.fixed(response, study.task.answers()) if draws else {}
-        for order in self._orders:
-            name = answer_name(order)
-            labels = [
-                f"{texts.answers[answer]} [{key_label(keys[0], texts.key_names)}]"
-                for answer, keys in zip(order, response.keys, strict=True)
-            ]
-            text = "\n".join((fill(texts.question, response), *labels))
-            image = self._page(fixed[name]) if draws else ""
-            yield name, "While the answer is awaited", text, image
-        for name, says, notice in (
+        scripts = example_scripts(study, self._display, language)
+        for script in scripts[: 1 if study.design.side == "fixed" else None]:
+            for phase in script.phases:
+                for of in (one.of for one in phase.show if isinstance(one, Picture)):
+                    if isinstance(of, Words) and phase.question:
+                        labels = map("{} [{}]".format, of.labels, of.keys)
+                        name = "-".join((phase.question.name, *phase.question.answers))
+                        text = "\n".join((of.text, *labels))
+                        image = self._page(words_image(of)) if draws else ""
+                        yield name, "While the answer is awaited", text, image
+        for name, says, said in (
             ("preparing", "While stimuli are loaded", texts.preparing),
             ("gaze-lost", "After gaze left the dot", texts.gaze_lost),
             ("too-late", "After an answer that came too late", texts.too_late),
             ("right", "After a right answer in practice", texts.right),
             ("wrong", "After a wrong answer in practice", texts.wrong),
         ):
-            if notice:
-                image = self._page(fixed[name]) if draws else ""
-                yield name, says, fill(notice, response), image
+            if said:
+                of = text_picture(study, self._display, said).of
+                image = self._page(drawn(of, self._bitmaps)) if draws else ""
+                yield name, says, fill(said, response), image
 
     def unwritten(self, texts: Texts) -> str:
         """Return why no font of this machine writes the texts; empty: one does."""
@@ -287,58 +282,64 @@ class _Maker:
             return str(error)
         return ""
 
-    def _phase(self, phase: Phase, trial: PlannedTrial) -> dict[str, Any]:
-        frames = phase.frames
-        shown = list(self._shown(phase, trial))
+    def _phase(self, phase: ScriptPhase, script: TrialScript) -> dict[str, Any]:
+        told = phase.follows.get("right")  # feedback: as after a right answer
+        shown = [self._shown(entry, script) for entry in ([told] if told else [*phase.show])]
+        asked = phase.question
         return {
             "name": phase.name,
-            "ms": None if frames is None else 1000 * frames / self._display.refresh_hz,
-            "refreshes": frames,
-            "waits_ms": None
-            if phase.gate_frames is None
-            else 1000 * phase.gate_frames / self._display.refresh_hz,
-            "late_ms": None
-            if phase.timeout_frames is None
-            else 1000 * phase.timeout_frames / self._display.refresh_hz,
+            "ms": self._ms(phase.frames),
+            "refreshes": phase.frames,
+            "waits_ms": self._ms(phase.gate_frames),
+            "late_ms": self._ms(phase.timeout_frames),
             "watched": phase.watched,
-            "answered": bool(phase.ends_on),
+            "answers": [
+                {"key": key_label(keys[0]), "answer": answer}
+                for keys, answer in (zip(asked.keys, asked.answers, strict=True) if asked else ())
+            ],
             "show": shown,
-            "says": ", ".join(map(_says, shown)) or "blank",
+            "says": ", ".join("feedback" if told else str(one["says"]) for one in shown) or "blank",
         }
 
-    def _shown(self, phase: Phase, trial: PlannedTrial) -> Iterator[dict[str, Any]]:
-        places = []
-        for entry in phase.show:
-            if isinstance(entry, Clip | Image):
-                place = self._layout.places[entry.x_deg, entry.y_deg]
-                places.append(place)
-                named = trial.stimuli[entry.stimulus] if trial.stimuli else ""
-                yield {
-                    "kind": "stimulus",
-                    "name": named,
-                    "each": entry.refreshes_per_frame if isinstance(entry, Clip) else 0,
-                    "half": entry.half if isinstance(entry, Image) else None,
-                    **self._box(place, self._layout.stimulus_px),
-                }
-            elif isinstance(entry, Text):
-                name = answer_name(trial.answers) if entry.name == "answer" else "right"
-                yield {"kind": "page", "name": name}
-            elif isinstance(entry, Bar):
-                left, width = self._layout.bars[entry.width_deg]
-                box = self._box((left, 0), (width, self._display.height_px))
-                yield {"kind": "bar", **box}
-            elif isinstance(entry, Optotype):
-                image, place = landolt_ring(entry, self._display)
-                self.images.append(_png(image))
-                box = self._box(place, (image.shape[1], image.shape[0]))
-                yield {"kind": "image", "image": len(self.images) - 1, **box}
-            elif self._dot_shows(places):
-                yield {"kind": "dot"}
+    def _ms(self, refreshes: int | None) -> float | None:
+        return None if refreshes is None else 1000 * refreshes / self._display.refresh_hz
 
-    def _dot_shows(self, places: list[tuple[int, int]]) -> bool:
-        """As the presenter has it: beside stimuli, or over them where the study says so."""
-        over = self._study.trial.dot_over_clips
-        return not places or over or self._layout.beside(places, len(self._target) // 2)
+    def _shown(self, entry: Frames | Picture | Fill, script: TrialScript) -> dict[str, Any]:
+        """Return what one entry of a phase is, says and covers."""
+        match entry:
+            case Frames(stimulus=stimulus, every=every, at=at, crop=crop):
+                name = script.stimuli[stimulus].name if script.stimuli else ""
+                whole = (0, 0, *script.stimulus_px)
+                half = f", its {'right' if crop[0] else 'left'} half" if crop else ""
+                left, top, *size = crop or whole
+                return {
+                    "kind": "stimulus",
+                    "says": (name or "a stimulus") + (half if name else ""),
+                    "name": name,
+                    "each": every,
+                    "whole": self._box((at[0] - left, at[1] - top), script.stimulus_px),
+                    **self._box(at, (size[0], size[1])),
+                }
+            case Picture(of=of, at=at, size_px=size_px):
+                kind, says = _KINDS[of.kind]
+                box = self._box(at, size_px)
+                return {"kind": kind, "says": says, "image": self._image(of), **box}
+            case Fill(rect=(x, y, width, height), grey=grey):
+                box = self._box((x, y), (width, height))
+                return {"kind": "fill", "says": "a grey bar", "grey": grey, **box}
+            case _:
+                assert_never(entry)
+
+    def _image(self, of: Drawn) -> int:
+        """Return the number of a picture among the images; words are made as small as the stage."""
+        if of not in self._indices:
+            image = drawn(of, self._bitmaps)
+            if isinstance(of, Words):
+                alpha = cv2.resize(image[..., 3], self.stage, interpolation=cv2.INTER_AREA)
+                image = np.dstack([np.full_like(alpha, image[..., 0].max())] * 3 + [alpha])
+            self._indices[of] = len(self.images)
+            self.images.append(_png(image))
+        return self._indices[of]
 
     def _stimulus(self, name: str) -> dict[str, Any]:
         clip = self._clips[name]
@@ -346,7 +347,7 @@ class _Maker:
             return {"strip": None, "frames": [0]}
         count = len(clip.frames_sha256)
         frames = sorted({int(k) for k in np.linspace(0, count - 1, min(MOST_FRAMES, count))})
-        width, height = (max(1, round(self._scale * n)) for n in self._layout.stimulus_px)
+        width, height = (max(1, round(self._scale * n)) for n in (clip.width_px, clip.height_px))
         tiles = []
         for index in frames:
             frame = read_frame(self._folder, clip, index)
@@ -356,33 +357,21 @@ class _Maker:
         _, data = cv2.imencode(".webp", strip, [cv2.IMWRITE_WEBP_QUALITY, 80])
         return {"strip": _address("image/webp", bytes(data)), "frames": frames}
 
-    def _page(self, image: Picture) -> str:
+    def _page(self, image: Pixels) -> str:
         """Return a page's address: letters on the screen's grey, at the stage's size."""
         alpha = image[..., 3:].astype(np.float32) / 255
         grey = (image[..., :1] * alpha + self.grey * (1 - alpha)).astype(np.uint8)
         small = cv2.resize(grey[..., 0], self.stage, interpolation=cv2.INTER_AREA)
         return _png(small.astype(np.uint8))
 
-    def _box(self, place: tuple[int, int], size: tuple[int, int]) -> Mapping[str, float]:
-        named = zip("xywh", (*place, *size), strict=True)
+    def _box(self, place: Place, size: tuple[int, int]) -> dict[str, float]:
+        """Return a rectangle of the stage, by a script's place."""
+        corner = place[0] + self._display.width_px // 2, place[1] + self._display.height_px // 2
+        named = zip("xywh", (*corner, *size), strict=True)
         return {name: round(value * self._scale, 2) for name, value in named}
 
 
-def _says(shown: Mapping[str, Any]) -> str:
-    match shown["kind"]:
-        case "stimulus":
-            name = str(shown["name"] or "a stimulus")
-            return f"{name}, its {shown['half']} half" if shown["half"] else name
-        case "page":
-            return "feedback" if shown["name"] == "right" else "the question and its answers"
-        case "image":
-            return "a Landolt ring"
-        case "bar":
-            return "a grey bar"
-    return "the dot"
-
-
-def _png(image: Picture) -> str:
+def _png(image: Pixels) -> str:
     """Return grey, or straight RGBA, as an address."""
     stored = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA) if image.ndim == 3 else image
     _, data = cv2.imencode(".png", stored, [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -20,6 +20,7 @@ from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
+from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
@@ -34,14 +35,15 @@ from study_app.display_check import (
 from study_app.gaze.open_source import ADAPTERS, Desk, check_kind, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
-from study_app.layout import Extras, Layout
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.pages import check_texts
+from study_app.paint import check_pictures
 from study_app.presenter import Presenter
 from study_app.recorder import utc_now
 from study_app.sittings import is_stillborn, sitting_folder
+from study_app.strip import Extras
 from study_app.validation import PointQuality, summarise, validate
 from study_app.window import Pacing, Window
 
@@ -114,8 +116,9 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     check_files(options.stimuli, manifest)
     language = _language(options, resuming=resuming)
     texts = texts_of(protocol, language)
-    check_texts(protocol, texts, (display.width_px, display.height_px))
-    Layout.of(display, protocol, manifest, options.extras)
+    check_texts(protocol, texts)
+    check_pictures(protocol, display, language)
+    options.extras.check(example_scripts(protocol, display)[0])
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
     # Early, so that recorders find the stream before the first trial.

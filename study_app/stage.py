@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from protocols.journal import VoidReason
-from protocols.phases import Phase
 from protocols.plan import PlannedTrial
+from protocols.script import Picture as Notice
+from protocols.script import ScriptPhase, TrialScript
 
 
 class KeyPress(NamedTuple):
@@ -38,17 +38,13 @@ class Shown(NamedTuple):
 class Picture(NamedTuple):
     """What one flip shows."""
 
-    phase: Phase
+    phase: ScriptPhase
     refreshes: int = 0
     """How long the phase has been on the screen."""
     rests: bool = False
     """Nothing moves any more: the next stimuli may load."""
-    notice: VoidReason | None = None
-    """During the inter-trial interval: why the attempt was void."""
-    warned: bool = False
-    """During the inter-trial interval: gaze had left the dot (mode `warn`)."""
-    correct: bool | None = None
-    """During feedback: whether the answer was right."""
+    notice: Notice | None = None
+    """What says how the attempt stands, drawn first: feedback, or why it is void."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +84,8 @@ class Stage(Protocol):
     def now(self) -> float:
         """Return the monotonic clock, in seconds."""
 
-    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
-        """Make the trial's stimuli ready to be shown; may take as long as it needs.
+    def prepare(self, trial: PlannedTrial, script: TrialScript, attempt: int, /) -> None:
+        """Make all that the script shows ready; may take as long as it needs.
 
         Raises `StudyError` if one is missing or is not what was hashed.
         """

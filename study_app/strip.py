@@ -1,4 +1,6 @@
-"""A number in the picture: which flip this is, for a camera or a frame grabber to read.
+"""What a lab may add to the picture: a patch for a photodiode, and the number of the flip.
+
+The number is for a camera or a frame grabber to read.
 
 A row of blocks at the upper and at the lower edge of the screen: white, black, 24 bits of the
 flip's number and 8 bits of its CRC, most significant bit first (white is 1). A capture that was
@@ -14,13 +16,59 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.errors import StudyError
+from protocols.script import TrialScript
+
 NUMBER_BITS = 24
 CRC_BITS = 8
 GUARD = (1, 0)
 BLOCKS = len(GUARD) + NUMBER_BITS + CRC_BITS
 BLOCK_PX = 8
 """Edge of a block; the strip is `BLOCKS` of them wide and one high."""
+PATCH_PX = 48
+"""Edge of the photodiode's patch, in the lower right corner."""
 _CRC_POLYNOMIAL = 0x07  # x^8 + x^2 + x + 1
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What a lab may add to the picture."""
+
+    strip: bool = False
+    """Frame strip: number and CRC of every flip."""
+    photodiode: bool = False
+    """Patch that is white at every other clip frame."""
+
+    def check(self, script: TrialScript) -> None:
+        """Refuse what would cover a stimulus.
+
+        Raises
+        ------
+        StudyError
+            Saying how many pixels must be free.
+        """
+        (across, down), (width, height) = script.size_px, script.stimulus_px
+        shown = [entry for entries in script.frames for entry in entries]
+        wide = [entry.at[0] + (entry.crop[2] if entry.crop else width) for entry in shown]
+        right = across // 2 + max(wide, default=-across)
+        top = down // 2 + min((entry.at[1] for entry in shown), default=down)
+        sizes = f"(they are {width}x{height} on {across}x{down})"
+        if self.strip and (top < BLOCK_PX or across < BLOCKS * BLOCK_PX or height > down):
+            raise StudyError(
+                f"--strip: the frame strip needs {BLOCKS * BLOCK_PX}x{BLOCK_PX} pixels free above"
+                f" and below the clips {sizes}; make the clips smaller, or leave the strip out"
+            )
+        x, y = patch_place(script.size_px)
+        if self.photodiode and x < right and y < top + height:
+            raise StudyError(
+                f"--photodiode: the patch needs {PATCH_PX} pixels beside or below the clips"
+                f" {sizes}; make the clips smaller, or leave it out"
+            )
+
+
+def patch_place(size_px: tuple[int, int]) -> tuple[int, int]:
+    """Return the patch's upper left corner, from that of the screen."""
+    return size_px[0] - PATCH_PX, size_px[1] - PATCH_PX - BLOCK_PX
 
 
 def crc8(data: bytes) -> int:

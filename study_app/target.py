@@ -11,28 +11,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.script import Dot
+
 INNER_SHARE = 1 / 3
 """Inner disc and line width as a share of the outer diameter: 0.2 of 0.6 deg."""
 _SAMPLES = 8  # per pixel and axis
 
 
-def target_image(diameter_px: float, background: int) -> NDArray[np.uint8]:
+def target_image(dot: Dot) -> NDArray[np.uint8]:
     """Draw the target, black on the background's grey, with smooth edges.
-
-    Parameters
-    ----------
-    diameter_px : float
-        Outer diameter.
-    background : int
-        Grey of the cross hair, 0 to 255.
 
     Returns
     -------
-    ndarray of shape (N, N, 4)
-        RGBA with straight alpha; N is even, so that the target has its centre between pixels,
-        as clips and screens have.
+    ndarray of shape (edge_px, edge_px, 4)
+        RGBA with straight alpha.
     """
-    size = 2 * int(np.ceil(diameter_px / 2 + 0.5))
+    size, diameter_px = dot.edge_px, dot.diameter_px
     steps = (np.arange(size * _SAMPLES) + 0.5) / _SAMPLES - size / 2
     x, y = np.meshgrid(steps, steps)
     distance = np.hypot(x, y)
@@ -45,7 +39,7 @@ def target_image(diameter_px: float, background: int) -> NDArray[np.uint8]:
         return shares
 
     alpha, light = share(disc), share(cross)
-    grey = np.divide(light, alpha, out=np.zeros_like(alpha), where=alpha > 0) * background
+    grey = np.divide(light, alpha, out=np.zeros_like(alpha), where=alpha > 0) * dot.grey
     image = np.empty((size, size, 4), np.uint8)
     image[..., :3] = np.rint(grey)[..., None]
     image[..., 3] = np.rint(255 * alpha)

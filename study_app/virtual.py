@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Literal, Protocol
 
+from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
+from protocols.script import Question, TrialScript
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
@@ -54,8 +56,34 @@ class Observer(Protocol):
     def answer(self, trial: PlannedTrial, attempt: int) -> tuple[str, float]:
         """Return the key that will be pressed, and how long after the onset of the question."""
 
+    def answer_further(
+        self, question: Question, trial: PlannedTrial, attempt: int
+    ) -> tuple[str, float]:
+        """Return the same for a question that is not the study's own."""
+
     def turn_page(self, page: Page) -> PageResult:
         """Return how a page ends."""
+
+
+@dataclass
+class Asked:
+    """What an observer is asked in one attempt, each question once."""
+
+    observer: Observer
+    trial: PlannedTrial
+    attempt: int
+    questions: set[str] = field(default_factory=set)
+
+    def press(self, question: Question, shown_s: float) -> KeyPress | None:
+        """Return the key that will go down for a question that is now shown for the first time."""
+        if question.name in self.questions:
+            return None
+        self.questions.add(question.name)
+        if question.name == STUDY_QUESTION.name:
+            key, after_s = self.observer.answer(self.trial, self.attempt)
+        else:
+            key, after_s = self.observer.answer_further(question, self.trial, self.attempt)
+        return KeyPress(key, shown_s + after_s)
 
 
 class VirtualStage:
@@ -88,12 +116,11 @@ class VirtualStage:
         self._clock, self._true_hz = clock, refresh_hz
         self._nominal_hz = nominal_hz or refresh_hz
         self._observer, self._on_prepare = observer, on_prepare
-        self._trial: tuple[PlannedTrial, int] | None = None
+        self._asked: Asked | None = None
         self._faults: Mapping[int, Fault] = {}
         self._flips = 0
         self._number = 0
         self._pending: list[KeyPress] = []
-        self._asked = False
         self.pictures: list[tuple[float, Picture]] | None = None
         """Set to a list to have every flip's stamp and picture kept."""
 
@@ -106,9 +133,9 @@ class VirtualStage:
         """Return the virtual clock."""
         return self._clock()
 
-    def prepare(self, trial: PlannedTrial, attempt: int) -> None:
+    def prepare(self, trial: PlannedTrial, _script: TrialScript, attempt: int, /) -> None:
         """Nothing to load; a new attempt begins."""
-        self._trial, self._flips, self._asked = (trial, attempt), 0, False
+        self._asked, self._flips = Asked(self._observer, trial, attempt), 0
         self._pending.clear()
         self._faults = self._on_prepare(trial, attempt)
 
@@ -130,10 +157,9 @@ class VirtualStage:
         elif fault is not None:  # doubled: the swap did not wait
             stamp_s = self._clock() + 0.02 / self._true_hz
         self._clock.move_to(stamp_s)
-        if picture.phase.ends_on and not self._asked and self._trial is not None:
-            self._asked = True
-            key, after_s = self._observer.answer(*self._trial)
-            self.press(key, stamp_s + after_s)
+        question = picture.phase.question
+        if question and self._asked and (press := self._asked.press(question, stamp_s)):
+            self.press(*press)
         if self.pictures is not None:
             self.pictures.append((stamp_s, picture))
         self._number += 1

@@ -126,7 +126,7 @@ def test_steps_are_written_as_pictures(png, tmp_path):
     folder = tmp_path / "steps"
     code, _, _ = run(png, tmp_path / "out.png", "-m", "warped-metamer", "--steps", folder, *FAST)
 
-    names = sorted(path.name for path in folder.iterdir())
+    names = sorted(path.name for path in folder.glob("*.png"))
     assert code == 0
     assert names == [
         "00-picture.png",
@@ -453,6 +453,23 @@ def test_a_picture_of_one_pixel_is_shown(tmp_path, choice: Choice):
 
     assert code == 0
     assert read_pixels(tmp_path / "out.png").data.shape == (1, 1, 3)
+
+
+def test_pictures_of_a_user_that_are_called_as_steps_stay_as_they_are(png, tmp_path):
+    """Before, a name with a number at its front was taken for an earlier step."""
+    folder = tmp_path / "steps"
+    words = (png, tmp_path / "out.png", "--steps", folder, *FAST)
+    folder.mkdir()
+    (folder / "00-picture.png").write_bytes(b"mine")
+
+    code, _, said = run(*words)
+
+    assert code == 2
+    assert "must be empty or new (it holds 00-picture.png" in " ".join(said.split())
+    assert (folder / "00-picture.png").read_bytes() == b"mine"
+    assert not (tmp_path / "out.png").exists()
+    (folder / "00-picture.png").unlink()
+    assert [run(*words)[0] for _ in range(2)] == [0, 0]  # earlier steps are replaced
 
 
 def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):

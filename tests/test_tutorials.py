@@ -62,7 +62,7 @@ def test_a_fill_made_elsewhere_is_measured_beside_ours(walked):
         name: float(ratio)
         for name, ratio in re.findall(r"^ (\S+) +[\d.]+ +[\d.]+ +([\d.]+) ", said, re.MULTILINE)
     }
-    assert {"metameric", "push-pull", "shift-map", "frames:out/mine"} <= set(ratios)
+    assert {"metameric", "push-pull", "coherence-transport", "frames:out/mine"} <= set(ratios)
     assert ratios["push-pull"] < ratios["metameric"]  # as the page says
 
 

@@ -55,6 +55,31 @@ def test_the_true_view_is_shown_at_the_gaze_and_the_fill_beyond(given):
         assert (drawn == colour).all(axis=-1).sum() >= 4 * 20
 
 
+@pytest.mark.usefixtures("gl_context")
+def test_a_gaze_says_where_coherence_transport_works(given):
+    """By hand: the gaze's degrees, of a picture 30 degrees wide."""
+    out = {}
+    for name, options in (
+        ("push-pull-depth", ()),
+        ("coherence-transport", ()),
+        ("gazed", ("--set", "fovea_deg=4", "--gaze", "66,36", "--fov", 30)),
+    ):
+        method = "coherence-transport" if name == "gazed" else name
+        done = run(given / "frame.exr", given / f"{name}.png", "-m", method, *options)
+        assert done.exit_code == 0, done.output
+        out[name] = load_colour(given / f"{name}.png")
+    assert "gaze: 66.0, 36.0 px" in done.output
+    geometry = Flat(30.0).of(WIDTH, HEIGHT)
+    away = eccentricity_deg(geometry, (66.0, 36.0), *pixel_centres(geometry))
+    plain, whole, found = (
+        out[name] for name in ("push-pull-depth", "coherence-transport", "gazed")
+    )
+    assert np.array_equal(found[away > 5.01], plain[away > 5.01])
+    assert np.array_equal(found[away < 3.99], whole[away < 3.99])
+    assert (plain != whole)[away < 3.99].any()
+    assert (plain != whole)[away > 5.01].any()
+
+
 def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
     one = rng.integers(0, 255, (90, 120, 3), np.uint8)
     other = one.copy()
@@ -74,7 +99,12 @@ def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
     ("options", "said"),
     [
         (["--true-within", "5"], "--true-within needs the true view: give --truth"),
-        (["--gaze", "3,4"], "--gaze says where the true view is shown: give --true-within"),
+        (["--gaze", "3,4"], "--gaze says where the true view is shown, or where coherence"),
+        (
+            ["-m", "coherence-transport", "--set", "fovea_deg=5", "--set", "gaze_x_deg=1"],
+            "say gaze_x_deg: use them, and leave it out of --set",
+        ),
+        (["--set", "fovea_deg=5"], "parameters of telea are: radius_px (got 'fovea_deg')"),
         (["--truth", "TRUTH", "--true-within", "5", "--gaze=-3,4"], "must lie on the picture"),
         (["--truth", "TRUTH", "--true-within", "0"], "between 0 and 90 degrees (got 0)"),
         (["--truth", "TRUTH", "--true-within", "nan"], "between 0 and 90 degrees (got nan)"),
@@ -82,7 +112,8 @@ def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
 )
 def test_what_contradicts_itself_is_refused_before_any_work(given, options, said):
     words = [str(given / "truth.png") if word == "TRUTH" else word for word in options]
-    done = run(given / "frame.exr", given / "out.png", "-m", "telea", *words)
+    method = () if "-m" in words else ("-m", "telea")
+    done = run(given / "frame.exr", given / "out.png", *method, *words)
     assert done.exit_code == 2
     assert said in " ".join(done.stderr.split())
     assert not (given / "out.png").exists()

@@ -170,6 +170,31 @@ def test_a_pair_of_photographs_leaves_no_ghost_of_an_outline(photographs):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_an_outlier_of_depth_is_mended_in_a_pair_and_said(photographs):
+    """A pixel of the wall whose disparity is 30 px would tear a hole and be drawn elsewhere."""
+    shown = {}
+    for outlier, more in ((2, ()), (30, ()), (30, ("--no-depth-speckle",))):
+        disparity = np.full((HEIGHT, WIDTH), 2, np.uint8)
+        disparity[12:36, 24:48] = 8
+        disparity[6, 50] = outlier
+        write_pixels(photographs / "disparity.png", disparity[..., None], "Y")
+        out = photographs / "filled.png"
+        code, said, _ = run(
+            photographs / "left.png",
+            out,
+            *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png", *more),
+        )
+        assert code == 0
+        holes = said.partition("holes ")[2].partition(" %")[0]
+        shown[outlier, more] = out.read_bytes(), holes, "outliers of depth mended: 1" in said
+
+    clean, mended, torn = shown.values()
+    assert (clean[2], mended[2], torn[2]) == (False, True, False)
+    assert clean[:2] == mended[:2]
+    assert torn[1] != mended[1]
+
+
+@pytest.mark.usefixtures("gl_context")
 def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
     pixels, said = {}, {}
     for rim_px in (None, 0, 1):
@@ -182,6 +207,65 @@ def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
     assert pixels[None] == pixels[0] != pixels[1]
     assert "with a rim of 1 px" in said[1]
     assert "with a rim" not in said[None]
+
+
+@pytest.fixture
+def masked(tmp_path):
+    """A striped picture, and a mask with a block of 10 x 6 px."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    grey = 0.5 + 0.3 * np.sin(0.7 * x + 0.4 * y)[..., None] * (1, 0.8, 0.6)
+    save_colour(tmp_path / "photo.png", grey.astype(np.float32))
+    mask = np.zeros((HEIGHT, WIDTH, 1), np.uint8)
+    mask[20:26, 30:40] = 255
+    write_pixels(tmp_path / "mask.png", mask, "Y")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(masked):
+    """By every method, against the picture itself; OpenCV's one call is one of them."""
+    every = [entry.name for entry in METHODS if not entry.takes_path]
+    code, said, _ = run(
+        masked / "photo.png",
+        masked / "out.png",
+        *("--mask", masked / "mask.png", "--truth", masked / "photo.png"),
+        *("--compare", masked / "sheet.png"),
+        *(word for name in every for word in ("-m", name)),
+    )
+
+    assert code == 0
+    assert "holes 1.95 % of the frame" in said  # 60 of 64 x 48
+    assert all(name in said for name in every)
+    before, after = (read_pixels(masked / name).data for name in ("photo.png", "out.png"))
+    changed = (before != after).any(axis=-1)
+    assert changed[20:26, 30:40].mean() > 0.9
+    changed[20:26, 30:40] = False
+    assert not changed.any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--mask", "{folder}/black.png"], "black elsewhere (all of it is black)"),
+        (["--mask", "{folder}/white.png"], "black elsewhere (all of it is white)"),
+        (["--mask", "{folder}/small.png"], "must be as large as"),
+        (["--mask", "{folder}/none.png"], "none.png"),
+        (["--mask", "{folder}/mask.png", "--amount", "0.5"], "fills a picture as it is"),
+        (["--mask", "{folder}/mask.png", "--parallax", "0.1"], "fills a picture as it is"),
+        (["--mask", "{folder}/mask.png", "--rim-px", "1"], "leave out --rim-px"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(masked, arguments, said):
+    write_pixels(masked / "black.png", np.zeros((HEIGHT, WIDTH, 1), np.uint8), "Y")
+    write_pixels(masked / "white.png", np.full((HEIGHT, WIDTH, 1), 255, np.uint8), "Y")
+    write_pixels(masked / "small.png", np.full((HEIGHT // 2, WIDTH // 2, 1), 255, np.uint8), "Y")
+
+    message = refusal(
+        masked / "photo.png", masked / "out.png", *(a.format(folder=masked) for a in arguments)
+    )
+
+    assert said in message
+    assert not (masked / "out.png").exists()
 
 
 @pytest.mark.usefixtures("gl_context")
@@ -222,7 +306,7 @@ def test_steps_are_written_as_pictures(exr, tmp_path):
     folder = tmp_path / "steps"
     code, _, _ = run(exr, tmp_path / "out.png", "-m", "telea", "--steps", folder)
 
-    names = sorted(path.name for path in folder.iterdir())
+    names = sorted(path.name for path in folder.glob("*.png"))
     assert code == 0
     assert names == [
         "00-source.png",
@@ -280,6 +364,14 @@ def test_list_names_every_method_without_a_source():
     ("arguments", "said"),
     [
         (["-m", "tela"], "did you mean 'telea'"),
+        (
+            ["-m", "shift-map"],
+            "'coherence-transport' replaces it; for its own fills install revision",
+        ),
+        (
+            ["--set", "texture=background"],
+            "parameter 'texture' of metameric has left metamerlab, and metameric always fills with",
+        ),
         (["-m", "telea", "-m", "navier-stokes"], "add --compare"),
         (["-m", "telea", "--set", "radius"], "must be name=value"),
         (["-m", "telea", "--amount", "0.5"], "options of stereo pairs"),
@@ -301,7 +393,7 @@ def test_wrong_options_are_refused_before_any_work(exr, tmp_path, arguments, sai
         (["o.png", "--compare", "{stereo}/left.png"], "--compare: {stereo}/left.png is read"),
         (["o.png", "--compare", "{stereo}/right.png"], "--compare: {stereo}/right.png is read"),
         (["o.png", "--steps", "{stereo}"], "{stereo}: holds what this command reads"),
-        (["o.png", "--steps", "others"], "others: must be new, empty, or hold earlier steps"),
+        (["o.png", "--steps", "others"], "others: must be empty or new (it holds"),
         (["o.png", "--compare", "s.png", "--steps", "s.png"], "must be a folder or a file"),
     ],
 )
@@ -427,9 +519,10 @@ def test_pairs_whose_sizes_differ_are_refused(stereo):
     rest = (stereo / "out.png", "-m", "telea", "--disparity", stereo / "disparity.png")
 
     assert "must be as large as" in refusal(stereo / "small.png", *rest)
-    assert "must be as large as" in refusal(
-        stereo / "left.png", *rest, "--right", stereo / "small.png"
-    )
+    for option in ("--right", "--truth"):
+        assert "small.png: must be as large as" in refusal(
+            stereo / "left.png", *rest, option, stereo / "small.png"
+        )
 
 
 def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng):
@@ -439,7 +532,7 @@ def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng
     write_pixels(tmp_path / "hdr.exr", data, ("R", "G", "B", "Z", "flow.x", "flow.y"))
     arguments = (tmp_path / "hdr.exr", tmp_path / "out.png", "-m", "telea")
 
-    assert "allow clipping" in refusal(*arguments)
+    assert "lower the exposure, or allow clipping" in refusal(*arguments)
     assert run(*arguments, "--clip")[0] == 0
     assert gl_context is not None
 

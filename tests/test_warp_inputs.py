@@ -271,7 +271,7 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
         (["--flow", "motion.flo", "--to-left"], "options of stereo pairs"),
         (["--flow", "motion.flo", "--clip"], "belong to files of colour"),
         (["--flow", "none.flo"], "none.flo"),
-        (["--flow", "motion.flo", "--truth", "small.png"], "one height and width"),
+        (["--flow", "motion.flo", "--truth", "small.png"], "small.png: must be as large as"),
         (
             ["--depth", "depth.png", "--camera", "64,64", "--target-pose", "0 0 0 0 0 0 1"],
             "--camera must be FX,FY,CX,CY",

@@ -14,7 +14,7 @@ from analysis.export.bids_gaze import write_gaze
 from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
 from analysis.export.content import Content, generated_by, label, write_json
 from analysis.export.people import Person, Run
-from analysis.export.public import gaze_source, revision, scrub, system
+from analysis.export.public import gaze_source, scrub, system
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_json
@@ -108,7 +108,9 @@ def _about(content: Content, person: Person, run: Run, display: Display) -> dict
         "ScreenResolution": [display.width_px, display.height_px],
         "ScreenSize": [display.width_mm / 1000, display.height_mm / 1000],
         "SoftwareName": "metamerlab",
-        "SoftwareVersion": revision(run.opening.revision, public=content.public),
+        "SoftwareVersion": str(content.tables.sessions["revision"].iloc[0])
+        if content.public  # of all sessions together
+        else run.opening.revision,
         "OperatingSystem": system(start.platform, public=content.public),
     }
     return found | {"StimulusPresentation": screen}

@@ -6,6 +6,7 @@ where it is one of the words we know. `refuse_private` then reads the finished f
 
 import gzip
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,9 +67,9 @@ def timing_evidence(name: str, *, public: bool) -> str:
     return name if not public or name in _EVIDENCE else OTHER
 
 
-def revision(text: str, *, public: bool) -> str:
-    """Return version and git revision; in public only where it reads like one."""
-    return text if not public or _REVISION.fullmatch(text) else OTHER
+def _revisions(texts: Iterable[str]) -> str:
+    """Return all versions and git revisions: which was whose tells who came before an update."""
+    return "; ".join(sorted({t if _REVISION.fullmatch(t) else OTHER for t in texts}))
 
 
 def choices(protocol: StudyProtocol, question: str) -> set[str]:
@@ -147,8 +148,9 @@ def public_tables(tidy: Tidy, protocol: StudyProtocol, codes: dict[str, str]) ->
     codes : dict
         Name of a participant in the export, by participant code.
     """
-    sessions = _renamed(tidy.sessions.drop(columns=["slot", "plan_sha256"]), codes)
-    sessions["revision"] = [revision(text, public=True) for text in sessions["revision"]]
+    told = ["slot", "plan_sha256", "unchecked_lines"]
+    sessions = _renamed(tidy.sessions.drop(columns=told), codes)
+    sessions["revision"] = _revisions(sessions["revision"])
     sessions["timing_evidence"] = [
         timing_evidence(text, public=True) for text in sessions["timing_evidence"]
     ]

@@ -23,7 +23,7 @@ from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.tidy import tidy_tables
 from protocols.errors import StudyError
-from protocols.result_folder import whole_folder
+from protocols.result_folder import check_result, whole_folder
 from protocols.schema import StudyProtocol
 
 _WRITERS: dict[Format, Callable[[Content, Path], tuple[str, ...]]] = {
@@ -73,6 +73,7 @@ def export_study(
         )
     if sessions.resolve() in (out.resolve(), *out.resolve().parents):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
+    check_result(out)
     study = read_study(sessions, protocol, progress=progress)
     unordered, left_out = None, frozenset[str]()
     if options.public:

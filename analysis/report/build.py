@@ -24,7 +24,7 @@ from analysis.tables.write import write_table
 from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.outside import inline_svg, json_bytes, page_bytes
-from protocols.result_folder import whole_folder
+from protocols.result_folder import check_result, whole_folder
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
@@ -71,6 +71,7 @@ def report_sessions(
         As `analysis.tidy.read_sessions`; also if exclusions leave no decision, or `out` holds
         something else.
     """
+    check_result(out, replace=replace, reads=[folder])
     source = from_sessions(folder, protocol, progress)
     return write_report(
         source, folder, out, replace=replace, figure_files=figure_files, progress=progress
@@ -96,6 +97,7 @@ def report_decisions(
     `title` stands at the top of the page; left out: the protocol's, or the table's name. `where`
     are conditions that rows must fulfil.
     """
+    check_result(out, replace=replace, reads=[path])
     source = from_table(path, protocol, title, where)
     return write_report(
         source, path, out, replace=replace, figure_files=figure_files, progress=progress

@@ -24,7 +24,7 @@ from pipeline.compression.lost import (
     lost_maps,
     map_grids,
     mean_of_maps,
-    noise_of,
+    with_noise,
 )
 from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
@@ -235,5 +235,5 @@ def decompress(compressed: Compressed, *, seed: int = 0, frame: int = 0) -> NDAr
     picture = decoded_base(compressed.bases[frame], compressed.grid, compressed.codec)
     maps = decoded_maps(compressed, frame)
     if maps:
-        picture = picture + noise_of(maps, seed)
+        picture = with_noise(picture, maps, seed)
     return np.clip(picture, 0, 1).astype(np.float32)

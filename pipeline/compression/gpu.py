@@ -19,14 +19,15 @@ from pipeline.compression.file_format import Compressed
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
+from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.passes import (
     TILE,
     PicturePass,
     Pooled,
-    finish_constants,
     halved,
+    noise_constants,
     screen_noise,
+    weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
@@ -133,7 +134,7 @@ class DecompressPass(PicturePass):
         self._atlas = self._texture((columns, rows), "r8")
         width, height = self.size
         blocks = -(-width // 4), -(-height // 4)
-        self._weights = self._array(blocks, self.levels + -(-self.levels // 4), "rgba16f")
+        self._weights = self._array(blocks, weight_layers(self.levels, bent=False), "rgba16f")
         self._weigh = self._polar_shader(
             "weights",
             MAP_ROWS=self._maps[0].shape[0],
@@ -146,19 +147,8 @@ class DecompressPass(PicturePass):
             for first, grid in zip(ends[:-1], self._maps, strict=True)
         ]
         self._weigh["places"] = np.array(places, np.float32)
-        edge = tile_edge(height, width) // 2
-        self._finish = self._compile(
-            "finish",
-            **finish_constants(
-                NOISE=True,
-                BASE=False,
-                LEVELS=self.levels,
-                NOISE_ROWS=edge,
-                NOISE_COLUMNS=edge,
-                NOISE_SCALE=GRAIN,
-            ),
-        )
-        self._finish["noise_scale"] = 1.0
+        self._finish = self._compile("finish_screen", **noise_constants(self.levels, BASE=False))
+        self._finish["strength"] = 1.0
         self._eye.look(self._grid.gaze_px)
         self._seed = -1
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import RGB_FROM_YCBCR
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.resample import MARGIN, around, linear, to_cells
+from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_of
 from pipeline.foveation.moments import (
     BLOCK_HALVINGS,
@@ -130,9 +130,8 @@ def wanted_of(maps: Sequence[LostMap]) -> Wanted:
     return Wanted(np.concatenate(variances, axis=2), np.stack(slopes, axis=2), nothing)
 
 
-def noise_of(maps: Sequence[LostMap], seed: int) -> Floats:
-    """Noise with the variance that was lost, R'G'B', (H, W, 3); on the screen, as metamers' is."""
-    width, height = maps[0].grid.size
-    plane = noise_plane((height, width), seed, len(maps), 1, wraps=False)
-    ycc = shaped_noise(wanted_of(maps), plane, len(maps), "follow", wraps=False)
-    return np.asarray(ycc @ RGB_FROM_YCBCR.T)
+def with_noise(base: Floats, maps: Sequence[LostMap], seed: int) -> Floats:
+    """Add noise of the variance that was lost, as it lies on the screen, to R'G'B': (H, W, 3)."""
+    plane = noise_plane(base.shape[:2], seed, len(maps), 1, wraps=False)
+    noise = shaped_noise(wanted_of(maps), plane, len(maps), "follow", wraps=False)
+    return added(base, noise.ycc, noise.deviation)

@@ -12,8 +12,7 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-// As gains.comp.glsl has it: a layer a level, weights of high, along x, along y; a: Cb that goes with
-// luma. Then Cr of the levels, four a layer.
+// See weighed_noise.glsl.
 layout(rgba16f) uniform writeonly image2DArray weights;
 // Maps of a level below one another: deviations in three bands, slopes of Cb and Cr; levels beside
 // one another.
@@ -60,18 +59,19 @@ void main() {
     if (any(greaterThan(first, last))) return;
     for (int level = 0; level < LEVELS; ++level) asked[level] = asked_at(level, first);
     find_gains();
+    float deviation = deviation_of_all();
     for (int k = 0; k < 4; ++k) {
         ivec2 block = first + ivec2(k & 1, k >> 1);
         if (any(greaterThan(block, last))) continue;
-        vec4 red = vec4(0.0);
+        float scalars[LEVELS + 4];
         for (int level = 0; level < LEVELS; ++level) {
             Block own = block_at(level, block);
             imageStore(weights, ivec3(block, level), vec4(sqrt(own.variance) * gains[level], own.slope.x));
-            red[level & 3] = own.slope.y;
-            if ((level & 3) == 3 || level == LEVELS - 1) {
-                imageStore(weights, ivec3(block, LEVELS + (level >> 2)), red);
-                red = vec4(0.0);
-            }
+            scalars[level] = own.slope.y;
         }
+        scalars[LEVELS] = deviation;
+        for (int i = 0; i <= LEVELS; i += 4)
+            imageStore(weights, ivec3(block, LEVELS + i / 4),
+                       vec4(scalars[i], scalars[i + 1], scalars[i + 2], scalars[i + 3]));
     }
 }

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import GRAIN, check_seed, tile_edge
+from pipeline.foveation.noise_plane import check_seed, tile_edge
 from pipeline.foveation.passes import (
     TILE,
     PicturePass,
     Pooled,
-    finish_constants,
     halved,
+    noise_constants,
     screen_noise,
+    weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
@@ -42,7 +43,7 @@ class DenoisePass(PicturePass):
         super().__init__(ctx, (width, height), self._eye)
         self.levels = levels
         self._blocks = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
-        layers = levels + -(-levels // 4)
+        layers = weight_layers(levels, bent=False)
         self._base = self._texture(self.size)
         self._maps = self._array(self._blocks, layers)
         self._weights = self._array(self._blocks, layers, "rgba16f")
@@ -53,18 +54,8 @@ class DenoisePass(PicturePass):
         self._noise = self._array((edge, edge), -(-12 * levels // 16), "rgba32ui")
         self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._seed = -1
-        self._finish = self._compile(
-            "finish",
-            **finish_constants(
-                NOISE=True,
-                BASE=False,
-                LEVELS=levels,
-                NOISE_ROWS=edge,
-                NOISE_COLUMNS=edge,
-                NOISE_SCALE=GRAIN,
-            ),
-        )
-        self._finish["noise_scale"] = 1.0
+        self._finish = self._compile("finish_screen", **noise_constants(levels, BASE=False))
+        self._finish["strength"] = 1.0
 
     def load(self, maps: MomentMaps) -> None:
         """Upload maps of this size and these levels."""
@@ -114,7 +105,7 @@ class DenoisePass(PicturePass):
 def layered(maps: MomentMaps) -> NDArray[np.float32]:
     """Maps as the shader reads them: (layers, h, w, 4), a layer a level, then Cr of four each."""
     height, width, levels = maps.slopes.shape[:3]
-    layers = np.zeros((levels + -(-levels // 4), height, width, 4), np.float32)
+    layers = np.zeros((weight_layers(levels, bent=False), height, width, 4), np.float32)
     bands = maps.deviations.reshape(height, width, levels, 3)
     for level in range(levels):
         layers[level, ..., :3] = bands[:, :, level]

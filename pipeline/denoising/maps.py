@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import RGB_FROM_YCBCR
+from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, select
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import BLOCK_HALVINGS, SMALLEST_VARIANCE, Wanted, wanted_by_blocks
@@ -107,5 +107,5 @@ def metamer_of(maps: MomentMaps, pools: Pools, seed: int) -> NDArray[np.float32]
     """Make the metamer of moments: (H, W, 3), encoded R'G'B' in [0, 1]."""
     wraps = pools.geometry.wraps
     plane = noise_plane(maps.base.shape[:2], seed, maps.levels, 1, wraps=wraps)
-    ycc = shaped_noise(maps.wanted(), plane, maps.levels, "follow", wraps=wraps)
-    return finished(maps.base, maps.base + ycc @ RGB_FROM_YCBCR.T, pools)
+    noise = shaped_noise(maps.wanted(), plane, maps.levels, "follow", wraps=wraps)
+    return finished(maps.base, added(maps.base, noise.ycc, noise.deviation), pools)

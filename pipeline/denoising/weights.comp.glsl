@@ -9,9 +9,8 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-// Both as gains.comp.glsl has them: a layer a level, high, along x, along y; a: Cb that goes with
-// luma. Then Cr of the levels, four a layer.
-uniform sampler2DArray maps;
+uniform sampler2DArray maps;  // as weights are, but for the deviation, which they lack
+// See weighed_noise.glsl.
 layout(rgba16f) uniform writeonly image2DArray weights;
 
 void main() {
@@ -26,6 +25,7 @@ void main() {
         asked[level] = 0.25 * sum;
     }
     find_gains();
+    float deviation = deviation_of_all();
     for (int k = 0; k < 4; ++k) {
         ivec2 block = first + ivec2(k & 1, k >> 1);
         if (any(greaterThan(block, last))) continue;
@@ -33,7 +33,10 @@ void main() {
             vec4 own = texelFetch(maps, ivec3(block, level), 0);
             imageStore(weights, ivec3(block, level), vec4(own.xyz * gains[level], own.a));
         }
-        for (int layer = LEVELS; layer < LEVELS + (LEVELS + 3) / 4; ++layer)
-            imageStore(weights, ivec3(block, layer), texelFetch(maps, ivec3(block, layer), 0));
+        for (int layer = 0; 4 * layer <= LEVELS; ++layer) {
+            vec4 scalars = texelFetch(maps, ivec3(block, LEVELS + layer), 0);
+            if (layer == LEVELS / 4) scalars[LEVELS % 4] = deviation;
+            imageStore(weights, ivec3(block, LEVELS + layer), scalars);
+        }
     }
 }

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import moderngl
 
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.passes import TILE, PicturePass, Pooled, resolutions
-from pipeline.gl.compute import Resource
+from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
+
+
+@dataclass(frozen=True, eq=False)
+class Resolutions:
+    """Textures by resolution less 1; None where there are none. The picture's own are not kept.
+
+    `lows`: the picture halved so often. `moments`: two layers a level, see pull.comp.glsl.
+    `powers`: of Cb and Cr, from resolution 2 on.
+    """
+
+    lows: list[moderngl.Texture]
+    moments: list[moderngl.TextureArray | None]
+    powers: list[moderngl.TextureArray | None]
 
 
 class ChainPass(PicturePass):
-    """The chain of a picture and its bands' moments, pulled, then chosen for a gaze, in place.
+    """The chain of a picture and its bands' moments, pulled once, then chosen for any gaze.
+
+    Attributes
+    ----------
+    pulled, chosen : Resolutions
+        What is never chosen is one texture in both.
 
     Parameters
     ----------
@@ -43,18 +63,19 @@ class ChainPass(PicturePass):
         self.count = chain_length(*size)
         self.sizes = resolutions(size, self.count)
         taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
-        # lows[0] and moments[0] stand for the picture's own, which are not kept.
-        self.lows = [self._texture(size) for size in self.sizes[1:]]
-        self.moments = [
-            self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
-            for r in range(1, self.count + 1)
-        ]
         # Powers of chroma, of resolutions from 2.
         has_powers = levels > 0 and chroma
-        self.powers = [
-            self._array(self.sizes[r], 2) if has_powers and r > 1 else None
-            for r in range(1, self.count + 1)
-        ]
+        self.pulled = Resolutions(
+            [self._texture(size) for size in self.sizes[1:]],
+            [
+                self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
+                for r in range(1, self.count + 1)
+            ],
+            [
+                self._array(self.sizes[r], 2) if has_powers and r > 1 else None
+                for r in range(1, self.count + 1)
+            ],
+        )
         pulled = [
             (r < levels, min(r, levels), min(r, 2) if has_powers else 0) for r in range(self.count)
         ]
@@ -69,7 +90,12 @@ class ChainPass(PicturePass):
             )
             for own, older, powers in dict.fromkeys(pulled)
         }
-        self._pulls = [made[key] for key in pulled]
+        pulls = [made[key] for key in pulled]
+        self._first_pull = Steps(lambda source: self._pull_step(pulls[0], 0, source))
+        self._pulls = [
+            self._pull_step(shader, r, self.pulled.lows[r - 1])
+            for r, shader in enumerate(pulls[1:], start=1)
+        ]
         pushed = {
             r: (r < deepest, min(r, levels) if r >= finest else 0) for r in range(1, self.count)
         }
@@ -80,40 +106,60 @@ class ChainPass(PicturePass):
             for base, layers in dict.fromkeys(pushed.values())
             if base or layers
         }
-        self._pushes = [(r, pushes[key]) for r, key in pushed.items() if any(key)]
+        self.chosen = Resolutions(*(list(kind) for kind in vars(self.pulled).values()))
+        for r, (base, layers) in pushed.items():
+            if base:
+                self.chosen.lows[r - 1] = self._texture(self.sizes[r])
+            if layers:
+                self.chosen.moments[r - 1] = self._array(self.sizes[r], 2 * layers)
+            if layers and has_powers:
+                self.chosen.powers[r - 1] = self._array(self.sizes[r], 2)
+        self._pushes = [
+            (r, self._push_step(pushes[key], r)) for r, key in reversed(pushed.items()) if any(key)
+        ]
 
     def pull(self, source: moderngl.Texture) -> None:
         """Make all resolutions of `source`."""
-        for r, shader in enumerate(self._pulls):
-            fine = self.lows[r - 1] if r else source
-            shader.run_over(
-                self.sizes[r + 1],
-                fine=fine,
-                coarse=self.lows[r],
-                **self._statistics(r),
-            )
+        self._first_pull.run(source)
+        for step in self._pulls:
+            step.run()
 
     def push(self, last: int, first: int | None = None) -> None:
         """Choose levels of detail at resolutions from `first` (the coarsest) down to `last`."""
-        for r, shader in reversed(self._pushes):
-            if r < last or (first is not None and r > first):
-                continue
-            shader["fine_size"] = self.sizes[r]
-            shader["halvings"] = r
-            shader.run_over(
-                self.sizes[r],
-                fine=self.lows[r - 1],
-                coarse=self.lows[r],
-                **self._statistics(r),
-            )
+        for r, step in self._pushes:
+            if r >= last and (first is None or r <= first):
+                step.run()
 
-    def _statistics(self, r: int) -> dict[str, Resource]:
-        """Those of resolutions `r` and r + 1."""
-        return given(
-            fine_moments=self.moments[r - 1] if r else None,
-            coarse_moments=self.moments[r],
-            fine_powers=self.powers[r - 1] if r else None,
-            coarse_powers=self.powers[r],
+    def _pull_step(self, shader: Shader, r: int, fine: moderngl.Texture) -> Step:
+        lows, moments, powers = vars(self.pulled).values()
+        return shader.step_over(
+            self.sizes[r + 1],
+            **given(
+                fine=fine,
+                coarse=lows[r],
+                fine_moments=moments[r - 1] if r else None,
+                coarse_moments=moments[r],
+                fine_powers=powers[r - 1] if r else None,
+                coarse_powers=powers[r],
+            ),
+        )
+
+    def _push_step(self, shader: Shader, r: int) -> Step:
+        own, chosen = self.pulled, self.chosen
+        return shader.step_over(
+            self.sizes[r],
+            {"halvings": of_int(r)},
+            **given(
+                fine=own.lows[r - 1],
+                coarse=chosen.lows[r],
+                chosen=chosen.lows[r - 1],
+                fine_moments=own.moments[r - 1],
+                coarse_moments=chosen.moments[r],
+                chosen_moments=chosen.moments[r - 1],
+                fine_powers=own.powers[r - 1],
+                coarse_powers=chosen.powers[r],
+                chosen_powers=chosen.powers[r - 1],
+            ),
         )
 
 

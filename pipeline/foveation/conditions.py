@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
-from pipeline.foveation.look import Look, Picture, check_picture
+from pipeline.foveation.look import Look, Picture, as_floats, check_held, check_picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.registry import Entry, check_given, defaults_of, find
 
@@ -166,6 +166,8 @@ def foveate(
 class Foveator:
     """One condition for pictures of one size: what `foveate` builds anew for each call.
 
+    `hold` a picture once and `show` it to many gazes, or call it with picture and gaze.
+
     Parameters
     ----------
     size : (height, width)
@@ -191,6 +193,8 @@ class Foveator:
         self.method = method
         self.geometry: Geometry = (viewing or Flat()).of(size[1], size[0])
         self.condition = create_condition(method, parameters)
+        self._held: Picture | NDArray[np.uint8] | None = None
+        self._analysed = False
         self.passes: FoveationPass | None = None
         if ctx is not None:
             self.passes = self._passes(ctx)
@@ -206,19 +210,73 @@ class Foveator:
         field_gaze_px: tuple[float, float] | None = None,
     ) -> Picture:
         """Show one picture; see `foveate`."""
-        image = check_picture(picture)
+        self._keep(check_picture(picture))
+        return self.show(
+            gaze_px,
+            seed=seed,
+            frame=frame,
+            noise_shift_px=noise_shift_px,
+            field_gaze_px=field_gaze_px,
+        )
+
+    def hold(self, picture: NDArray[np.floating] | NDArray[np.uint8]) -> None:
+        """Analyse a picture once, to `show` it to any number of gazes.
+
+        Parameters
+        ----------
+        picture : ndarray of shape (H, W, 3)
+            Encoded R'G'B' in [0, 1], or of 8 bits; on the GPU the latter are not converted. It must
+            not change while it is held.
+
+        Raises
+        ------
+        InputError
+            If it is no picture, or of another size.
+        """
+        self._keep(check_held(picture))
+        if self.passes is not None:
+            self._analyse(self.passes)
+
+    def show(
+        self,
+        gaze_px: tuple[float, float],
+        *,
+        seed: int = 0,
+        frame: int = 0,
+        noise_shift_px: NDArray[np.floating] | None = None,
+        field_gaze_px: tuple[float, float] | None = None,
+    ) -> Picture:
+        """Show the picture that is held, bit for bit as a call with it would; see `foveate`.
+
+        Raises
+        ------
+        InputError
+            If none is held, or as `foveate`.
+        """
+        if self._held is None:
+            raise InputError("a foveator must hold a picture before it shows one: hold(picture)")
+        look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
+        if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
+            self._analyse(self.passes)
+            return self.passes.shown(look)
+        image = as_floats(self._held)
+        if self.geometry.wraps and self.condition.on_charts:
+            return by_charts(self.condition, image, look)
+        return self.condition.apply(image, look)
+
+    def _keep(self, image: Picture | NDArray[np.uint8]) -> None:
         size = (self.geometry.height_px, self.geometry.width_px)
         if image.shape[:2] != size:
             raise InputError(
                 f"picture must be {size[1]} x {size[0]} px, as this foveator was built"
                 f" (got {image.shape[1]} x {image.shape[0]})"
             )
-        look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
-        if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
-            return self.passes.apply(image, look)
-        if self.geometry.wraps and self.condition.on_charts:
-            return by_charts(self.condition, image, look)
-        return self.condition.apply(image, look)
+        self._held, self._analysed = image, False
+
+    def _analyse(self, passes: FoveationPass) -> None:
+        if not self._analysed and self._held is not None:
+            passes.upload(self._held)
+            self._analysed = True
 
     def _passes(self, ctx: moderngl.Context) -> FoveationPass | None:
         if not (self.geometry.wraps and self.condition.on_charts):
@@ -228,7 +286,8 @@ class Foveator:
         return panorama_pass(ctx, self.geometry, self.condition)
 
     def release(self) -> None:
-        """Free what is held on the GPU."""
+        """Free what is held on the GPU, and the picture."""
+        self._held = None
         if self.passes is not None:
             self.passes.release()
             self.passes = None

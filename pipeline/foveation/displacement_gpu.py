@@ -1,7 +1,8 @@
 """Eidolons and warped metamers on the GPU. Twin: displacement.py.
 
-The field's noise is halved once per seed; a call pushes it, looks the picture up, and for a match
-pulls the moments of both pictures and pushes what the displaced one lacks.
+The field's noise is halved once per seed, and pushed where its gaze moves; then the picture is
+looked up. For a match the moments of both pictures are pulled where these change; each call pushes
+what the displaced one lacks.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.passes import PicturePass, Pooled, halved, resolutions
 from pipeline.foveation.sphere import FINEST, noise_key
-from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 from pipeline.gl.shader import Constant
 
 MATCH_CONSTANTS: dict[str, Constant] = {
@@ -62,32 +63,50 @@ class DisplacementPass(FoveationPass):
         self.settings = settings
         self._field_pooled = Pooled(geometry, settings.pooling)
         self._levels = min(settings.levels, chain_length(*self.size))
-        self._join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
+        join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
         self._warped = self._texture(self.size)
+        self._displaced_for: tuple[int, tuple[float, float]] | None = None
         kind = _SphereField if geometry.on_sphere else _FlatField
         self._field: _SphereField | _FlatField = self._part(
-            kind(ctx, self.size, self._field_pooled, settings)
+            kind(ctx, self._field_pooled, settings, self._warped)
         )
         self._match: _Match | None = None
+        lacks: dict[str, Resource] = {}
         if match:
             self._match = self._part(_Match(ctx, self._eye, self._levels))
             self.chains = self._match.chains
+            lacks = self._match.lacking
+            join["has_coarse_change"] = self._match.has_change
+        self._join = Steps(
+            lambda source, target: join.step_over(
+                halved(self.size), source=source, warped=self._warped, target=target, **lacks
+            )
+        )
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand."""
         self._field.set_seed(check_seed(seed))
 
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._displaced_for = None
+        if self._match:
+            self._match.pull(source)
+
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        field = call.seed, call.field_gaze_px
+        if self._displaced_for != field:  # else it rests, and so does what it displaces
+            self._displace(source, call)
+            self._displaced_for = field
+        if self._match:
+            self._match()
+        self._join.run(source, target)
+
+    def _displace(self, source: moderngl.Texture, call: Call) -> None:
         self.set_seed(call.seed)
         self._field_pooled.look(call.field_gaze_px)
-        self._field.displace(source, self._warped)
-        lacks: dict[str, Resource] = {}
+        self._field.displace(source)
         if self._match:
-            lacks = self._match(source, self._warped)
-            self._join["has_coarse_change"] = self._match.has_change
-        self._join.run_over(
-            halved(self.size), source=source, warped=self._warped, target=target, **lacks
-        )
+            self._match.pull_displaced(self._warped)
 
 
 class _FlatField(PicturePass):
@@ -96,23 +115,40 @@ class _FlatField(PicturePass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        size: tuple[int, int],
         pooled: Pooled,
         settings: DisplacementSettings,
+        warped: moderngl.Texture,
     ) -> None:
-        super().__init__(ctx, size, pooled)
-        self._count = count = chain_length(*size)
+        super().__init__(ctx, warped.size, pooled)
+        self._count = count = chain_length(*self.size)
         least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
-        self._push = self._compile("field", **least)
-        self._displace = self._compile(
-            "displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least
-        )
+        push = self._compile("field", **least)
+        displace = self._compile("displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least)
         self._set(smoothness=settings.smoothness, reach=settings.reach)
-        self._displace["energies"] = np.array(white_energies(count + 2), np.float32)
-        self._sizes = resolutions(size, count)
-        self._noise = [self._texture(size, "rg32f") for size in self._sizes]
+        displace["energies"] = np.array(white_energies(count + 2), np.float32)
+        sizes = resolutions(self.size, count)
+        self._noise = [self._texture(size, "rg32f") for size in sizes]
         # By resolution less 1: the finest is the look-up's.
-        self._chosen = [self._texture(size, "rg32f") for size in self._sizes[1:-1]]
+        chosen = [self._texture(size, "rg32f") for size in sizes[1:-1]]
+        self._pushes = [
+            push.step_over(
+                sizes[r],
+                {"halvings": of_int(r)},
+                own=self._noise[r],
+                coarse=coarse,
+                chosen=chosen[r - 1],
+            )
+            for r, coarse in reversed(list(enumerate([*chosen[1:], self._noise[-1]], start=1)))
+        ]
+        self._displace = Steps(
+            lambda source: displace.step_over(
+                self.size,
+                source=source,
+                warped=warped,
+                noise=self._noise[0],
+                coarse_field=chosen[0],
+            )
+        )
         self._seed: int | None = None
 
     def set_seed(self, seed: int) -> None:
@@ -125,15 +161,10 @@ class _FlatField(PicturePass):
             texture.write(np.ascontiguousarray(noise, np.float32).tobytes())
         self._seed = seed
 
-    def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
-        for r in reversed(range(1, self._count)):
-            coarse = self._chosen[r] if r + 1 < self._count else self._noise[r + 1]
-            self._push["halvings"] = r
-            self._push.run_over(
-                self._sizes[r], own=self._noise[r], coarse=coarse, chosen=self._chosen[r - 1]
-            )
-        field = {"noise": self._noise[0], "coarse_field": self._chosen[0]}
-        self._displace.run_over(self.size, source=source, warped=warped, **field)
+    def displace(self, source: moderngl.Texture) -> None:
+        for step in self._pushes:
+            step.run()
+        self._displace.run(source)
 
 
 class _SphereField(PicturePass):
@@ -142,23 +173,29 @@ class _SphereField(PicturePass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        size: tuple[int, int],
         pooled: Pooled,
         settings: DisplacementSettings,
+        warped: moderngl.Texture,
     ) -> None:
-        super().__init__(ctx, size, pooled)
-        self._displace = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
+        super().__init__(ctx, warped.size, pooled)
+        self._shader_of_all = shader = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
         self._set(smoothness=settings.smoothness, reach=settings.reach)
+        self._displace = Steps(
+            lambda source: shader.step_over(self.size, source=source, warped=warped)
+        )
 
     def set_seed(self, seed: int) -> None:
-        self._displace["key"] = noise_key(seed)
+        self._shader_of_all["key"] = noise_key(seed)
 
-    def displace(self, source: moderngl.Texture, warped: moderngl.Texture) -> None:
-        self._displace.run_over(self.size, source=source, warped=warped)
+    def displace(self, source: moderngl.Texture) -> None:
+        self._displace.run(source)
 
 
 class _Match(PicturePass):
-    """What the displaced picture lacks of the pooled moments of the picture."""
+    """What the displaced picture lacks of the pooled moments of the picture.
+
+    Both are pulled when they change, and pushed for each gaze. `lacking` is what the join reads.
+    """
 
     def __init__(self, ctx: moderngl.Context, pooled: Pooled, levels: int) -> None:
         geometry = pooled.geometry
@@ -170,11 +207,11 @@ class _Match(PicturePass):
         self.chains = [self._true, self._own]
         self._count, self._levels = self._true.count, levels
         # By resolution less 1: the finest is the join's.
-        self._difference = [self._texture(size) for size in self._true.sizes[1:]]
-        self._change = [self._texture(size) for size in self._true.sizes[1:levels]]
+        self._difference = [self._texture(size, "rgba16f") for size in self._true.sizes[1:]]
+        self._change = [self._texture(size, "rgba16f") for size in self._true.sizes[1:levels]]
         taps = band_constants()
         keys = [(r < levels, r == self._count) for r in range(1, self._count + 1)]
-        self._steps: dict[tuple[bool, bool], Shader] = {
+        made = {
             (is_level, deepest): self._compile(
                 "match",
                 LEVEL=is_level,
@@ -186,50 +223,59 @@ class _Match(PicturePass):
             )
             for is_level, deepest in dict.fromkeys(keys)
         }
+        self._steps = [
+            self._step(made[key], r, *key) for r, key in reversed(list(enumerate(keys, start=1)))
+        ]
+        self.lacking: dict[str, Resource] = {
+            "coarse_difference": self._difference[0],
+            "coarse_own": self._own.pulled.lows[0],
+            "coarse_change": (self._change or self._difference)[0],
+            **self._moments(1),
+        }
+
+    def _step(self, shader: Shader, r: int, is_level: bool, deepest: bool) -> Step:
+        given: dict[str, Resource] = {
+            "true_low": self._true.pulled.lows[r - 1],
+            "own_low": self._own.pulled.lows[r - 1],
+            "difference": self._difference[r - 1],
+        }
+        if not deepest:
+            given["coarse_difference"] = self._difference[r]
+        if is_level:
+            given["change"] = self._change[r - 1]
+            given["coarse_own"] = self._own.pulled.lows[r]
+            given["coarse_change"] = self._change[min(r, self._levels - 2)]
+            given |= self._moments(r)
+        uniforms = {
+            "halvings": of_int(r),
+            "moments_at": of_int(r + 1),
+            "has_coarse_change": of_int(r + 1 < self._levels),
+        }
+        return shader.step_over(self._true.sizes[r], uniforms, **given)
 
     @property
     def has_change(self) -> bool:
         """Whether the join finds a change of bands one resolution down."""
         return bool(self._change)
 
-    def __call__(self, source: moderngl.Texture, warped: moderngl.Texture) -> dict[str, Resource]:
-        """Push the difference of pools' means, and what bands add too little, to resolution 1.
-
-        Return what the join reads.
-        """
+    def pull(self, source: moderngl.Texture) -> None:
+        """Analyse the picture."""
         self._true.pull(source)
+
+    def pull_displaced(self, warped: moderngl.Texture) -> None:
+        """Analyse the displaced picture."""
         self._own.pull(warped)
+
+    def __call__(self) -> None:
+        """Push the difference of pools' means, and what bands add too little, to resolution 1."""
         self._true.push(2)
         self._own.push(2)
-        for r in range(self._count, 0, -1):
-            is_level, deepest = r < self._levels, r == self._count
-            shader = self._steps[is_level, deepest]
-            given: dict[str, Resource] = {
-                "true_low": self._true.lows[r - 1],
-                "own_low": self._own.lows[r - 1],
-                "difference": self._difference[r - 1],
-            }
-            if not deepest:
-                given["coarse_difference"] = self._difference[r]
-            if is_level:
-                given["change"] = self._change[r - 1]
-                given["coarse_own"] = self._own.lows[r]
-                given["coarse_change"] = self._change[min(r, self._levels - 2)]
-                given |= self._moments(r)
-                shader["moments_at"] = r + 1
-                shader["has_coarse_change"] = r + 1 < self._levels
-            shader["halvings"] = r
-            shader.run_over(self._true.sizes[r], **given)
-        return {
-            "coarse_difference": self._difference[0],
-            "coarse_own": self._own.lows[0],
-            "coarse_change": (self._change or self._difference)[0],
-            **self._moments(1),
-        }
+        for step in self._steps:
+            step.run()
 
     def _moments(self, r: int) -> dict[str, moderngl.TextureArray]:
         """Both pictures' moments of resolution r + 1, chosen."""
-        true, own = self._true.moments[r], self._own.moments[r]
+        true, own = self._true.chosen.moments[r], self._own.chosen.moments[r]
         assert true is not None
         assert own is not None
         return {"true_moments": true, "own_moments": own}

@@ -17,8 +17,7 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-// A layer a level: weights of high, along x, along y; a: Cb that goes with luma. Then, four a layer,
-// Cr of the levels, and the shape of Cb and Cr's noise.
+// See weighed_noise.glsl.
 layout(rgba16f) uniform writeonly image2DArray weights;
 // Moments as pull.comp.glsl writes them, of resolutions 1 and 2; chosen, of the coarser ones: level k's
 // at k + 1. The last push, to resolution 2, is done here.
@@ -45,9 +44,11 @@ uniform sampler2DArray moments_6;
 
 vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * second.xyz, 0.0); }
 
-// What a block's noise is to be multiplied by, but for the gains. Room for the most levels, for
-// indices written out: arrays that are indexed by a variable are slow.
-struct Block { vec4 weights[6], red[3]; };
+// What a block's noise is to be multiplied by, but for the gains, and what else is known of it. Room
+// for the most levels, for indices written out: arrays that are indexed by a variable are slow.
+struct Block { vec4 weights[6], scalars[3]; };
+
+#define SCALAR(own, i) own.scalars[(i) / 4][(i) % 4]
 
 // What the pool of a block has in a layer of resolution 2, and in the same of the coarser one.
 #if COARSER
@@ -122,12 +123,12 @@ vec3 with_small_pools(ivec2 block, vec3 wide, float pool) {
         vec2 slopes = slopes_of(first, second);                                                \
         if (level > 0) given += dot(variance, vec3(1.0)) * slopes * slopes;                    \
         own.weights[level] = vec4(sqrt(variance), slopes.x);                                   \
-        own.red[level / 4][level % 4] = slopes.y;                                              \
+        SCALAR(own, level) = slopes.y;                                                         \
     }
 
 Block block_at(ivec2 block) {
     Block own;
-    own.red[0] = own.red[1] = own.red[2] = vec4(0.0);
+    own.scalars[0] = own.scalars[1] = own.scalars[2] = vec4(0.0);
     vec2 given = vec2(0.0);  // variance of chroma by the levels from the second on
     // The block's place in resolution 3, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * (vec2(block) + 0.5) / vec2((imageSize(weights).xy + 1) / 2);
@@ -152,22 +153,22 @@ Block block_at(ivec2 block) {
     // No more than there is in the pool.
     Chroma chroma = chroma_at(block, within, pool);
     vec2 limit = sqrt(min(chroma.variance / (given + SMALLEST_VARIANCE), 1.0));
-#define LIMIT(level) { own.weights[level].a *= limit.x; own.red[level / 4][level % 4] *= limit.y; }
+#define LIMIT(level) { own.weights[level].a *= limit.x; SCALAR(own, level) *= limit.y; }
     EACH_LEVEL(LIMIT)
-    own.red[LEVELS / 4][LEVELS % 4] = chroma.shape.x;
-    own.red[(LEVELS + 1) / 4][(LEVELS + 1) % 4] = chroma.shape.y;
-    own.red[(LEVELS + 2) / 4][(LEVELS + 2) % 4] = chroma.shape.z;
+    SCALAR(own, LEVELS + 1) = chroma.shape.x;
+    SCALAR(own, LEVELS + 2) = chroma.shape.y;
+    SCALAR(own, LEVELS + 3) = chroma.shape.z;
 #endif
     return own;
 }
 
-void store(ivec2 place, ivec2 last, Block own) {
+void store(ivec2 place, ivec2 last, Block own, float deviation) {
     if (any(greaterThan(place, last))) return;
 #define STORE(i) imageStore(weights, ivec3(place, i), own.weights[i] * vec4(gains[i], 1.0));
     EACH_LEVEL(STORE)
-    imageStore(weights, ivec3(place, LEVELS), own.red[0]);
-    if (LEVELS + 3 * CHROMA > 4) imageStore(weights, ivec3(place, LEVELS + 1), own.red[1]);
-    if (LEVELS + 3 * CHROMA > 8) imageStore(weights, ivec3(place, LEVELS + 2), own.red[2]);
+    SCALAR(own, LEVELS) = deviation;
+    for (int layer = 0; 4 * layer < LEVELS + 1 + 3 * CHROMA; ++layer)
+        imageStore(weights, ivec3(place, LEVELS + layer), own.scalars[layer]);
 }
 
 void main() {
@@ -178,8 +179,9 @@ void main() {
     Block a = block_at(first), b = block_at(min(first + ivec2(1, 0), last));
     Block c = block_at(min(first + ivec2(0, 1), last)), d = block_at(min(first + 1, last));
     find_gains();
-    store(first, last, a);
-    store(first + ivec2(1, 0), last, b);
-    store(first + ivec2(0, 1), last, c);
-    store(first + 1, last, d);
+    float deviation = deviation_of_all();
+    store(first, last, a, deviation);
+    store(first + ivec2(1, 0), last, b, deviation);
+    store(first + ivec2(0, 1), last, c, deviation);
+    store(first + 1, last, d, deviation);
 }

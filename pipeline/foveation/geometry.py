@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 Floats: TypeAlias = NDArray[np.float64]
+Ray: TypeAlias = tuple[float, float, float]
 
 WIDEST_FLAT_DEG = 180.0
 LEAST_FROM_FAR_POLE = 1e-6  # 1 less the cosine: a twelfth of a degree
+FADE_DEG = 1.0  # over so many degrees gives way what is shown around the gaze
 
 
 class Geometry(Protocol):
@@ -42,6 +44,10 @@ class Geometry(Protocol):
 
     def directions(self, x: Floats, y: Floats) -> Floats:
         """Unit vectors from the eye to positions of one shape (...): (..., 3)."""
+        ...
+
+    def ray(self, x: float, y: float) -> Ray:
+        """`directions` of one position, without arrays: for every frame."""
         ...
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
@@ -148,6 +154,27 @@ class FlatGeometry:
         rays = np.stack(np.broadcast_arrays(across, down, self.distance_px), axis=-1)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
+    def ray(self, x: float, y: float) -> Ray:
+        across, down = x - self.centre_px[0], y - self.centre_px[1]
+        length = math.sqrt(across * across + down * down + self.distance_px**2)
+        return across / length, down / length, self.distance_px / length
+
+    def place_px(self, across_deg: float, down_deg: float) -> tuple[float, float]:
+        """Position so many degrees right of and below where the normal meets the picture."""
+        x, y = (
+            centre + self.distance_px * math.tan(math.radians(angle))
+            for centre, angle in zip(self.centre_px, (across_deg, down_deg), strict=True)
+        )
+        return x, y
+
+    def angles_deg(self, place_px: tuple[float, float]) -> tuple[float, float]:
+        """Invert `place_px`."""
+        across_deg, down_deg = (
+            math.degrees(math.atan((place - centre) / self.distance_px))
+            for centre, place in zip(self.centre_px, place_px, strict=True)
+        )
+        return across_deg, down_deg
+
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         scale = self.distance_px / np.where(rays[..., 2] > 1e-6, rays[..., 2], np.nan)
         x, y = (self.centre_px[axis] + scale * rays[..., axis] for axis in (0, 1))
@@ -180,6 +207,12 @@ class EquirectangularGeometry:
         level = np.cos(latitude)
         rays = (np.sin(longitude) * level, -np.sin(latitude), np.cos(longitude) * level)
         return np.stack(np.broadcast_arrays(*rays), axis=-1)
+
+    def ray(self, x: float, y: float) -> Ray:
+        longitude = (x / self.width_px - 0.5) * (2 * math.pi)
+        latitude = (0.5 - y / self.height_px) * math.pi
+        level = math.cos(latitude)
+        return math.sin(longitude) * level, -math.sin(latitude), math.cos(longitude) * level
 
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         longitude = np.arctan2(rays[..., 0], rays[..., 2])
@@ -248,6 +281,13 @@ class CapGeometry:
         rays = (2 * across, self.pole * (1 - square), -self.pole * 2 * down)
         return np.stack(np.broadcast_arrays(*rays), axis=-1) / (1 + square)[..., None]
 
+    def ray(self, x: float, y: float) -> Ray:
+        middle, tangent_px = self.edge_px / 2, 2 * self.radian_px
+        across, down = (x - middle) / tangent_px, (y - middle) / tangent_px
+        square = across * across + down * down
+        near = 1 + square
+        return 2 * across / near, self.pole * (1 - square) / near, -self.pole * 2 * down / near
+
     def positions(self, rays: Floats) -> tuple[Floats, Floats]:
         # The other pole would lie at infinity.
         scale = 2 * self.radian_px / np.maximum(1 + self.pole * rays[..., 1], LEAST_FROM_FAR_POLE)
@@ -285,6 +325,15 @@ def eccentricity_deg(
     gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))
     sine = np.linalg.norm(np.cross(rays, gaze), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, rays @ gaze)))
+
+
+def share_around(
+    geometry: Geometry, gaze_px: tuple[float, float], within_deg: float
+) -> NDArray[np.float32]:
+    """Fade out around a gaze: (H, W), 1 within an angle, 0 `FADE_DEG` beyond it."""
+    away = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
+    way = ((away - within_deg) / FADE_DEG).clip(0, 1)
+    return np.asarray(1 - way * way * (3 - 2 * way), np.float32)
 
 
 def check_gaze(geometry: Geometry, gaze_px: tuple[float, float]) -> tuple[float, float]:

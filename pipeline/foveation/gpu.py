@@ -8,7 +8,7 @@ of 4x4 pixels. With K halvings 2 K + 1 passes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import moderngl
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import ChainPass, given
 from pipeline.foveation.geometry import Geometry
+from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.moments import (
     LEAST_TIGHTNESS,
@@ -25,33 +26,31 @@ from pipeline.foveation.moments import (
     SMALLEST_VARIANCE,
     STRONGEST_BEND,
 )
-from pipeline.foveation.noise_plane import (
-    GRAIN,
-    carried_noise,
-    check_seed,
-    tile_edge,
-)
+from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
     PicturePass,
     Pooled,
-    finish_constants,
     halved,
     layered,
+    noise_constants,
     screen_noise,
+    weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.gl.compute import Shader
+from pipeline.gl.compute import Shader, Step, Steps
 from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
+OPAQUE = {"rgba8": 255, "rgba32f": 1}
+
 
 @dataclass(frozen=True)
 class Call:
-    """How a pass is called: see `FoveationPass.__call__`."""
+    """How a pass is called: see `FoveationPass.show`."""
 
     gaze_px: tuple[float, float]
     seed: int
@@ -63,7 +62,7 @@ class FoveationPass(PicturePass):
     """A condition on the GPU, for pictures of one size.
 
     Compiles and allocates on construction (and once more for the first seed, and the first carried
-    noise). A call binds and dispatches, and reads nothing back.
+    noise). `hold` and `show` bind and dispatch, and read nothing back.
 
     Attributes
     ----------
@@ -78,7 +77,8 @@ class FoveationPass(PicturePass):
         size = geometry.width_px, geometry.height_px
         super().__init__(ctx, size, self._eye, wraps=geometry.wraps)
         self.geometry = geometry
-        self._ends: tuple[moderngl.Texture, moderngl.Texture] | None = None
+        self._source: moderngl.Texture | None = None
+        self._ends: dict[str, moderngl.Texture] = {}  # for callers without textures
         self.chains: list[ChainPass] = []  # what analyses pictures
 
     def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
@@ -88,13 +88,22 @@ class FoveationPass(PicturePass):
         self.chains.append(chain)
         return chain
 
+    def _analyse(self, source: moderngl.Texture) -> None:
+        """Do what depends on the picture alone."""
+        raise NotImplementedError
+
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         """Do what a call asks for; pools are known, and textures checked."""
         raise NotImplementedError
 
-    def __call__(
+    def hold(self, source: moderngl.Texture) -> None:
+        """Analyse a picture, rgba32f or rgba8, which stays the caller's and must not change."""
+        check_texture(source, "source", self.size, "rgba32f", "rgba8")
+        self._analyse(source)
+        self._source = source
+
+    def show(
         self,
-        source: moderngl.Texture,
         target: moderngl.Texture,
         gaze_px: tuple[float, float],
         *,
@@ -102,31 +111,50 @@ class FoveationPass(PicturePass):
         noise_shift_px: moderngl.Texture | None = None,
         field_gaze_px: tuple[float, float] | None = None,
     ) -> None:
-        """Show `source` to an eye at `gaze_px`, into `target`: another texture, both rgba32f.
+        """Show the picture that is held to an eye at `gaze_px`, into `target`: rgba32f.
 
         Alpha is copied. `noise_shift_px` (rg32f) and `field_gaze_px`: see `foveate`.
         """
-        for name, texture in (("source", source), ("target", target)):
-            check_texture(texture, name, self.size, "rgba32f")
+        if self._source is None:
+            raise ValueError("hold a picture before you show it")
+        check_texture(target, "target", self.size, "rgba32f")
         if noise_shift_px is not None:
             if not self.carries_noise:
                 raise ValueError("these passes cannot carry noise along; numpy can")
             check_texture(noise_shift_px, "noise_shift_px", self.size, "rg32f")
         self._eye.look(gaze_px)
-        self._show(source, target, Call(gaze_px, seed, noise_shift_px, field_gaze_px or gaze_px))
+        call = Call(gaze_px, seed, noise_shift_px, field_gaze_px or gaze_px)
+        self._show(self._source, target, call)
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
-        """Upload, work, read back: for callers without textures."""
-        if self._ends is None:
-            ends = [create_texture(self._ctx, self.size, "rgba32f") for _ in range(2)]
-            self._ends = (ends[0], ends[1])
-        source, target = self._ends
-        upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=1))
+    def __call__(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        gaze_px: tuple[float, float],
+        **look: Any,
+    ) -> None:
+        """Hold `source`, and show it; see there."""
+        self.hold(source)
+        self.show(target, gaze_px, **look)
+
+    def upload(self, picture: Picture | NDArray[np.uint8]) -> None:
+        """Hold a picture (H, W, 3) without a texture of the caller's."""
+        name = "rgba8" if picture.dtype == np.uint8 else "rgba32f"
+        source = self._ends.get(name)
+        if source is None:
+            source = self._ends[name] = create_texture(self._ctx, self.size, name)
+        upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE[name]))
+        self.hold(source)
+
+    def shown(self, look: Look) -> Picture:
+        """Show what is held, and read it back."""
+        target = self._ends.get("target")
+        if target is None:
+            target = self._ends["target"] = create_texture(self._ctx, self.size, "rgba32f")
         shift = None
         if look.noise_shift_px is not None:
             shift = texture_from(self._ctx, look.noise_shift_px.astype(np.float32), "rg32f")
-        self(
-            source,
+        self.show(
             target,
             look.gaze_px,
             seed=look.seed,
@@ -137,10 +165,16 @@ class FoveationPass(PicturePass):
             shift.release()
         return np.ascontiguousarray(read_back(target)[..., :3])
 
+    def apply(self, picture: Picture, look: Look) -> Picture:
+        """Upload, work, read back: for callers without textures."""
+        self.upload(picture)
+        return self.shown(look)
+
     def release(self) -> None:
-        for end in self._ends or ():
+        for end in self._ends.values():
             end.release()
-        self._ends = None
+        self._ends.clear()
+        self._source = None
         super().release()
 
 
@@ -150,7 +184,15 @@ class BlurPass(FoveationPass):
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
-        self._finish = self._compile("finish", **finish_constants())
+        finish, coarse = self._compile("finish", FADE_SHARE=FADE_SHARE), self._chain.chosen.lows[0]
+        self._finish = Steps(
+            lambda source, target: finish.step_over(
+                self.size, source=source, coarse=coarse, target=target
+            )
+        )
+
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._chain.pull(source)
 
     def _show(
         self,
@@ -158,11 +200,8 @@ class BlurPass(FoveationPass):
         target: moderngl.Texture,
         call: Call,  # noqa: ARG002
     ) -> None:
-        self._chain.pull(source)
         self._chain.push(1)
-        self._finish.run_over(
-            halved(self.size), source=source, coarse=self._chain.lows[0], target=target
-        )
+        self._finish.run(source, target)
 
 
 class MetamerPass(FoveationPass):
@@ -184,9 +223,9 @@ class MetamerPass(FoveationPass):
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
-        layers = levels + -(-(levels + 3 * self._chroma) // 4)
+        layers = weight_layers(levels, bent=self._chroma)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
-        self._gains = self._compile(
+        gains = self._compile(
             "gains",
             **gain_constants(levels, aim=AIM),
             SMALLEST_VARIANCE=SMALLEST_VARIANCE,
@@ -197,29 +236,40 @@ class MetamerPass(FoveationPass):
             LOOSE_VARIANCE=LOOSE_VARIANCE,
             STRONGEST_BEND=STRONGEST_BEND,
         )
-        self._gains.hold(weights=self._weights)
+        self._gains = self._gains_step(gains)
         self._finish = self._compile_finish(carried=False)
         self._carried: Shader | None = None
+        self._finish_steps = Steps(self._finish_step)
         self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
         self._seeds: dict[bool, int] = {}
+
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._chain.pull(source)
 
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         carried = call.noise_shift_px is not None
         self.set_seed(call.seed, carried=carried)
-        self._chain.pull(source)
         self._chain.push(2)
-        self._find_gains()
+        self._gains.run()
         self._chain.push(1, 1)
-        finish = self._carried if carried else self._finish
+        self._finish_steps.run(source, target, call.noise_shift_px)
+
+    def _finish_step(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        shift_px: moderngl.Texture | None,
+    ) -> Step:
+        finish = self._finish if shift_px is None else self._carried
         assert finish is not None
-        finish.run_over(
+        return finish.step_over(
             halved(self.size),
             source=source,
-            coarse=self._chain.lows[0],
+            coarse=self._chain.chosen.lows[0],
             weights=self._weights,
-            noise=self._tiles[carried],
+            noise=self._tiles[shift_px is not None],
             target=target,
-            **given(shift_px=call.noise_shift_px),
+            **given(shift_px=shift_px),
         )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
@@ -243,31 +293,23 @@ class MetamerPass(FoveationPass):
             lags = fitted_mixing(self.levels).lag_correlation
             self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
 
-    def _find_gains(self) -> None:
+    def _gains_step(self, gains: Shader) -> Step:
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
         chain = self._chain
         last = min(max(3, self.levels), chain.count)
-        moments = {f"moments_{r}": chain.moments[r - 1] for r in range(1, last + 1)}
-        powers = {f"powers_{r}": chain.powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
-        self._gains.run_over(halved(chain.sizes[2]), **given(**moments, **powers))
+        moments, powers = chain.chosen.moments, chain.chosen.powers
+        named = {f"moments_{r}": moments[r - 1] for r in range(1, last + 1)}
+        named_powers = {f"powers_{r}": powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
+        return gains.step_over(
+            halved(chain.sizes[2]), weights=self._weights, **given(**named, **named_powers)
+        )
 
     def _compile_finish(self, *, carried: bool) -> Shader:
-        width, height = self.size
-        edge = tile_edge(height, width)
-        rows = columns = edge * TEXELS_PER_PX if carried else edge // 2
-        if self.geometry.wraps and not carried:
-            rows, columns = halved((height, width))
-        constants = finish_constants(
-            NOISE=True,
-            LEVELS=self.levels,
-            BENT=self._chroma,
-            CARRIED=carried,
-            NOISE_ROWS=rows,
-            NOISE_COLUMNS=columns,
-            NOISE_SCALE=GRAIN,
-        )
-        shader = self._compile("finish", **constants)
-        shader["noise_scale"] = self.settings.noise
+        constants = noise_constants(self.levels, BENT=self._chroma)
+        if carried:
+            constants["TEXELS_PER_PX"] = TEXELS_PER_PX
+        shader = self._compile("finish_carried" if carried else "finish_screen", **constants)
+        shader["strength"] = self.settings.noise
         return shader
 
     def _carried_tile(self, seed: int) -> NDArray[np.int8]:

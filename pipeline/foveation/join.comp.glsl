@@ -24,7 +24,7 @@ uniform sampler2D coarse_own;
 uniform sampler2D coarse_change;
 uniform sampler2DArray true_moments;  // chosen, of resolution 2
 uniform sampler2DArray own_moments;
-uniform bool has_coarse_change;
+uniform int has_coarse_change;  // 1: yes
 
 float energy(sampler2DArray moments, vec2 at) {
     vec3 mean = textureLod(moments, vec3(at, 1.0), 0.0).xyz;
@@ -41,7 +41,7 @@ void store(ivec2 pixel, ivec2 size, float gain) {
 #if MATCHED
     vec2 within = 0.5 * place / vec2((size + 1) / 2);
     vec3 added = (gain - 1.0) * (changed - textureLod(coarse_own, within, 0.0).rgb);
-    if (has_coarse_change) added += textureLod(coarse_change, within, 0.0).rgb;
+    if (has_coarse_change == 1) added += textureLod(coarse_change, within, 0.0).rgb;
     vec3 below = textureLod(coarse_difference, within, 0.0).rgb;
     changed += added + mix(own.rgb - changed, below, beyond_lod(pool_at(seen), 0));
 #endif

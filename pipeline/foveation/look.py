@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from pipeline.foveation.geometry import Geometry, check_gaze
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling
+from pipeline.image_file import from_integers
 
 Picture = NDArray[np.float32]
 
@@ -94,3 +96,17 @@ def check_picture(picture: NDArray[np.floating]) -> Picture:
             " values in all); encode and clip light of high dynamic range first"
         )
     return np.ascontiguousarray(array, np.float32)
+
+
+def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
+    """Return a picture (H, W, 3) of 8 bits as it is, any other as `check_picture` does."""
+    if picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3:
+        return picture
+    return check_picture(picture)
+
+
+def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:
+    """A picture that is checked, in [0, 1]."""
+    if picture.dtype == np.uint8:
+        return from_integers(np.asarray(picture, np.uint8))
+    return np.asarray(picture, np.float32)

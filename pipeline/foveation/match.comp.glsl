@@ -19,18 +19,18 @@ layout(local_size_x = TILE, local_size_y = TILE) in;
 uniform int halvings;
 uniform sampler2D true_low;    // of this resolution: the picture
 uniform sampler2D own_low;     // and the displaced one
-layout(rgba32f) uniform writeonly image2D difference;
+layout(rgba16f) uniform writeonly image2D difference;
 #if !DEEPEST
 uniform sampler2D coarse_difference;  // linear
 #endif
 #if LEVEL
-layout(rgba32f) uniform writeonly image2D change;
+layout(rgba16f) uniform writeonly image2D change;
 uniform sampler2D coarse_own;     // the displaced one, halved once more; linear
 uniform sampler2D coarse_change;  // linear
 uniform sampler2DArray true_moments;  // chosen, of resolution `moments_at`
 uniform sampler2DArray own_moments;
 uniform int moments_at;
-uniform bool has_coarse_change;
+uniform int has_coarse_change;  // 1: yes
 
 vec3 variance_of(sampler2DArray moments, vec2 at) {
     vec3 mean = textureLod(moments, vec3(at, float(2 * halvings + 1)), 0.0).xyz;
@@ -65,7 +65,7 @@ void main() {
     vec2 at = place / float(1 << (moments_at - halvings)) / vec2(textureSize(own_moments, 0).xy);
     vec3 wanted = variance_of(true_moments, at), found = variance_of(own_moments, at);
     vec3 detail = own - textureLod(coarse_own, within, 0.0).rgb;
-    vec3 added = has_coarse_change ? textureLod(coarse_change, within, 0.0).rgb : vec3(0.0);
+    vec3 added = has_coarse_change == 1 ? textureLod(coarse_change, within, 0.0).rgb : vec3(0.0);
     const float c = ORIENTED_CORNER, e = ORIENTED_EDGE;
     const float outer = c * c, between = 2.0 * c * e, middle = 2.0 * c * c + e * e;
     vec3 along_x = vec3(0.0), along_y = vec3(0.0);

@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.displacement import look_up
-from pipeline.foveation.geometry import CapGeometry, Geometry, pixel_centres
+from pipeline.foveation.geometry import (
+    CapGeometry,
+    EquirectangularGeometry,
+    Geometry,
+    pixel_centres,
+)
 from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 
@@ -48,7 +53,7 @@ def by_charts(condition: Condition, picture: Picture, look: Look) -> Picture:
     whole = condition.apply(picture, look).astype(np.float64)
     for upper in (True, False):
         cap = cap_of(geometry, upper=upper)
-        cap_shown = condition.apply(cap_picture(picture, geometry, cap), cap_look(look, cap))
+        cap_shown = condition.apply(cap_picture(picture, cap), cap_look(look, cap))
         rows = capped_rows(geometry, upper=upper)
         rays = geometry.directions(x, y[rows])
         share = cap_shares(rays)[..., None]
@@ -59,15 +64,21 @@ def by_charts(condition: Condition, picture: Picture, look: Look) -> Picture:
     return np.where(fade > 0, np.clip(whole, 0, 1).astype(np.float32), picture)
 
 
-def cap_picture(picture: Picture, geometry: Geometry, cap: CapGeometry) -> Picture:
+def cap_picture(picture: Picture, cap: CapGeometry) -> Picture:
     """What is seen around a pole of a panorama, cubic between its pixels: (edge, edge, 3)."""
-    x, y = geometry.positions(cap.directions(*pixel_centres(cap)))
-    tall = over_poles(picture, OVER_POLES).astype(np.float64)
-    found = look_up(tall, x, y + OVER_POLES, wraps=True)
+    found = seen_in(picture, cap.directions(*pixel_centres(cap)))
     return np.clip(found, 0, 1).astype(np.float32)
 
 
-def over_poles(panorama: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+def seen_in(panorama: NDArray[np.floating], rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a panorama (h, 2 h, 3) shows in directions (..., 3), cubic between its pixels."""
+    height, width = panorama.shape[:2]
+    x, y = EquirectangularGeometry(width, height).positions(rays)
+    tall = over_poles(panorama, OVER_POLES).astype(np.float64)
+    return look_up(tall, x, y + OVER_POLES, wraps=True)
+
+
+def over_poles(panorama: NDArray[np.floating], rows: int) -> NDArray[np.floating]:
     """Go on past both poles, where the other meridian comes back: (h + 2 rows, w, ...)."""
     half = panorama.shape[1] // 2
     rows_there = np.minimum(np.arange(rows), len(panorama) - 1)

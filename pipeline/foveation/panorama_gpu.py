@@ -11,6 +11,7 @@ from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
 from pipeline.foveation.passes import PicturePass, Pooled, sphere_constants
 from pipeline.foveation.pooling import Pooling
+from pipeline.gl.compute import Steps
 
 
 def panorama_pass(
@@ -51,34 +52,47 @@ class PanoramaPass(FoveationPass):
         self._belt, self._caps = belt, caps
         self._inner = [self._part(made) for made in (belt, *(made for _, made in caps))]
         self.chains = [chain for made in self._inner for chain in made.chains]
-        self._join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
-        self._join["cap_radian_px"] = caps[0][0].radian_px
-        self._look_up = [self._part(_CapLookUp(ctx, Pooled(cap, pooling))) for cap, _ in caps]
+        join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
+        join["cap_radian_px"] = caps[0][0].radian_px
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
+        self._look_up = [
+            self._part(_CapLookUp(ctx, Pooled(cap, pooling), seen))
+            for (cap, _), seen in zip(caps, self._seen, strict=True)
+        ]
+        pictures = dict(zip(("belt", "upper", "lower"), self._shown, strict=True))
+        self._join = Steps(
+            lambda source, target: join.step_over(
+                self.size, source=source, target=target, **pictures
+            )
+        )
+
+    def _analyse(self, source: moderngl.Texture) -> None:
+        self._belt.hold(source)
+        for (_, made), look_up, seen in zip(self._caps, self._look_up, self._seen, strict=True):
+            look_up(source)
+            made.hold(seen)
 
     def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         shown, seed = self._shown, call.seed
-        self._belt(source, shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
-        for (cap, made), look_up, seen, found in zip(
-            self._caps, self._look_up, self._seen, shown[1:], strict=True
-        ):
-            look_up(source, seen)
+        self._belt.show(shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
+        for (cap, made), found in zip(self._caps, shown[1:], strict=True):
             gaze_px, field_gaze_px = (
                 cap_gaze_px(self.geometry, cap, at) for at in (call.gaze_px, call.field_gaze_px)
             )
-            made(seen, found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
-        pictures = dict(zip(("belt", "upper", "lower"), shown, strict=True))
-        self._join.run_over(self.size, source=source, target=target, **pictures)
+            made.show(found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
+        self._join.run(source, target)
 
 
 class _CapLookUp(PicturePass):
     """A pole's surroundings, looked up in the panorama."""
 
-    def __init__(self, ctx: moderngl.Context, pooled: Pooled) -> None:
-        geometry = pooled.geometry
-        super().__init__(ctx, (geometry.width_px, geometry.height_px), pooled)
-        self._look_up = self._compile("cap", CUBIC=CUBIC)
+    def __init__(self, ctx: moderngl.Context, pooled: Pooled, cap: moderngl.Texture) -> None:
+        super().__init__(ctx, cap.size, pooled)
+        look_up = self._compile("cap", CUBIC=CUBIC)
+        self._steps = Steps(
+            lambda panorama: look_up.step_over(self.size, panorama=panorama, cap=cap)
+        )
 
-    def __call__(self, panorama: moderngl.Texture, cap: moderngl.Texture) -> None:
-        self._look_up.run_over(self.size, panorama=panorama, cap=cap)
+    def __call__(self, panorama: moderngl.Texture) -> None:
+        self._steps.run(panorama)

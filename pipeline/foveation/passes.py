@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.foveation.bounded import BOUND_CONSTANTS
 from pipeline.foveation.geometry import (
     CapGeometry,
     EquirectangularGeometry,
@@ -17,7 +19,6 @@ from pipeline.foveation.geometry import (
     check_gaze,
 )
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     noise_tile,
@@ -25,12 +26,11 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import MOST_BEND
+from pipeline.foveation.reference import FIRST_SMOOTH, MOST_BEND
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
-from pipeline.noise.tile import TEXELS_PER_PX
 
 TILE = 8  # work-group edge
 TEXEL_BYTES = 16  # of noise
@@ -62,23 +62,30 @@ class Pooled:
             self._fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
             self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
-        self._shaders: list[Shader | moderngl.Program] = []
+        self._gazes: list[moderngl.Uniform] = []
+        self._looks_at: tuple[float, float] | None = None
+        self._ray: bytes | None = None
 
     def tell(self, shader: S) -> S:
-        """Tell a shader what stays, and from now on the gaze."""
+        """Tell a shader what stays, and the gaze, now and from now on."""
         for name, value in self._fixed.items():
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
-            self._shaders.append(shader)
+            uniform: Any = shader.uniform("gaze") if isinstance(shader, Shader) else shader["gaze"]
+            self._gazes.append(uniform)
+            if self._ray is not None:
+                self._gazes[-1].write(self._ray)
         return shader
 
     def look(self, gaze_px: tuple[float, float]) -> None:
         """Tell all shaders where the eye looks."""
-        x, y = check_gaze(self.geometry, gaze_px)
-        ray = tuple(self.geometry.directions(np.array(x), np.array(y)).tolist())
-        for shader in self._shaders:
-            shader["gaze"] = ray
+        if gaze_px == self._looks_at:
+            return
+        self._ray = struct.pack("3f", *self.geometry.ray(*check_gaze(self.geometry, gaze_px)))
+        for gaze in self._gazes:
+            gaze.write(self._ray)
+        self._looks_at = gaze_px
 
 
 class PicturePass(Pass):
@@ -127,28 +134,29 @@ def sphere_constants() -> dict[str, float]:
     }
 
 
-def finish_constants(**changes: Constant) -> dict[str, Constant]:
-    """What finish.comp.glsl is compiled with, unless told otherwise."""
+def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
+    """What shaders with weighed_noise.glsl are compiled with, unless told otherwise."""
     constants: dict[str, Constant] = {
         "FADE_SHARE": FADE_SHARE,
-        "NOISE": False,
+        "LEVELS": levels,
         "BASE": True,
-        "LEVELS": 1,
         "BENT": False,
         "MOST_BEND": MOST_BEND,
-        "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
-        "CARRIED": False,
-        "TEXELS_PER_PX": TEXELS_PER_PX,
-        "NOISE_ROWS": 1,
-        "NOISE_COLUMNS": 1,
-        "NOISE_SCALE": 1.0,
+        "FIRST_SMOOTH": FIRST_SMOOTH,
+        "NOISE_SCALE": GRAIN,
+        **BOUND_CONSTANTS,
         **sphere_constants(),
     }
     return constants | changes
 
 
+def weight_layers(levels: int, *, bent: bool) -> int:
+    """Layers of the weights in weighed_noise.glsl."""
+    return levels + -(-(levels + 1 + 3 * bent) // 4)
+
+
 def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
-    """Noise that lies on the screen, as finish.comp.glsl reads it.
+    """Noise that lies on the screen, as finish_screen.comp.glsl reads it.
 
     A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
     """

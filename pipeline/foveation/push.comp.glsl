@@ -1,6 +1,6 @@
 #version 430
 // Push: choose each texel's level of detail, from a resolution's own and the coarser one's choice.
-// In place. Twin: select() in chain.py. Change both or neither.
+// Twin: select() in chain.py. Change both or neither.
 
 #constant TILE    // work-group edge, texels
 #constant BASE    // 1: the picture takes part
@@ -11,54 +11,62 @@
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
-uniform ivec2 fine_size;
 uniform int halvings;  // of this resolution
 #if BASE
-layout(rgba32f) uniform image2D fine;
-uniform sampler2D coarse;  // linear
+uniform sampler2D fine;
+uniform sampler2D coarse;  // chosen, linear
+layout(rgba32f) uniform writeonly image2D chosen;
 #endif
 #if LAYERS
-layout(rgba32f) uniform image2DArray fine_moments;  // see pull.comp.glsl
-uniform sampler2DArray coarse_moments;       // linear
+uniform sampler2DArray fine_moments;    // see pull.comp.glsl
+uniform sampler2DArray coarse_moments;  // chosen, linear
+layout(rgba32f) uniform writeonly image2DArray chosen_moments;
 #endif
 #if POWERS
-layout(rgba32f) uniform image2DArray fine_powers;
-uniform sampler2DArray coarse_powers;        // linear
+uniform sampler2DArray fine_powers;
+uniform sampler2DArray coarse_powers;   // chosen, linear
+layout(rgba32f) uniform writeonly image2DArray chosen_powers;
 #endif
+
+// All or nothing of the coarser one, as in most places, is half the work.
+vec4 choice(sampler2DArray own, sampler2DArray below, ivec3 texel, vec2 within, float share) {
+    vec4 found = vec4(0.0);
+    if (share < 1.0) found = texelFetch(own, texel, 0);
+    if (share > 0.0) found = mix(found, textureLod(below, vec3(within, float(texel.z)), 0.0), share);
+    return found;
+}
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+#if BASE
+    ivec2 fine_size = imageSize(chosen);
+#else
+    ivec2 fine_size = imageSize(chosen_moments).xy;
+#endif
     if (any(greaterThanEqual(texel, fine_size))) return;
     vec2 place = vec2(texel) + 0.5;
     float pool = pool_at(seen_at(place * float(1 << halvings)));
     // A texel's place in the coarser one, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * place / vec2((fine_size + 1) / 2);
-    // All or nothing of the coarser one, as in most places, is half the work or none.
     float share = beyond_lod(pool, halvings);
 #if BASE
-    if (share > 0.0) {
-        vec4 below = textureLod(coarse, within, 0.0);
-        imageStore(fine, texel, share < 1.0 ? mix(imageLoad(fine, texel), below, share) : below);
-    }
+    vec4 base = vec4(0.0);
+    if (share < 1.0) base = texelFetch(fine, texel, 0);
+    if (share > 0.0) base = mix(base, textureLod(coarse, within, 0.0), share);
+    imageStore(chosen, texel, base);
 #endif
 #if POWERS
-    if (share > 0.0) {
-        for (int layer = 0; layer < 2; ++layer) {
-            vec4 below = textureLod(coarse_powers, vec3(within, float(layer)), 0.0);
-            if (share < 1.0) below = mix(imageLoad(fine_powers, ivec3(texel, layer)), below, share);
-            imageStore(fine_powers, ivec3(texel, layer), below);
-        }
+    for (int layer = 0; layer < 2; ++layer) {
+        ivec3 at = ivec3(texel, layer);
+        imageStore(chosen_powers, at, choice(fine_powers, coarse_powers, at, within, share));
     }
 #endif
 #if LAYERS
-    for (int level = 0; level < LAYERS; ++level) {
-        float chosen = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
-        if (chosen == 0.0) continue;
-        for (int layer = 2 * level; layer < 2 * level + 2; ++layer) {
-            vec4 below = textureLod(coarse_moments, vec3(within, float(layer)), 0.0);
-            if (chosen < 1.0) below = mix(imageLoad(fine_moments, ivec3(texel, layer)), below, chosen);
-            imageStore(fine_moments, ivec3(texel, layer), below);
-        }
+    for (int layer = 0; layer < 2 * LAYERS; ++layer) {
+        ivec3 at = ivec3(texel, layer);
+        int level = layer / 2;
+        float part = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
+        imageStore(chosen_moments, at, choice(fine_moments, coarse_moments, at, within, part));
     }
 #endif
 }

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import RGB_FROM_YCBCR
+from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools
@@ -34,6 +34,19 @@ MOST_BEND = 0.5
 FIRST_SMOOTH = 3
 """Pixels of 2x2 share what weighs finer levels' noise; noise from this level on is so smooth that
 shared weights would show as a comb."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise that is shaped: `ycc` (H, W, 3), and the deviation of its luma, (H, W)."""
+
+    ycc: Floats
+    deviation: Floats
+
+    def times(self, strength: float | Floats) -> Noise:
+        """As much stronger, everywhere or by pixel (H, W)."""
+        factor = np.asarray(strength, np.float64)
+        return Noise(factor[..., None] * self.ycc, factor * self.deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +119,11 @@ def metamer_parts(
     plane = noise_plane(
         picture.shape[:2], seed, levels, channels, wraps=geometry.wraps, shift_px=noise_shift_px
     )
-    ycc = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
+    noise = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
+    noise = noise.times(settings.noise)
     if geometry.on_sphere:
-        ycc *= noise_strength(geometry.directions(*pixel_centres(geometry)))[..., None]
-    return Parts(base, settings.noise * ycc @ RGB_FROM_YCBCR.T, wanted)
+        noise = noise.times(noise_strength(geometry.directions(*pixel_centres(geometry))))
+    return Parts(base, added(base, noise.ycc, noise.deviation) - base, wanted)
 
 
 def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
@@ -120,23 +134,31 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
     return select(chain, pools.lod, wraps=geometry.wraps)
 
 
-def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Floats:
-    """Weigh each band's noise by the deviation that its pool has lost: Y'CbCr, (H, W, 3).
+def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Noise:
+    """Weigh each band's noise by the deviation that its pool has lost.
 
     Weights are found for blocks of 4x4 pixels and interpolated: at 2x2 pixels, which share them;
     those of noise from `FIRST_SMOOTH` on at every pixel.
     """
-    overlap = fitted_mixing(levels).overlap
+    mixing = fitted_mixing(levels)
     size = plane.shape[:2]
 
     def at_pixels(blocks: Floats) -> Floats:
         halves = -(-size[0] // 2), -(-size[1] // 2)
         return twice(enlarge(blocks, halves, 1, wraps=wraps), size)
 
+    def gains_of(means: Floats) -> Floats:
+        return spectral_gains(means, mixing.overlap, aim=AIM)
+
     def deviations(variances: Floats) -> Floats:
         # Gains go on more smoothly than variances: one for 2x2 blocks.
-        gains = spectral_gains(halve_box(variances), overlap, aim=AIM)
-        return np.sqrt(variances) * twice(gains, variances.shape[:2])
+        return np.sqrt(variances) * twice(gains_of(halve_box(variances)), variances.shape[:2])
+
+    def deviation_of_all(variances: Floats) -> Floats:
+        means = halve_box(variances)
+        given = np.sqrt(means) * gains_of(means)
+        together = ((given @ mixing.together) * given).sum(axis=2, keepdims=True)
+        return twice(np.sqrt(np.maximum(together, 0)), variances.shape[:2])
 
     def weighed(noise: Floats, wide: Floats, shared: Floats) -> Floats:
         smooth = 3 * FIRST_SMOOTH
@@ -150,8 +172,9 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
     by_level = bands.reshape(*size, levels, 3).sum(axis=3)
     ycc = np.zeros((*size, 3))
     ycc[..., 0] = by_level.sum(axis=2)
+    deviation = at_pixels(deviation_of_all(wanted.variances))[..., 0]
     if chroma == "luma":
-        return ycc
+        return Noise(ycc, deviation)
     slopes = at_pixels(wanted.slopes.reshape(*wanted.slopes.shape[:2], -1))
     slopes = slopes.reshape(*size, levels, 2)
     ycc[..., 1:] = (by_level[..., None] * slopes).sum(axis=2)
@@ -166,7 +189,7 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
     if wanted.shape is not None:
         shape = at_pixels(wanted.shape)
         ycc[..., 1:] = bent(ycc[..., 1:], shape[..., :2], shape[..., 2:], variance)
-    return ycc
+    return Noise(ycc, deviation)
 
 
 def bent(noise: Floats, skewness: Floats, tightness: Floats, variance: Floats) -> Floats:

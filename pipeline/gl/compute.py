@@ -6,9 +6,9 @@ dispatch that writes.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Self, TypeAlias, cast
 
 import moderngl
@@ -39,6 +39,48 @@ class _Slot:
     format: str = ""  # of an image
     reads: bool = True
     writes: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A dispatch with all that it binds, recorded: `run` looks nothing up and makes no object."""
+
+    prepare: tuple[Callable[[], object], ...]
+    program: moderngl.ComputeShader
+    groups: tuple[int, int]
+    settle: tuple[Callable[[], object], ...]  # the barrier behind it
+
+    def run(self) -> None:
+        """Bind and dispatch."""
+        for call in self.prepare:
+            call()
+        self.program.run(*self.groups)
+        for call in self.settle:
+            call()
+
+
+class Steps:
+    """Steps for textures that callers bring, recorded when they first do; the last few are kept."""
+
+    MOST = 8
+
+    def __init__(self, record: Callable[..., Step]) -> None:
+        self._record = record
+        self._steps: dict[tuple[Texture | None, ...], Step] = {}
+
+    def run(self, *textures: Texture | None) -> None:
+        """Run the step for these."""
+        step = self._steps.get(textures)
+        if step is None:
+            if len(self._steps) == self.MOST:
+                del self._steps[next(iter(self._steps))]
+            step = self._steps[textures] = self._record(*textures)
+        step.run()
+
+
+def of_int(value: int) -> bytes:
+    """A whole number, true or false as a shader holds it."""
+    return np.int32(value).tobytes()
 
 
 class Shader:
@@ -99,6 +141,10 @@ class Shader:
         """Tell whether a resource or uniform is in use."""
         return name in self._slots or name in self._program
 
+    def uniform(self, name: str) -> moderngl.Uniform:
+        """A uniform that is in use, to be written often."""
+        return cast(moderngl.Uniform, self._program[name])
+
     def hold(self, **resources: Resource) -> None:
         """Keep resources for every run to come; `run` may replace them for once."""
         for name in resources:
@@ -114,18 +160,47 @@ class Shader:
             If a resource that the shader uses is missing, one is not declared, or a texture has
             not the format of its image.
         """
-        self._bind(resources)
+        for bind in self._bindings(resources):
+            bind()
         self._program.run(x, y)
         self._finish()
 
     def run_over(self, size: tuple[int, int], /, **resources: Resource) -> None:
         """Dispatch so many work groups that each pixel of `size` (width, height) has its own."""
-        (width, height), (columns, rows) = size, self.group
-        self.run(-(-width // columns), -(-height // rows), **resources)
+        self.run(*self._groups_over(size), **resources)
+
+    def step_over(
+        self,
+        size: tuple[int, int],
+        uniforms: Mapping[str, bytes] | None = None,
+        /,
+        **resources: Resource,
+    ) -> Step:
+        """Record `run_over`, for the same resources as often as you like.
+
+        Parameters
+        ----------
+        uniforms : mapping, optional
+            Set before each run, where other steps of this shader set them otherwise; as the bytes
+            that the shader holds.
+        """
+        setters = [
+            partial(self.uniform(name).write, value)
+            for name, value in (uniforms or {}).items()
+            if name in self._program
+        ]
+        barrier = (partial(self._ctx.mglo.memory_barrier, moderngl.ALL_BARRIER_BITS, False),)
+        return Step(
+            (*setters, *self._bindings(resources)),
+            self._program,
+            self._groups_over(size),
+            barrier if self._writes else (),
+        )
 
     def run_indirect(self, groups: moderngl.Buffer, offset: int, /, **resources: Resource) -> None:
         """Dispatch as many work groups as `groups` says at `offset` bytes: x, y, z of uint32."""
-        self._bind(resources)
+        for bind in self._bindings(resources):
+            bind()
         self._program.run_indirect(groups, offset)
         self._finish()
 
@@ -137,7 +212,12 @@ class Shader:
         if self._writes:
             self._ctx.memory_barrier()
 
-    def _bind(self, resources: dict[str, Resource]) -> None:
+    def _groups_over(self, size: tuple[int, int]) -> tuple[int, int]:
+        (width, height), (columns, rows) = size, self.group
+        return -(-width // columns), -(-height // rows)
+
+    def _bindings(self, resources: dict[str, Resource]) -> Iterator[Callable[[], object]]:
+        """Check what is given, and yield a call that binds each."""
         for name in resources:
             if name not in self._slots:
                 self._check_declared(name)
@@ -149,17 +229,17 @@ class Shader:
             if resource is not self._checked.get(name):
                 self._check(name, slot, resource)
                 self._checked[name] = resource
+            # Through moderngl's inner objects: its own methods only hand on, once more a call each.
             if slot.kind == "image":
-                resource.bind_to_image(slot.point, slot.reads, slot.writes)
+                yield partial(resource.mglo.bind, slot.point, slot.reads, slot.writes, 0, 0)
             elif slot.kind == "buffer":
-                resource.bind_to_storage_buffer(slot.point)
+                yield partial(resource.mglo.bind_to_storage_buffer, slot.point, 0, -1)
             elif slot.kind == "block":
-                resource.bind_to_uniform_block(slot.point)
-            elif isinstance(resource, Sequence):
-                for point, texture in enumerate(resource, start=slot.point):
-                    texture.use(point)
+                yield partial(resource.mglo.bind_to_uniform_block, slot.point, 0, -1)
             else:
-                resource.use(slot.point)
+                textures = resource if isinstance(resource, Sequence) else (resource,)
+                for point, texture in enumerate(textures, start=slot.point):
+                    yield partial(texture.mglo.use, point)
 
     def _check(self, name: str, slot: _Slot, resource: Resource) -> None:
         """Require a resource that fits its place; the last one that did is not asked again."""

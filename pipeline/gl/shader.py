@@ -3,7 +3,8 @@
 Two directives beside GLSL's own:
 
 ``#include "colour.glsl"``
-    Puts in that file of `pipeline/shaderlib/`, once.
+    Puts in that file of `pipeline/shaderlib/`, or with a folder in its name of that folder of
+    `pipeline/`, once.
 ``#constant TILE``
     Becomes ``#define TILE <value>``; the host must give the value, and the shader must use it.
     A bool becomes 1 or 0, for ``#if``; numbers in a tuple become an array of floats.
@@ -75,7 +76,7 @@ def flatten(
     def add(name: str, text: str) -> None:
         for number, line in enumerate(text.splitlines(), start=1):
             if match := _INCLUDE.match(line):
-                target = f"shaderlib/{match[1]}"
+                target = match[1] if "/" in match[1] else f"shaderlib/{match[1]}"
                 if target not in included:
                     included.add(target)
                     add(target, _read(folder, target, f"{name}:{number}"))

@@ -71,9 +71,9 @@ def image_format(texture: moderngl.Texture | moderngl.TextureArray) -> str:
 
 
 def check_texture(
-    texture: moderngl.Texture, name: str, size: tuple[int, int], format_name: str
+    texture: moderngl.Texture, name: str, size: tuple[int, int], *formats: str
 ) -> None:
-    """Require one size (width, height) and format of a texture given to a pass.
+    """Require one size (width, height) and one of these formats of a texture given to a pass.
 
     Raises
     ------
@@ -81,9 +81,9 @@ def check_texture(
         Naming the texture, what the pass was built for and what was found.
     """
     found = format_of(texture).name
-    if texture.size != size or found != format_name:
+    if texture.size != size or found not in formats:
         raise InputError(
-            f"{name} must be {size[0]}x{size[1]} {format_name}, as this pass was built"
+            f"{name} must be {size[0]}x{size[1]} {' or '.join(formats)}, as this pass was built"
             f" (got {texture.width}x{texture.height} {found})"
         )
 

@@ -238,8 +238,8 @@ class GuidedBasePass(Pass):
         Any from 1x1.
     levels : int
         Pyramid levels of the statistics that will follow; 1 where none do.
-    tiles : int
-        How many entries the work list of a shift-map's tiles has room for.
+    shells : bool
+        Whether the work lists have shells, for coherence transport.
     """
 
     def __init__(
@@ -250,13 +250,13 @@ class GuidedBasePass(Pass):
         gamma: float,
         levels: int = 1,
         depth_threshold: float = 0.04,
-        tiles: int = 0,
+        shells: bool = False,
     ) -> None:
         super().__init__(ctx)
         check_size(ctx, size)
         self.resolutions = Resolutions(size, levels)
         sizes = self.resolutions.sizes[: self.resolutions.top + 1]
-        self.lists = self._part(WorkLists(ctx, sizes, levels, tiles))
+        self.lists = self._part(WorkLists(ctx, sizes, levels, shells=shells))
         self.guide = self._part(GuidePyramid(ctx, self.resolutions))
         self.chain = self._part(
             ChainPass(

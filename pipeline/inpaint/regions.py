@@ -29,10 +29,15 @@ Lists by pixel, appended by the passes that find them:
 ``("halves", k)``
     Pixels of resolution k + 1 whose moments of level k are incomplete.
 
-One more list holds what its owner appends, an entry for each work group:
+And, of the pixels themselves, for coherence transport:
 
-``("tiles", 0)``
-    Tiles of a shift-map, by their cell in its table.
+``("shell", k)``
+    Hole pixels of one shell. Each appends to the next, `SHELLS` before the host looks.
+``("band", 0)``
+    Known pixels that hole pixels see.
+
+No pixel is on two of them at a time. So they share room for the frame's pixels: even shells grow
+upwards from its first entry, odd ones downwards from its last, and so does the band before these.
 """
 
 from dataclasses import dataclass
@@ -42,6 +47,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.region import (
@@ -61,6 +67,9 @@ FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
 HALVED_TILE = 2  # edge of a tile of ("jumps", 2): a pixel of resolution 3
 TILES_AT_ONCE = 4  # of ("first", k) in one work group: 4x4 pixels each, see tiles.glsl
 
+SHELLS = 64  # dispatched in a row; an even number, as the last one becomes the first
+DOWNWARDS = 1 << 31  # as lists.glsl has it
+
 LIST_GROUP = 64  # invocations of a work group, as lists.glsl has it
 _COUNTS_STRIDE = 16  # bytes of one uvec4
 
@@ -71,7 +80,7 @@ class _List:
 
     index: int
     resolution: int
-    first: int
+    first: int  # with `DOWNWARDS`, the last of its room
     capacity: int
 
 
@@ -113,8 +122,8 @@ class WorkLists(Pass):
         Of every resolution that is dispatched over lists, finest first.
     levels : int
         Pyramid levels.
-    tiles : int
-        How many entries ``("tiles", 0)`` has room for.
+    shells : bool
+        Whether there are lists of shells and of their band.
 
     Attributes
     ----------
@@ -127,7 +136,8 @@ class WorkLists(Pass):
         ctx: moderngl.Context,
         sizes: list[tuple[int, int]],
         levels: int,
-        tiles: int = 0,
+        *,
+        shells: bool = False,
     ) -> None:
         super().__init__(ctx)
         self.sizes = sizes
@@ -136,15 +146,14 @@ class WorkLists(Pass):
         self._regions: dict[RegionKey, _Region] = {}
         self._lists: dict[Key, _List] = {}
         self._plan_regions()
-        self._plan_lists(tiles)
-        last_list = list(self._lists.values())[-1]
+        entries_bytes = _checked(ctx, 4 * self._plan_lists(shells=shells), sizes[0])
         flag_count = sum(_padded(region.tiles) for region in self._regions.values())
         cell_count = sum(columns * rows for _, columns, rows in self._grids)
         self._reset_groups = -(-max(cell_count, len(self._lists)) // LIST_GROUP)
         self._build_groups = flag_count // LIST_GROUP
         self._cells = self._buffer(4 * cell_count)
         self._counts = self._buffer(_COUNTS_STRIDE * len(self._lists))
-        self._entries = self._buffer(4 * (last_list.first + last_list.capacity))
+        self._entries = self._buffer(entries_bytes)
         self._active = self._buffer(4 * flag_count)
         self._reset = self._shader("inpaint/reset.comp.glsl")
         self._reset["cell_count"] = cell_count
@@ -187,6 +196,15 @@ class WorkLists(Pass):
         if "work_size" in shader:
             shader["work_size"] = self.sizes[item.resolution if resolution is None else resolution]
         shader.run_indirect(self._counts, _COUNTS_STRIDE * item.index, **resources)
+
+    def carry_shells(self) -> bool:
+        """Begin anew with the last shell as the first; tell whether it holds anything."""
+        first, last = (self._lists["shell", k].index for k in (0, SHELLS))
+        stride = _COUNTS_STRIDE
+        found = self._counts.read(stride, offset=stride * last)
+        empty = np.tile(np.array([0, 1, 1, 0], np.uint32), SHELLS).tobytes()
+        self._counts.write(found + empty, offset=stride * first)
+        return any(found[-4:])
 
     def appendable(self, key: Key) -> tuple[int, int]:
         """Index and first entry of a list by pixel: what a pass needs to append to it."""
@@ -278,7 +296,8 @@ class WorkLists(Pass):
         r = key[-1]
         self._regions[key] = _Region(r, first, self._tiles(r), cell_resolution, rings, own, chains)
 
-    def _plan_lists(self, shifted_tiles: int) -> None:
+    def _plan_lists(self, *, shells: bool) -> int:
+        """Give every list its room; return how many entries there can be."""
         first = 0
 
         def plan(key: Key, resolution: int, capacity: int) -> None:
@@ -300,9 +319,15 @@ class WorkLists(Pass):
             tiles = self.sizes[3][0] * self.sizes[3][1]
             plan(("jumps", 2), 2, tiles)
             plan(("plain", 2), 2, tiles)
-        if shifted_tiles:
-            plan(("tiles", 0), 0, shifted_tiles)
+        if shells:
+            pixels = self.sizes[0][0] * self.sizes[0][1]
+            ends = first, DOWNWARDS + first + pixels - 1
+            self._lists["band", 0] = _List(len(self._lists), 0, ends[1], pixels)
+            for k in range(SHELLS + 1):
+                self._lists["shell", k] = _List(len(self._lists), 0, ends[k % 2], pixels)
+            first += pixels
         plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
+        return first
 
     def _pack_regions(self) -> NDArray[np.uint32]:
         """The regions as the shader's `struct Region`."""
@@ -324,3 +349,21 @@ class WorkLists(Pass):
 def _padded(count: int) -> int:
     """Round up to whole work groups, so that none sees two regions."""
     return -(-count // LIST_GROUP) * LIST_GROUP
+
+
+def _checked(ctx: moderngl.Context, size_bytes: int, frame: tuple[int, int]) -> int:
+    """Return the size of a buffer that shaders of this driver can take.
+
+    Raises
+    ------
+    InputError
+        If they cannot.
+    """
+    most = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+    if size_bytes > most:
+        raise InputError(
+            f"a frame to fill must have work lists of at most {most >> 20} MiB on this driver"
+            f" (got {frame[0]}x{frame[1]}, which takes {-(-size_bytes >> 20)} MiB); use a smaller"
+            " frame, or fill parts of it"
+        )
+    return size_bytes

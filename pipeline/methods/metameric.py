@@ -9,7 +9,7 @@ from pipeline.methods.on_gpu import Guided
 from pipeline.printed.gpu import PrintedPass
 from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.gpu import MetamericPass
-from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings, Texture
+from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings
 
 
 class Metameric(Guided[MetamericPass]):
@@ -30,7 +30,6 @@ class Metameric(Guided[MetamericPass]):
         channels: Channels = MetamericSettings.channels,
         anchor: Anchor = MetamericSettings.anchor,
         skip_depth_edges: bool = MetamericSettings.skip_depth_edges,
-        texture: Texture = MetamericSettings.texture,
         z_near_m: float = 0.0,
     ) -> None:
         super().__init__(ctx, z_near_m)
@@ -47,7 +46,6 @@ class Metameric(Guided[MetamericPass]):
             channels=channels,
             anchor=anchor,
             skip_depth_edges=skip_depth_edges,
-            texture=texture,
         )
 
     def _build(self, size: tuple[int, int]) -> MetamericPass:

@@ -45,29 +45,20 @@ class Method(Protocol):
 
 
 @runtime_checkable
-class TextureMethod(Method, Protocol):
-    """A method that fills on the GPU: a frame that is there need not leave it."""
-
-    def fill_textures(self, frame: FrameTextures, seed: int) -> None:
-        """Fill the holes of `frame.colour` in place; `fill` of the same frame gives the same."""
-        ...
-
-
-@runtime_checkable
 class Plate(Protocol):
     """What a method keeps of one source frame from view to view of a path."""
 
-    def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return `filled` with what earlier views got in its holes, and keep what is new."""
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
+        """Fill the next view as `Method.fill` does, with what earlier views got in their holes."""
         ...
 
 
 @runtime_checkable
 class TexturePlate(Protocol):
-    """A plate on the GPU, of a `TextureMethod`."""
+    """A plate on the GPU."""
 
-    def settle_textures(self, frame: FrameTextures) -> None:
-        """Complete a filled `frame` in place, as `Plate.settle` does arrays."""
+    def fill_textures(self, frame: FrameTextures, seed: int) -> None:
+        """Fill the next view in place, as `Plate.fill` does arrays."""
         ...
 
     def release(self) -> None:
@@ -77,7 +68,7 @@ class TexturePlate(Protocol):
 
 @runtime_checkable
 class PlateMethod(Method, Protocol):
-    """A method whose fills of one source frame's views are settled on a plate.
+    """A method with a plate, which fills the views of one source frame.
 
     Views come in the order of their path, so a frame is a pure function of source, path and
     seed. `fill` alone gives what the first view of a path gets.

@@ -13,6 +13,7 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.methods.method import check_finite, composite
+from pipeline.plate.gpu import PlatePass, PlateTextures
 
 
 class FillPass(Protocol):
@@ -32,6 +33,7 @@ class OnGpu(ABC, Generic[P]):
         self._size: tuple[int, int] | None = None
         self._pass: P | None = None
         self._textures: FrameTextures | None = None  # of frames that come as arrays
+        self._plate_pass: PlatePass | None = None
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
         """Fill the holes of arrays; known pixels are untouched."""
@@ -46,28 +48,46 @@ class OnGpu(ABC, Generic[P]):
 
     def fill_textures(self, frame: FrameTextures, seed: int) -> None:
         """Fill the holes of `frame.colour` in place; alpha still tells where they were."""
-        if self._pass is None or self._size != frame.size:
-            self._release_pass()
-            self._pass, self._size = self._build(frame.size), frame.size
-        self._run(self._pass, frame, seed)
+        self._run(self._fit(frame.size), frame, seed)
 
     def release(self) -> None:
-        """Free textures and shaders."""
+        """Free textures and shaders; plates are their users'."""
         self._release_pass()
         self._release_textures()
 
     def _release_pass(self) -> None:
-        if self._pass is not None:
-            self._pass.release()
-        self._pass, self._size = None, None
+        for held in (self._pass, self._plate_pass):
+            if held is not None:
+                held.release()
+        self._pass, self._plate_pass, self._size = None, None, None
 
     def _release_textures(self) -> None:
         if self._textures is not None:
             self._textures.release()
         self._textures = None
 
+    def _new_plate(self) -> PlateTextures:
+        """Return an empty plate, for methods that have one."""
+        return PlateTextures(self._ctx, self._fill_from_plate)
+
+    def _fill_from_plate(self, frame: FrameTextures, plate: PlateTextures, seed: int) -> None:
+        self._fit(frame.size)
+        if self._plate_pass is None:
+            self._plate_pass = self._build_plate(frame.size)
+        self._plate_pass(frame, plate, lambda known: self.fill_textures(known, seed))
+
+    def _fit(self, size: tuple[int, int]) -> P:
+        """The pass for frames of a size, built anew where the last one was of another."""
+        if self._pass is None or self._size != size:
+            self._release_pass()
+            self._pass, self._size = self._build(size), size
+        return self._pass
+
     @abstractmethod
     def _build(self, size: tuple[int, int]) -> P: ...
+
+    def _build_plate(self, size: tuple[int, int]) -> PlatePass:
+        raise NotImplementedError(f"{type(self).__name__} keeps no plate of {size}")
 
     @abstractmethod
     def _run(self, filler: P, frame: FrameTextures, seed: int) -> None: ...

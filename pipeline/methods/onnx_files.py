@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError, MissingExtraError
-from protocols.outside import reading, visible_line
+from protocols.outside import bounded_bytes, check_within, reading, visible_line
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
 _LEADS: dict[str, dict[int, str]] = {
@@ -80,9 +80,10 @@ def network_files(path: Path) -> list[Path]:
     FileNotFoundError
         If the file, or one that it names, is missing.
     InputError
-        If it is no protocol buffer, or names a file outside its folder.
+        If it is no protocol buffer, names a file outside its folder, or is larger than the limit
+        of memory with all that it names.
     """
-    data = memoryview(path.read_bytes())
+    data = memoryview(bounded_bytes(path, InputError, "memory"))
     with reading(path, "an ONNX model", InputError):
         names = sorted(set(_locations(data, "model", 0)))
     found = [path]
@@ -94,6 +95,8 @@ def network_files(path: Path) -> list[Path]:
             )
         if not found[-1].is_file():
             raise FileNotFoundError(2, "No such file", str(found[-1]))
+    size = sum(file.stat().st_size for file in found)
+    check_within("memory", size, InputError, path, "bytes with its weights")
     return found
 
 

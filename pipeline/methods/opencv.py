@@ -28,7 +28,11 @@ class _Inpaint:
         known = np.where(warped.hole[..., None], np.float32(0), warped.colour)
         bytes_in = np.rint(known * 255).astype(np.uint8)
         mask = warped.hole.astype(np.uint8)
+        for axis, edge_px in enumerate(warped.size):
+            if edge_px == 1:  # cv2 would read memory beside the picture
+                bytes_in, mask = (np.repeat(plane, 2, axis) for plane in (bytes_in, mask))
         filled = cv2.inpaint(bytes_in, mask, self.radius_px, self._flag)
+        filled = filled[: warped.size[0], : warped.size[1]]
         return composite(warped, filled.astype(np.float32) / np.float32(255))
 
     def release(self) -> None:

@@ -7,10 +7,10 @@ import moderngl
 from pipeline.errors import InputError
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.on_gpu import OnGpu
+from pipeline.plate.gpu import PlatePass
 from pipeline.pushpull.gpu import PushPullPass, PyramidPass
-from pipeline.shiftmap.plate_gpu import PlateTextures
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-from pipeline.weighted_pullpush.recirculation_gpu import RecirculationPass
+from pipeline.weighted_pullpush.recirculation import SAME_SURFACE
 
 
 class _ColourOnly(OnGpu[PyramidPass]):
@@ -48,22 +48,8 @@ class WeightedPullPush(_ColourOnly):
         if not 0 <= recirculate <= 1:
             raise InputError(f"recirculate must lie in 0..1 (got {recirculate})")
         self._weight = recirculate
-        self._returning: dict[tuple[int, int], RecirculationPass] = {}
         if recirculate:
             self.new_plate = self._new_plate  # what tells a `PlateMethod`
 
-    def release(self) -> None:
-        """Free textures and shaders; plates are their users'."""
-        super().release()
-        for held in self._returning.values():
-            held.release()
-        self._returning.clear()
-
-    def _new_plate(self) -> PlateTextures:
-        return PlateTextures(self._ctx, self._settle)
-
-    def _settle(self, frame: FrameTextures, plate: PlateTextures) -> None:
-        if frame.size not in self._returning:
-            made = RecirculationPass(self._ctx, frame.size, self._weight)
-            self._returning[frame.size] = made
-        self._returning[frame.size](frame, plate)
+    def _build_plate(self, size: tuple[int, int]) -> PlatePass:
+        return PlatePass(self._ctx, size, SAME_SURFACE, weight=self._weight, overwrites=True)

@@ -48,9 +48,9 @@ SHIPPED = tuple(
             "pipeline.methods.metameric:MetamericPaper",
         ),
         (
-            "shift-map",
-            "the background's own detail, shifted in tile by tile (after Pritch et al. 2009)",
-            "pipeline.methods.shift_map:ShiftMap",
+            "coherence-transport",
+            "edges of the background go on (after Bornemann and März 2007)",
+            "pipeline.methods.coherence_transport:CoherenceTransport",
         ),
         (
             "push-pull-depth",
@@ -86,6 +86,15 @@ SHIPPED = tuple(
 
 METHODS = _with_plugins(SHIPPED)
 
+RETIRED = {
+    "shift-map": "has left metamerlab, and 'coherence-transport' replaces it; for its own fills"
+    " install revision 70b3711, the last that has it",
+    "metameric.texture": "has left metamerlab, and metameric always fills with noise; leave it out,"
+    " or take 'coherence-transport' for structure of the background; for the fills of"
+    " texture = 'background' install revision 70b3711, the last that has them",
+}
+"""What a user is told of methods, and of their parameters, that were here once."""
+
 
 def method_names() -> list[str]:
     """Return every method's name as a user writes it."""
@@ -100,7 +109,7 @@ def check_method_name(name: str) -> Entry:
     InputError
         If there is no such method, with the nearest name; or if its path is missing.
     """
-    return find(METHODS, name)
+    return find(METHODS, name, RETIRED)
 
 
 def method_parameters(name: str) -> dict[str, Any]:
@@ -155,7 +164,7 @@ def create_method(
     """
     entry = check_method_name(name)
     method_class = entry.load()
-    check_given(name, method_class, parameters or {})
+    check_given(name, method_class, parameters or {}, RETIRED)
     leading: list[object] = []
     if "ctx" in inspect.signature(method_class).parameters:
         if ctx is None:

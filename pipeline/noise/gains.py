@@ -69,6 +69,7 @@ def spectral_gains(
 
 def gain_constants(levels: int, *, aim: float) -> dict[str, int | float | tuple[float, ...]]:
     """What spectral_gains.glsl is compiled with."""
+    mixing = fitted_mixing(levels)
     return {
         "LEVELS": levels,
         "LEAST_GAIN": LEAST_GAIN,
@@ -77,8 +78,13 @@ def gain_constants(levels: int, *, aim: float) -> dict[str, int | float | tuple[
         "UNSEEN_VARIANCE": UNSEEN_VARIANCE,
         "UNEVEN": UNEVEN,
         "STEPS": STEPS,
-        "OVERLAP": tuple(overlap_by_levels(fitted_mixing(levels).overlap).ravel().tolist()),
+        "OVERLAP": tuple(overlap_by_levels(mixing.overlap).ravel().tolist()),
+        "TOGETHER": tuple(together_by_levels(mixing.together).ravel().tolist()),
     }
+
+
+# Deviations from the high band's, and the sum and difference of the oriented ones: 2 x = u + v.
+_PARTS = np.array([[1, 0, 0], [0, 0.5, 0.5], [0, 0.5, -0.5]])
 
 
 def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -99,10 +105,8 @@ def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
         high, sum with difference, difference with sum.
     """
     levels = len(overlap) // 3
-    # Deviations from theirs, the sum and the difference: 2 x = u + v, 2 y = u - v.
-    parts = np.array([[1, 0, 0], [0, 0.5, 0.5], [0, 0.5, -0.5]])
     forms = overlap.reshape(levels, 3, levels, 3, levels, 3)
-    forms = np.einsum("bc,kcipjq,pr,qs->kbirjs", parts, forms, parts, parts)
+    forms = np.einsum("bc,kcipjq,pr,qs->kbirjs", _PARTS, forms, _PARTS, _PARTS)
     high, total, difference = 0, 1, 2
     even, odd = (high, total), difference
     rows = []
@@ -123,6 +127,20 @@ def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
             )
         )
     return np.stack(rows, axis=1).astype(np.float32)
+
+
+def together_by_levels(together: NDArray[np.float64]) -> NDArray[np.float32]:
+    """`Mixing.together` as spectral_gains.glsl reads it: (pairs, 5).
+
+    For each two levels i <= j a number for products of the high bands, of the high band of i and
+    the sum of j, of the sum of i and the high band of j, of the sums, and of the differences.
+    """
+    levels = len(together) // 3
+    form = together.reshape(levels, 3, levels, 3)
+    form = np.einsum("ipjq,pr,qs->irjs", form, _PARTS, _PARTS)
+    both = [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)]
+    rows = [[(1 if i == j else 2) * form[i, p, j, q] for p, q in both] for i, j in pairs_of(levels)]
+    return np.array(rows, np.float32)
 
 
 def pairs_of(levels: int) -> list[tuple[int, int]]:

@@ -24,11 +24,13 @@ class Mixing:
     gains of `gains.spectral_gains`.
     `overlap` (B, B, B): weighed by deviations s, mixed bands measure the variance
     ``s @ overlap[b] @ s`` in band b, on an endless plane.
+    `together` (B, B): their sum has the variance ``s @ together @ s``.
     `lag_correlation` (levels, 3, len(LAGS)): of mixed bands, see `tile.look_up`.
     """
 
     matrix: NDArray[np.float64]
     overlap: NDArray[np.float64]
+    together: NDArray[np.float64]
     lag_correlation: NDArray[np.float32]
 
 
@@ -47,9 +49,14 @@ def fitted_mixing(levels: int) -> Mixing:
     record = records[str(levels)]
     lags = np.array(record["lag_correlation"], np.float32)
     matrix = np.array(record["matrix"])
-    covariances = unpacked(np.array(records["covariances"]))[(slice(3 * levels),) * 3]
+    first = slice(3 * levels)
+    covariances = unpacked(np.array(records["covariances"]))[first, first, first]
+    correlations = np.array(records["correlations"])[first, first]
     return Mixing(
-        matrix, overlaps(covariances, matrix), lags.reshape(levels, len(BANDS), len(LAGS))
+        matrix,
+        overlaps(covariances, matrix),
+        matrix.T @ correlations @ matrix,
+        lags.reshape(levels, len(BANDS), len(LAGS)),
     )
 
 

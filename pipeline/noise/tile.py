@@ -153,14 +153,15 @@ def wrapped(tile: NDArray[np.float64], margin: int) -> NDArray[np.float64]:
 def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64]:
     """Pass the low-pass at full rate and, so that nothing moves, mirrored: (H, W, channels)."""
     height, width = image.shape[:2]
-    tap = np.empty(image.shape)  # no new array for every tap
-    for low, before in ((kernels.low, 1), (kernels.low[::-1, ::-1], 2)):
+    corner, edge, inner = kernels.low[0, 0], kernels.low[0, 1], kernels.low[1, 1]
+    for before in (1, 2):  # the kernel is its own mirror image: only its place changes
         padded = np.pad(image, ((before, 3 - before),) * 2 + ((0, 0),), mode="edge")
-        image = np.zeros(image.shape)
-        for row in range(4):
-            for column in range(4):
-                shown = padded[row : row + height, column : column + width]
-                image += np.multiply(low[row, column], shown, out=tap)
+        outer = padded[:, :width] + padded[:, 3 : 3 + width]
+        middle = padded[:, 1 : 1 + width] + padded[:, 2 : 2 + width]
+        first, second = corner * outer + edge * middle, edge * outer + inner * middle
+        image = first[:height] + first[3 : 3 + height]
+        image += second[1 : 1 + height]
+        image += second[2 : 2 + height]
     return image
 
 

@@ -11,9 +11,8 @@
 #constant LEAST_GAIN
 #constant MOST_GAIN
 #constant UNSEEN_VARIANCE
-#constant SMALLEST_VARIANCE
 
-#include "ycbcr.glsl"
+#include "bounded.glsl"
 
 // Resolutions stand below one another: 0 and coarser of colour, k + 1 and coarser of level k's
 // moments. A texel of moments is eight half floats.
@@ -152,11 +151,13 @@ vec3 baked_colour(vec2 place_px, float rho, float eta, float strength) {
             given[k] *= (asked[k] + UNSEEN_VARIANCE) / (measured[k] + UNSEEN_VARIANCE);
     }
     vec3 ycc = vec3(0.0);
+    float variance = 0.0;  // of luma: noise is independent by level and band
     for (int k = 0; k < HALVINGS; ++k)
         if (asked[k] != vec3(0.0)) {
             vec3 least = LEAST_GAIN * LEAST_GAIN * asked[k], most = MOST_GAIN * MOST_GAIN * asked[k];
-            float luma = dot(sqrt(clamp(given[k], least, most)), noise_at(k, place_px));
-            ycc += luma * vec3(1.0, slopes[k]);
+            vec3 own = clamp(given[k], least, most);
+            variance += own.x + own.y + own.z;
+            ycc += dot(sqrt(own), noise_at(k, place_px)) * vec3(1.0, slopes[k]);
         }
-    return base + strength * (RGB_FROM_YCBCR * ycc);
+    return added(base, strength * ycc, strength * sqrt(variance));
 }

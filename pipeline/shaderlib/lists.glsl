@@ -3,6 +3,8 @@
 #define LIST_GROUP 64       // pixels of a list that one work group visits
 #define MOST_GROUPS 32768u  // in a row of work groups: every driver takes that many
 
+#define DOWNWARDS 0x80000000u  // in a list's first entry: the others lie below it, not above
+
 layout(std430) buffer Counts { uint counts[]; };  // of a list: groups x, y, z; entries
 layout(std430) buffer Entries { uint entries[]; };  // x + (y << 14) + (chain << 28)
 
@@ -13,6 +15,10 @@ uint entry_of(ivec2 place, int chain) {
 ivec2 place_of(uint entry) { return ivec2(entry & 0x3fffu, (entry >> 14) & 0x3fffu); }
 
 int chain_of(uint entry) { return int(entry >> 28); }
+
+uint place_in(uint first, uint slot) {
+    return (first & DOWNWARDS) == 0u ? first + slot : (first ^ DOWNWARDS) - slot;
+}
 
 uint entries_in(uint list) { return counts[4u * list + 3u]; }
 
@@ -32,7 +38,7 @@ uint places_for(uint some, uint list, uint per_group) {
 
 // Puts an entry into a list.
 void add(uint list, uint first, uint entry, uint per_group) {
-    entries[first + places_for(1u, list, per_group)] = entry;
+    entries[place_in(first, places_for(1u, list, per_group))] = entry;
 }
 
 void append(uint list, uint first, ivec2 pixel, int chain) {

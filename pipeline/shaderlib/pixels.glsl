@@ -15,6 +15,6 @@ void work(ivec2 pixel, int chain);
 void main() {
     uint item = group_at_hand() * uint(LIST_GROUP) + gl_LocalInvocationID.x;
     if (item >= entries_in(list_index)) return;
-    uint entry = entries[list_first + item];
+    uint entry = entries[place_in(list_first, item)];
     work(place_of(entry), chain_of(entry));
 }

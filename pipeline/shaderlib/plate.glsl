@@ -1,5 +1,5 @@
 // A plate in the source frame: what was filled there, and at which depth. Whole numbers decide.
-// Twin: shiftmap/plate.py. Change both or neither.
+// Twin: plate/reference.py. Change both or neither.
 
 #constant SUBPIXELS  // in which motion is taken
 #constant STEPS      // of a colour, from 0 to 1

@@ -9,6 +9,7 @@
 #constant UNEVEN           // of the second level's oriented bands' variance: in its high band
 #constant STEPS            // of the iteration
 #constant OVERLAP          // see below
+#constant TOGETHER         // of the variance of all bands' sum; see together_by_levels()
 
 // What a level's three bands measure (rows) of products of deviations: of each two levels i <= j.
 // See overlap_by_levels(). Written into the code: reading it would take longer than all else here.
@@ -78,4 +79,21 @@ void find_gains() {
     }
 #define AIMED(i) gains[i] *= AIM;
     EACH_LEVEL(AIMED)
+}
+
+const float[] TOGETHERS = TOGETHER;
+
+// Of the sum of all bands, where each has the variance asked for and its gain.
+float deviation_of_all() {
+    float variance = 0.0;
+#define WITH_GAINS(i) want(i, gains[i] * sqrt(asked[i]));
+    EACH_LEVEL(WITH_GAINS)
+    int at = 0;
+    for (int i = 0; i < LEVELS; ++i)
+        for (int j = i; j < LEVELS; ++j, at += 5) {
+            vec3 a = wanted[i], b = wanted[j];
+            variance += TOGETHERS[at] * a.x * b.x + TOGETHERS[at + 1] * a.x * b.y + TOGETHERS[at + 2] * a.y * b.x
+                      + TOGETHERS[at + 3] * a.y * b.y + TOGETHERS[at + 4] * a.z * b.z;
+        }
+    return sqrt(max(variance, 0.0));
 }

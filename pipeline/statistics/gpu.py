@@ -32,8 +32,6 @@ class VariancePass(Pass):
         Whose holes, guide and lists these are; it must have run on the frame.
     levels, cross, gamma, depth_threshold, skip_depth_edges
         As for `reference.inpainted_statistics`.
-    with_gain : bool
-        Also say how much of the background's detail to add.
     """
 
     def __init__(
@@ -46,7 +44,6 @@ class VariancePass(Pass):
         gamma: float,
         depth_threshold: float,
         skip_depth_edges: bool,
-        with_gain: bool,
     ) -> None:
         super().__init__(ctx)
         self._base = base
@@ -99,7 +96,6 @@ class VariancePass(Pass):
                 SMALLEST_VARIANCE=SMALLEST_VARIANCE,
                 LAPLACE=LAPLACE,
                 GAMMA=float(gamma),
-                GAIN=with_gain,
                 **bands,
             )
             for finest in (False, True)

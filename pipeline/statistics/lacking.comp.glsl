@@ -6,7 +6,6 @@
 // Twin: lacking.py, and push() in inpaint/reference.py. Change both or neither.
 
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
-#constant GAIN               // 1: also say how much of the luma deviation the base lacks
 #constant LAPLACE            // variance over the square of the mean magnitude
 #constant KNOWN_ENOUGH       // share of known background that settles a band
 #constant SMALLEST_VARIANCE  // below it a band is empty and no slope can be measured
@@ -19,7 +18,7 @@
 #include "window.glsl"
 
 layout(rgba32f) uniform readonly image2D coarse;  // moments of 4x4, complete
-layout(rgba32f) uniform writeonly image2D variances;  // w: guide, gain
+layout(rgba32f) uniform writeonly image2D variances;  // w of the first: guide
 layout(r32f) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f) uniform readonly image2D quarter_guide;  // of 4x4
 layout(rgba32f) uniform readonly image2D base;        // of 2x2; a: confidence
@@ -100,13 +99,8 @@ void work(ivec2 pixel, int chain) {
     vec3 blue = lacking(LAPLACE * squared(of_blue.rgb), MEASURED(blue_of, vec3(0.0)), held);
     vec3 red = lacking(LAPLACE * squared(of_red.rgb), MEASURED(red_of, vec3(0.0)), held);
 #endif
-    float gain = 0.0;
-#if GAIN
-    float total = dot(wanted, vec3(1.0));
-    gain = total > SMALLEST_VARIANCE ? sqrt(dot(luma, vec3(1.0)) / total) : 0.0;
-#endif
     ivec2 to = ivec2(3 * pixel.x, pixel.y) + corner;
     imageStore(variances, to, vec4(luma.x, blue.x, red.x, deepest));
-    imageStore(variances, to + ivec2(1, 0), vec4(luma.y, blue.y, red.y, gain));
+    imageStore(variances, to + ivec2(1, 0), vec4(luma.y, blue.y, red.y, 0.0));
     imageStore(variances, to + ivec2(2, 0), vec4(luma.z, blue.z, red.z, 0.0));
 }

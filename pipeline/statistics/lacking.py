@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.inpaint.reference import Level, children
 from pipeline.statistics.moments import (
-    SMALLEST_VARIANCE,
     chroma_slopes,
     chroma_variances,
     luma_moments,
@@ -84,14 +83,3 @@ def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
             here = np.s_[row : row + height, column : column + width]
             total += down * right / 16 * share[here] * (base.guide - guide[here] <= threshold)
     return total
-
-
-def detail_gain(
-    statistics: NDArray[np.float64], lacking: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Deviation of the luma to add over that wanted, over all bands: (H, W, 1), at most 1."""
-    wanted = luma_moments(statistics)[1].sum(axis=2, keepdims=True)
-    luma = lacking[..., ::3].sum(axis=2, keepdims=True)
-    measurable = wanted > SMALLEST_VARIANCE
-    ratio = np.divide(luma, wanted, out=np.zeros_like(wanted), where=measurable)
-    return np.asarray(np.sqrt(ratio))

@@ -3,7 +3,6 @@
 // it to the base, in hole pixels only, in place.
 // Twin: shaped_noise(), deviations() and sample() in reference.py, look_up() in noise/tile.py. Change both
 // or neither.
-// With BACKGROUND, what seek.comp.glsl found a place for takes its detail from there.
 
 #constant LEVELS
 #constant CHANNELS  // of noise: 1 or 3
@@ -12,7 +11,6 @@
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
-#constant BACKGROUND  // 1: detail of the background in place of noise, where there is any
 
 #include "pixels.glsl"
 #include "guided.glsl"
@@ -26,7 +24,6 @@ layout(rg32f) uniform readonly image2D flow_px;  // target minus source
 #endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
-// w of the second: gain of the background's detail, with BACKGROUND.
 layout(rgba32f) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f) uniform readonly image2D noise;
@@ -43,10 +40,6 @@ vec4 bilinear(vec2 fraction) {
     vec2 rest = 1.0 - fraction;
     return vec4(rest.x * rest.y, fraction.x * rest.y, rest.x * fraction.y, fraction.x * fraction.y);
 }
-
-#if BACKGROUND
-#include "detail.glsl"
-#endif
 
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
@@ -75,10 +68,6 @@ struct Pixel {
     ivec2 noise_corner;
     vec4 noise_share;
     vec3 noise;  // the sum so far: Y', Cb, Cr
-#if BACKGROUND
-    vec2 origin;  // of the texture; negative: none
-    vec3 finer;   // what the frame shows there, at the level at hand
-#endif
 };
 
 Pixel pixel_at(ivec2 place) {
@@ -93,10 +82,6 @@ Pixel pixel_at(ivec2 place) {
     vec2 noise_place = float(NOISE_TEXELS_PER_PX) * (anchor(place, depth) - 0.5);
     p.noise_corner = ivec2(floor(noise_place));
     p.noise_share = bilinear(noise_place - floor(noise_place));
-#if BACKGROUND
-    p.origin = imageLoad(origin, place).xy;
-    p.finer = p.origin.x < 0.0 ? vec3(0.0) : frame_at(p.origin);
-#endif
     return p;
 }
 
@@ -120,15 +105,15 @@ vec3 noise_bands(Pixel p, int level, int channel) {
 struct Texel {
     float guide;
     vec3 high, along_x, along_y;
-    float gain;  // of the background's detail
 };
 
 Texel variances_at(ivec2 place, ivec4 size) {
     place = clamp(place, ivec2(0), size.xy - 1);
     ivec2 at = ivec2(3 * place.x, place.y) + size.zw;
-    vec4 high = imageLoad(variances, at), along_x = imageLoad(variances, at + ivec2(1, 0));
+    vec4 high = imageLoad(variances, at);
+    vec3 along_x = imageLoad(variances, at + ivec2(1, 0)).rgb;
     vec3 along_y = imageLoad(variances, at + ivec2(2, 0)).rgb;
-    return Texel(high.w, high.rgb, along_x.rgb, along_y, along_x.w);
+    return Texel(high.w, high.rgb, along_x, along_y);
 }
 
 // Variances are interpolated before their root is taken. See deviations().
@@ -147,15 +132,6 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
     share = guided_shares(share, p.guide, guides).share;
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
-#if BACKGROUND
-    if (p.origin.x >= 0.0) {
-        vec3 next = coarser_at(level, p.origin);
-        p.noise += shaped_detail(YCBCR_FROM_RGB * (p.finer - next), MIXED(gain), high,
-                                 along_x, along_y);
-        p.finer = next;
-        return;
-    }
-#endif
     vec3 bands = noise_bands(p, level, 0);
 #if CHANNELS == 1
     p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;

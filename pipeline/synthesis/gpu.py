@@ -8,17 +8,15 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.background_texture.gpu import SeekPass
 from pipeline.errors import InputError
 from pipeline.frame_textures import FrameTextures
-from pipeline.gl.compute import Resource
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.noise.mixing import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.statistics.gpu import BANDS, VariancePass
 from pipeline.statistics.low_bands import LowBandPass
-from pipeline.synthesis.reference import DETAIL_LIMIT, SMALLEST_LACKING
+from pipeline.synthesis.reference import SMALLEST_LACKING
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
@@ -54,7 +52,6 @@ class MetamericPass(Pass):
         self.size = size
         self.settings = settings
         levels = settings.levels
-        from_background = settings.texture == "background"
         self.base = self._part(
             GuidedBasePass(
                 ctx,
@@ -68,7 +65,7 @@ class MetamericPass(Pass):
             LowBandPass(
                 ctx,
                 self.base,
-                levels + from_background,  # detail is a level less the next coarser one
+                levels,
                 skip_depth_edges=settings.skip_depth_edges,
                 depth_threshold=settings.depth_threshold,
             )
@@ -83,13 +80,7 @@ class MetamericPass(Pass):
                 gamma=settings.gamma,
                 depth_threshold=settings.depth_threshold,
                 skip_depth_edges=settings.skip_depth_edges,
-                with_gain=from_background,
             )
-        )
-        self._seek = (
-            self._part(SeekPass(ctx, size, self.base.lists, settings.depth_threshold))
-            if from_background
-            else None
         )
         self._composite = self._shader(
             "synthesis/composite.comp.glsl",
@@ -100,8 +91,6 @@ class MetamericPass(Pass):
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
-            BACKGROUND=from_background,
-            DETAIL_LIMIT=DETAIL_LIMIT,
         )
         self._noise = self._texture((TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f")
         self._hold(**self.base.lists.shared, noise=self._noise, variances=self.variances.texels)
@@ -109,13 +98,6 @@ class MetamericPass(Pass):
         self._composite["noise_scale"] = settings.noise
         self._composite["level_size"] = self.variances.places
         self._seed: int | None = None
-
-    @property
-    def origin_px(self) -> moderngl.Texture:
-        """From where hole pixels took their texture, with ``texture="background"``: rg32f."""
-        if self._seek is None:
-            raise ValueError('origins need texture "background"')
-        return self._seek.origin_px
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is the one at hand.
@@ -161,10 +143,7 @@ class MetamericPass(Pass):
         self.set_seed(seed)
         self.base(frame.colour, frame.depth_m, z_near_m)
         levels = self.low_bands(frame.colour, frame.depth_m, z_near_m)
-        self.variances(levels[: self.settings.levels], frame.depth_m, z_near_m)
-        detail: dict[str, Resource] = {}
-        if self._seek:
-            detail = {"origin": self._seek(frame, z_near_m), "coarser": levels[1:]}
+        self.variances(levels, frame.depth_m, z_near_m)
         self._composite["z_near_m"] = z_near_m
         self.base.lists.run(
             self._composite,
@@ -172,7 +151,6 @@ class MetamericPass(Pass):
             image=frame.colour,
             depth_m=frame.depth_m,
             flow_px=frame.flow_px,
-            **detail,
         )
 
 

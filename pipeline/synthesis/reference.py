@@ -3,20 +3,18 @@
 Kuffner dos Anjos et al. 2022, sections 3.2 to 3.4. docs/method.md says where this goes
 its own way and what was measured.
 
-Twin: gpu.py with composite.comp.glsl and detail.glsl. Change both or neither.
+Twin: gpu.py with composite.comp.glsl. Change both or neither.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.background_texture.reference import details, texture_origins
 from pipeline.colour import rgb_from_ycbcr
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
-from pipeline.statistics.lacking import detail_gain
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
@@ -26,7 +24,6 @@ from pipeline.synthesis.settings import (
 )
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
-DETAIL_LIMIT = 3.0  # deviations: more of the background's detail is another object's edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +94,6 @@ def metameric_fill(
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
         settings.depth_threshold,
     )
-    if settings.texture == "background":
-        origin_px, found = texture_origins(warped, guide, settings.depth_threshold)
-        detail = shaped_detail(
-            details(base, origin_px, settings.levels),
-            statistics,
-            lacking,
-            guide,
-            settings.depth_threshold,
-            cross=settings.channels == "correlated",
-        )
-        noise = np.where(found[..., None], detail, noise)
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
     return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
@@ -142,32 +128,6 @@ def shaped_noise(
         variance = variance.reshape(*guide.shape, 3, 3)
         texel = look_up(noise, level, anchor_px)  # (H, W, bands, 1 or 3)
         total += (deviations(variance, cross=channels == 1) * texel).sum(axis=2)
-    return total
-
-
-def shaped_detail(
-    detail: list[NDArray[np.float64]],
-    statistics: list[Level],
-    lacking: list[Level],
-    guide: NDArray[np.float64],
-    threshold: float,
-    *,
-    cross: bool,
-) -> NDArray[np.float64]:
-    """Sum the background's own detail, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
-
-    Each level takes its `detail_gain`, and at most `DETAIL_LIMIT` deviations of what is
-    lacking: so much and no more can be texture.
-    """
-    total = np.zeros((*guide.shape, 3))
-    for level, found in enumerate(detail):
-        coarse = lacking[level]
-        gain = detail_gain(statistics[level].values, coarse.values)
-        both = replace(coarse, values=np.concatenate([coarse.values, gain], axis=2))
-        shape = sample(both, guide, level + 1, threshold)
-        bands = deviations(shape[..., :9].reshape(*guide.shape, 3, 3), cross=cross)
-        limit = DETAIL_LIMIT * np.sqrt((bands**2).sum(axis=2))
-        total += np.clip(shape[..., 9:] * found, -limit, limit)
     return total
 
 

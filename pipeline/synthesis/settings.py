@@ -12,7 +12,6 @@ from pipeline.features.reference import check_levels
 
 Channels = Literal["correlated", "independent"]
 Anchor = Literal["flow", "camera", "screen"]
-Texture = Literal["noise", "background"]
 
 # Noise is looked up at most this far outside: float32 tells 1/128 px apart there.
 ANCHOR_REACH_PX = 65536.0
@@ -78,9 +77,6 @@ class MetamericSettings:
     skip_depth_edges : bool
         Leave coefficients that straddle a depth edge out of the statistics, and out of the
         measure of what the base already holds.
-    texture : {"noise", "background"}
-        What is shaped by the statistics: filtered white noise, or the detail of the known
-        background along the parallax, and noise where that is out of reach.
 
     Raises
     ------
@@ -95,7 +91,6 @@ class MetamericSettings:
     channels: Channels = "correlated"
     anchor: Anchor = "flow"
     skip_depth_edges: bool = True
-    texture: Texture = "noise"
 
     def __post_init__(self) -> None:
         check_levels(self.levels)
@@ -108,7 +103,6 @@ class MetamericSettings:
         for name, choices in (
             ("channels", get_args(Channels)),
             ("anchor", get_args(Anchor)),
-            ("texture", get_args(Texture)),
         ):
             if getattr(self, name) not in choices:
                 raise InputError(

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError
-from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.bounded import BOUND_CONSTANTS
 from pipeline.foveation.noise_plane import GRAIN
 from pipeline.foveation.passes import Pooled
-from pipeline.gl.shader import flatten
+from pipeline.gl.shader import Constant, flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE
 from pipeline.textures.bake import Baked
@@ -70,7 +70,7 @@ class TexturePass:
                 " for a texture of this size; use a smaller one"
             )
         self._programs: dict[Output, moderngl.Program] = {}
-        constants = {
+        constants: dict[str, Constant] = {
             "HALVINGS": layout.halvings,
             "WRAPS": layout.wraps,
             "GRAIN": GRAIN,
@@ -81,7 +81,7 @@ class TexturePass:
             "LEAST_GAIN": LEAST_GAIN,
             "MOST_GAIN": MOST_GAIN,
             "UNSEEN_VARIANCE": UNSEEN_VARIANCE,
-            "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
+            **BOUND_CONSTANTS,
         }
         outputs: tuple[tuple[Output, str, dict[str, Any]], ...] = (
             ("colour", "material", constants),

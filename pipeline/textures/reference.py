@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import RGB_FROM_YCBCR
+from pipeline.foveation.bounded import added
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.textures.bake import Baked
 from pipeline.textures.surface_noise import SurfaceNoise, gains
@@ -43,7 +43,7 @@ class Fragments:
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """`base` and `noise` (H, W, 3): R'G'B' and what is added, not yet clipped."""
+    """`base` and `noise` (H, W, 3): R'G'B', and what is added, within the display."""
 
     base: Floats
     noise: Floats
@@ -68,13 +68,14 @@ def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
         energy = square.sum(axis=-1, keepdims=True) + SMALLEST_VARIANCE
         slopes[level] = np.moveaxis(cross / energy, -1, 0)
     weights = np.sqrt(variances) * gains(variances, fragments.rho)
+    deviation = np.sqrt((weights**2).sum(axis=(0, 1)))  # noise is independent by level and band
     ycc = np.zeros((*lod.shape, 3))
     for level in np.flatnonzero([energy.any() for energy in lost]).tolist():
         own = np.moveaxis(noise.at(level, fragments.place_px), -1, 0)
         luma = (weights[level] * own).sum(axis=0)
         ycc[..., 0] += luma
         ycc[..., 1:] += luma[..., None] * np.moveaxis(slopes[level], 0, -1)
-    return Shaded(base, ycc @ RGB_FROM_YCBCR.T)
+    return Shaded(base, added(base, ycc, deviation) - base)
 
 
 def lost_energy(level: int, rho: NDArray[np.floating], lod: NDArray[np.floating]) -> Floats:

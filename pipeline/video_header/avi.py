@@ -6,12 +6,9 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.statements.check import Said, other
 from pipeline.video_header.mp4 import cropped, shown_size
-from pipeline.video_header.statements import Said
 
-_OF_FILE = {"hdrl", "movi", "idx1", "JUNK", "INFO", "junk"}
-_OF_HEADER = {"avih", "strl", "odml", "JUNK", "junk"}
-_OF_STREAM = {"strh", "strf", "strd", "strn", "indx", "vprp", "JUNK", "junk"}
 _RATE_SHARE = 0.01  # how far two rates may differ by rounding
 _SWITCHED_OFF = 1
 
@@ -27,7 +24,7 @@ def statements(path: Path) -> Iterator[Said]:
             is_list = head[:4] in (b"LIST", b"RIFF")
             name = head[8:12] if is_list else head[:4]
             if head[:4] != b"RIFF":  # more of the same, of OpenDML
-                yield from _unknown(name.decode("latin-1"), "the file", _OF_FILE)
+                yield from other("AVI: the file", "a chunk", name.decode("latin-1"))
             if name == b"hdrl":
                 yield from _header(file.read(max(size - 4, 0)), kinds)
             at += 8 + size + size % 2
@@ -43,7 +40,7 @@ def statements(path: Path) -> Iterator[Said]:
 def _header(header: bytes, kinds: list[bytes]) -> Iterator[Said]:
     frame_us = 0
     for chunk, data in _chunks(header):
-        yield from _unknown(chunk, "the header", _OF_HEADER)
+        yield from other("AVI: the header", "a chunk", chunk)
         if chunk == "avih":
             frame_us = int.from_bytes(data[:4], "little")
         elif chunk == "strl":
@@ -60,13 +57,17 @@ def _stream(found: dict[str, bytes], frame_us: int) -> Iterator[Said]:
     if flags & _SWITCHED_OFF:
         yield Said("track that is switched off", "the video track is switched off")
     if scale and rate and frame_us:
-        fps, other = rate / scale, 1e6 / frame_us
-        if abs(other / fps - 1) > _RATE_SHARE:
-            yield Said("two frame rates", f"{other:g} a second, and {fps:g} for the stream")
+        fps, average = rate / scale, 1e6 / frame_us
+        if abs(average / fps - 1) > _RATE_SHARE:
+            yield Said("two frame rates", f"{average:g} a second, and {fps:g} for the stream")
+    left, top, right, bottom = struct.unpack("<4h", found["strh"][48:56].ljust(8, b"\0"))
+    if (right - left, bottom - top) not in ((0, 0), size):
+        words = f"a frame of {right - left} x {bottom - top} px in the video stream"
+        yield Said("whatever else", words)
     if start:
         yield Said("late start", f"the video starts at {start * scale / max(rate, 1):g} s")
     for chunk, data in found.items():
-        yield from _unknown(chunk, "the video stream", _OF_STREAM)
+        yield from other("AVI: the video stream", "a chunk", chunk)
         if chunk == "vprp" and len(data) >= 36:
             down, across, width, height, fields = struct.unpack("<20xHHIII", data[:36])
             if fields > 1:
@@ -80,11 +81,6 @@ def _stream(found: dict[str, bytes], frame_us: int) -> Iterator[Said]:
                 shown = (height * across / down, float(height))
                 if abs(shown[0] - width) >= 1:
                     yield from shown_size(shown, (size[0], size[1]))
-
-
-def _unknown(chunk: str, where: str, known: set[str]) -> Iterator[Said]:
-    if chunk not in known:
-        yield Said("whatever else", f"a chunk {chunk!r} in {where}")
 
 
 def _chunks(data: bytes) -> Iterator[tuple[str, bytes]]:

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from pipeline.statements.check import UPRIGHT, Said
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
-from pipeline.video_header.mp4 import stereo
-from pipeline.video_header.statements import UPRIGHT, Said
+from pipeline.video_header.mp4 import laid_out
 
 _DEEP: Final = {b"RGB0": 48, b"BGR0": 48, b"RBA@": 64, b"BRA@": 64}
 _ALPHA: Final = (b"RGBA", b"ARGB", b"ABGR", b"RBA@", b"BRA@")
@@ -17,6 +17,8 @@ _OF_JFIF: Final = 5
 _FRAME_PACKING, _ORIENTATION = 45, 47  # kinds of supplemental information
 _PACKINGS: Final = {3: "sbsl", 4: "abl"}
 _HEVC_SET: Final = re.compile(rb"(?:[\xa1\x21]\x00\x01..|\x00\x00\x01)\x42\x01", re.DOTALL)
+_VP9_START: Final = 0x498342
+_VP9_MATRICES: Final = {1: 6, 2: 1, 3: 6, 4: 7, 5: 9, 7: 0}  # those of H.273
 _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
@@ -49,20 +51,26 @@ def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterat
     """
     name, own, fields = codec.lower(), matrix, False
     if name in (b"h264", b"avc1"):
-        colours, fields = _h264(header)
+        colours, fields, left = _h264(header)
+        yield from _cut_off(left)
         yield from colour(*colours)
         yield from _enhancements(packet, 1)
         own = matrix if colours[2] == UNSAID else colours[2]
     elif name in (b"hevc", b"hev1", b"hvc1"):
         # Flags of progressive and of interlaced source, in the record or the parameter set.
-        colours = _hevc(header)
+        colours, left = _hevc(header)
+        yield from _cut_off(left)
         yield from colour(*colours)
         own = matrix if colours[2] == UNSAID else colours[2]
         yield from _enhancements(packet, 2)
         at = 6 if header[:1] == b"\1" else header.find(b"\0\0\1\x40\1") + 14
         fields = header[at : at + 1] != b"" and header[at] & 0xC0 == 0x40
-    elif name in (b"vp90", b"vp09", b"av01") and matrix == UNSAID:
-        yield Said("colours of VP9 or AV1", "its container does not say its colours")
+    elif name in (b"vp90", b"vp09"):
+        own = _vp9(packet)
+        yield from colour(UNSAID, UNSAID, own)
+        own = matrix if own == UNSAID else own
+    elif name == b"av01" and matrix == UNSAID:
+        yield Said("colours of AV1", "its container does not say its colours")
     elif name in (b"mpg2", b"mpeg"):
         at = header.find(b"\0\0\1\xb5\x14")  # the sequence's extension
         at = at if at >= 0 else header.find(b"\0\0\1\xb5\x12")
@@ -102,15 +110,37 @@ class _Bits:
         return (1 << zeros) - 1 + self.take(zeros)
 
 
-def _h264(header: bytes) -> tuple[tuple[int, int, int], bool]:
-    """Return primaries, transfer and matrix of H.264, and whether its frames may be fields."""
+def _cut_off(left_px: int) -> Iterator[Said]:
+    """Yield columns that FFmpeg's decoders leave, so that OpenCV presses the picture together."""
+    if left_px:
+        values = {"cure": "-vf null", "reader": "-flags unaligned"}
+        yield Said("clean aperture, crop", f"its coding cuts {left_px} px off its left", values)
+
+
+def _vp9(packet: bytes) -> int:
+    """Return the colour matrix that VP9's first frame says."""
+    bits = _Bits(packet[:16])
+    bits.take(2)
+    profile = bits.take(1) + 2 * bits.take(1)
+    bits.take(profile == 3)
+    if bits.take(4) & 12 or bits.take(24) != _VP9_START:  # shown again, or no key frame
+        return UNSAID
+    bits.take(profile >= 2)
+    return _VP9_MATRICES.get(bits.take(3), UNSAID)
+
+
+def _h264(header: bytes) -> tuple[tuple[int, int, int], bool, int]:
+    """Return primaries, transfer and matrix of H.264, whether it has fields, and what is cut off.
+
+    The last are pixels at the left.
+    """
     if header[:1] == b"\1":
         data = header[8:]
     else:
         at = header.find(b"\0\0\1\x67")
         data = header[at + 3 :] if at >= 0 else b""
     bits = _Bits(data[1:_HEADERS].replace(b"\0\0\3", b"\0\0"))
-    profile = bits.take(8)
+    profile, chroma = bits.take(8), 1
     bits.take(16)
     bits.golomb()
     if profile in _HIGH_PROFILES:
@@ -131,10 +161,14 @@ def _h264(header: bytes) -> tuple[tuple[int, int, int], bool]:
     bits.golomb(), bits.take(1), bits.golomb(), bits.golomb()
     fields = bool(data) and not bits.take(1)
     bits.take(1 + fields)
-    if bits.take(1):
-        for _ in range(4):
-            bits.golomb()
-    return _colours(bits), fields
+    left = _left(bits, chroma)
+    return _colours(bits), fields, left
+
+
+def _left(bits: _Bits, chroma: int) -> int:
+    """Read what is cut off of each side; return pixels at the left."""
+    sides = [bits.golomb() for _ in range(4)] if bits.take(1) else [0]
+    return sides[0] * (2 if chroma in (1, 2) else 1)
 
 
 def _colours(bits: _Bits) -> tuple[int, int, int]:
@@ -149,11 +183,11 @@ def _colours(bits: _Bits) -> tuple[int, int, int]:
     return UNSAID, UNSAID, UNSAID
 
 
-def _hevc(header: bytes) -> tuple[int, int, int]:
-    """Return primaries, transfer and matrix of HEVC, from its sequence's parameter set."""
-    found = _HEVC_SET.search(header)
+def _hevc(header: bytes) -> tuple[tuple[int, int, int], int]:
+    """Return primaries, transfer and matrix of HEVC, and pixels that are cut off at the left."""
+    found = _HEVC_SET.search(header)  # the sequence's parameter set
     if found is None:
-        return UNSAID, UNSAID, UNSAID
+        return (UNSAID, UNSAID, UNSAID), 0
     bits = _Bits(header[found.end() : _HEADERS].replace(b"\0\0\3", b"\0\0"))
     bits.take(4)
     layers = bits.take(3)
@@ -162,11 +196,11 @@ def _hevc(header: bytes) -> tuple[int, int, int]:
     for profile, level in present:
         bits.take(88 * profile + 8 * level)
     bits.golomb()
-    if bits.golomb() == 3:
-        bits.take(1)
+    chroma = bits.golomb()
+    bits.take(chroma == 3)
     bits.golomb(), bits.golomb()
-    for _ in range(4 * bits.take(1) + 2):
-        bits.golomb()
+    left = _left(bits, chroma)
+    bits.golomb(), bits.golomb()
     order = bits.golomb() + 4
     for _ in range(3 * (layers + 1 if bits.take(1) else 1) + 6):
         bits.golomb()
@@ -186,7 +220,7 @@ def _hevc(header: bytes) -> tuple[int, int, int]:
         for _ in range(min(bits.golomb(), 32)):
             bits.take(order + 1)
     bits.take(2)
-    return _colours(bits)
+    return _colours(bits), left
 
 
 def _reference_pictures(bits: _Bits, before: list[int], number: int) -> list[int]:
@@ -223,7 +257,7 @@ def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
             bits, data = _Bits(data[:size]), data[size:]
             if kind == _FRAME_PACKING and bits.golomb() >= 0 and not bits.take(1):
                 packing = bits.take(7)
-                yield stereo(_PACKINGS.get(packing), f"frame packing {packing}")
+                yield laid_out("stereo", _PACKINGS.get(packing), f"frame packing {packing}")
             elif kind == _ORIENTATION and not bits.take(1) and bits.take(18):
                 values = {"cure": UPRIGHT}
                 yield Said("mirror image, other turn", "its frames are said to be turned", values)

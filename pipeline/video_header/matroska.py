@@ -7,33 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from pipeline.statements.check import UPRIGHT, Said, other
 from pipeline.video_header.colours import UNSAID, colour, gamma
-from pipeline.video_header.mp4 import (
-    cropped,
-    dolby_vision,
-    shown_size,
-    spherical,
-    stereo,
-)
-from pipeline.video_header.statements import UPRIGHT, Said
+from pipeline.video_header.mp4 import cropped, dolby_vision, laid_out, shown_size
 
 _SEGMENT, _INFO, _TRACKS, _CHAPTERS = 0x18538067, 0x1549A966, 0x1654AE6B, 0x1043A770
-_ANYWHERE = {0xEC, 0xBF}
-# Elements that say nothing of the picture, or what FFmpeg follows.
-_OF_FILE = {0x1A45DFA3, _SEGMENT}
-_OF_SEGMENT = {
-    0x114D9B74, _INFO, _TRACKS, 0x1F43B675, 0x1C53BB6B, 0x1941A469, _CHAPTERS, 0x1254C367,
-}  # fmt: skip
-_OF_INFO = {
-    0x2AD7B1, 0x4489, 0x7BA9, 0x4D80, 0x5741, 0x4461, 0x73A4, 0x7384, 0x4444, 0x6924,
-}  # fmt: skip
-_OF_TRACK = {
-    0xD7, 0x73C5, 0x83, 0x88, 0x55AA, 0x55AB, 0x55AC, 0x55AD, 0x55AE, 0x55AF, 0x9C, 0x6DE7,
-    0x23314F, 0x6DF8, 0x23E383, 0x55EE, 0x536E, 0x22B59C, 0x22B59D, 0x86, 0x63A2, 0x258688,
-    0x7446, 0xAA, 0x56AA, 0x56BB, 0x6624,
-}  # fmt: skip
-_OF_VIDEO = {0x9D, 0x53B9, 0xB0, 0xBA, 0x54B2, 0x54B3, 0x2EB524, 0x2383E3}
-_OF_COLOUR = {0x55B1, 0x55B2, 0x55B3, 0x55B4, 0x55B5, 0x55B6, 0x55B9, 0x55BA, 0x55BB}
 _CROPS = (0x54CC, 0x54BB, 0x54DD, 0x54AA)  # left, top, right, bottom
 _LIGHT = {0x55BC, 0x55BD, 0x55D0}
 _STEREO: Final = {
@@ -54,7 +32,7 @@ def statements(path: Path) -> Iterator[Said]:
     for name, data in _of_file(path):
         if name == _INFO:
             for element, _ in _elements(data):
-                yield from _unknown(element, "the segment's information", _OF_INFO)
+                yield from _other("the segment's information", element)
         elif name == _CHAPTERS:
             for edition in _all(data, 0x45B9):
                 if any(map(_number, _all(edition, 0x45DD))):
@@ -65,7 +43,7 @@ def statements(path: Path) -> Iterator[Said]:
                 if kinds[-1:] == [1]:
                     yield from _track(track)
         else:
-            yield from _unknown(name, "the file", _OF_FILE | _OF_SEGMENT)
+            yield from _other("the file", name)
     if kinds.count(1) > 1:
         yield Said("several video tracks", f"holds {kinds.count(1)}")
     if 2 in kinds:
@@ -96,7 +74,7 @@ def _track(track: bytes) -> Iterator[Said]:
                 if not names or names[0] not in (b"dvcC", b"dvvC", b"dvwC"):
                     yield Said("whatever else", f"additions to its blocks, {names}")
             case _:
-                yield from _unknown(element, "the video track", _OF_TRACK)
+                yield from _other("the video track", element)
 
 
 def _video(video: bytes, codec: bytes) -> Iterator[Said]:
@@ -109,13 +87,18 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
             case 0x9A:
                 if value == 1:
                     yield Said("interlacing", "its frames are two fields")
-            case 0x53B8:
+            case 0x9D:
+                if value not in (0, 2) and numbers.get(0x9A) != 2:
+                    yield Said("interlacing", f"its frames are two fields, in the order {value}")
+            case 0x53B8 | 0x53B9:
                 if value:
-                    yield stereo(_STEREO.get(value), f"stereo mode {value}")
+                    words = f"{'old ' * (element == 0x53B9)}stereo mode {value}"
+                    name = _STEREO.get(value) if element == 0x53B8 else None
+                    yield laid_out("stereo", name, words)
             case 0x53C0:
                 if value:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
-                    yield Said("alpha", "its track has transparency", {"decoder": decoder})
+                    yield Said("alpha", "its track has transparency", {"reader": decoder})
             case 0x2FB523:
                 yield gamma(_float(data))
             case 0x55B0:
@@ -123,8 +106,7 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
             case 0x7670:
                 yield from _projection(data)
             case _:
-                known = {*_OF_VIDEO, *_CROPS, 0x54B0, 0x54BA}
-                yield from _unknown(element, "the video's settings", known)
+                yield from _other("the video's settings", element)
     left, top, right, bottom = (numbers.get(element, 0) for element in _CROPS)
     shown = left, top, stored[0] - left - right, stored[1] - top - bottom
     yield from cropped(stored, shown)
@@ -143,14 +125,14 @@ def _colour(data: bytes) -> Iterator[Said]:
         if element in _LIGHT:
             yield Said("light levels of the mastering display", "its light levels")
         else:
-            yield from _unknown(element, "the video's colour", {*_OF_COLOUR, 0x55B7, 0x55B8})
+            yield from _other("the video's colour", element)
 
 
 def _projection(data: bytes) -> Iterator[Said]:
     found = dict(_elements(data))
     kind = _number(found.get(0x7671, b"\0"))
     if kind:
-        yield spherical(_PROJECTIONS.get(kind), f"projection {kind}")
+        yield laid_out("spherical", _PROJECTIONS.get(kind), f"projection {kind}")
     yaw, pitch, roll = (_float(found.get(element, b"")) for element in (0x7673, 0x7674, 0x7675))
     if yaw or pitch or roll % 90:
         words = f"its pose is {yaw:g}, {pitch:g}, {roll:g} degrees"
@@ -159,9 +141,8 @@ def _projection(data: bytes) -> Iterator[Said]:
         yield Said("turn by 90, 180 or 270 degrees", "")
 
 
-def _unknown(element: int, where: str, known: set[int]) -> Iterator[Said]:
-    if element not in known | _ANYWHERE:
-        yield Said("whatever else", f"an element 0x{element:X} in {where}")
+def _other(where: str, element: int) -> Iterator[Said]:
+    return other(f"Matroska: {where}", "an element", f"{element:X}")
 
 
 def _all(data: bytes, wanted: int) -> Iterator[bytes]:

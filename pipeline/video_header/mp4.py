@@ -7,27 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
+from pipeline.statements.check import NO_CURE, UPRIGHT, Said, other
 from pipeline.video_header.colours import colour, gamma
-from pipeline.video_header.statements import NO_CURE, UPRIGHT, Said
 
-_PADDING = "free skip wide"
-# Boxes that say nothing of the picture, or what FFmpeg follows.
-_OF_FILE = f"ftyp mdat moof mfra sidx ssix styp prft emsg pdin meta {_PADDING}"
-_OF_MOVIE = f"mvhd trak udta meta mvex iods {_PADDING}"
-_OF_TRACK = f"tkhd mdia edts udta meta tref load tapt {_PADDING}"
-_OF_MEDIA = f"mdhd hdlr minf elng udta meta {_PADDING}"
-_OF_INFO = f"vmhd hdlr dinf stbl gmhd {_PADDING}"
-_OF_TABLE = (
-    "stsd stts ctts stss stsc stsz stz2 stco co64 sdtp sbgp sgpd cslg stsh subs padb stdp stps"
-    f" saiz saio {_PADDING}"
-)
-_OF_ENTRY = (
-    f"avcC hvcC vvcC av1C vpcC esds d263 glbl dvc1 jp2h APRG ARES ACLR AORD btrt strf {_PADDING}"
-)
-_OF_USER = (
-    "meta name kywd cprt titl auth dscp perf gnre albm yrrc rtng clsf loci hnti hinf tsel tagc date"
-    f" chpl XMP_ {_PADDING}"
-)
 _LIGHT = {"mdcv", "clli", "amve", "cclv", "SmDm", "CoLL"}
 _COPIES = (0, 0x40)  # graphics modes: copy, and copy with dither
 _SPHERICAL = bytes.fromhex("ffcc8263f8554a938814587a02521fdd")  # of Spherical Video V1, XML
@@ -45,11 +27,11 @@ def statements(path: Path) -> Iterator[Said]:
     tracks: list[str] = []
     for name, movie in _of_file(path):
         if name != "moov":
-            yield from _unknown(name, "the file", _OF_FILE)
+            yield from other("MP4: the file", "a box", name)
             continue
         matrix, speed = (1.0, 0.0, 0.0, 1.0), 1.0
         for box, data in _boxes(movie):
-            yield from _unknown(box, "the movie", _OF_MOVIE)
+            yield from other("MP4: the movie", "a box", box)
             if box == "mvhd":
                 at = 32 if data[0] else 20
                 speed = _fixed(data, at)
@@ -75,9 +57,9 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
     shown, entry, turned = (0.0, 0.0), (0, 0), False
     for box, data in _boxes(track):
         if box == "uuid" and data[:16] == _SPHERICAL:
-            yield spherical("equirect", "spherical metadata")
+            yield laid_out("spherical", "equirect", "spherical metadata")
             continue
-        yield from _unknown(box, "the video track", _OF_TRACK)
+        yield from other("MP4: the video track", "a box", box)
         if box == "tkhd":
             if not data[3] & 1:
                 yield Said("track that is switched off", "the video track is switched off")
@@ -97,15 +79,15 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
                 yield from _edits(edits)
         elif box == "mdia":
             for inner, _ in _boxes(data):
-                yield from _unknown(inner, "the video's media", _OF_MEDIA)
+                yield from other("MP4: the video's media", "a box", inner)
             for info in _inside(data, "minf"):
                 for inner, mode in _boxes(info):
-                    yield from _unknown(inner, "the video's media information", _OF_INFO)
+                    yield from other("MP4: the video's media information", "a box", inner)
                     if inner == "vmhd" and int.from_bytes(mode[4:6]) not in _COPIES:
                         yield Said("graphics mode", f"graphics mode {int.from_bytes(mode[4:6])}")
             for table in _inside(data, "minf", "stbl"):
                 for inner, entries in _boxes(table):
-                    yield from _unknown(inner, "the video's tables", _OF_TABLE)
+                    yield from other("MP4: the video's tables", "a box", inner)
                     if inner == "stsd":
                         for coding, one in _boxes(entries[8:]):
                             entry = struct.unpack(">HH", one[24:28])
@@ -193,12 +175,14 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
                     yield Said("interlacing", "its frames are two fields")
             case "st3d":
                 if inner[4]:
-                    yield stereo(_STEREO.get(inner[4]), f"stereo mode {inner[4]} of 'st3d'")
+                    yield laid_out(
+                        "stereo", _STEREO.get(inner[4]), f"stereo mode {inner[4]} of 'st3d'"
+                    )
             case "vexu":  # decoders show the view of the base layer
                 yield Said("stereo", "views for two eyes, 'vexu'", {"cure": ""})
             case "sv3d":
                 names = [name for kind, name in _PROJECTIONS.items() if kind in inner]
-                yield spherical(names[0] if names else None, "a projection, 'sv3d'")
+                yield laid_out("spherical", names[0] if names else None, "a projection, 'sv3d'")
             case "sinf":
                 yield Said("encryption", "its frames are encrypted")
             case "chrm":
@@ -209,18 +193,13 @@ def _entry(coding: str, data: bytes) -> Iterator[Said]:
             case _ if box in _LIGHT:
                 yield Said("light levels of the mastering display", f"{box!r}")
             case _:
-                yield from _unknown(box, "the video's coding", _OF_ENTRY)
+                yield from other("MP4: the video's coding", "a box", box)
     yield from dolby
 
 
-def stereo(name: str | None, words: str) -> Said:
-    """Return what two views mean, with FFmpeg's name for how they lie in a frame."""
-    return Said("stereo", words, {"name": name} if name else {"cure": NO_CURE})
-
-
-def spherical(name: str | None, words: str) -> Said:
-    """Return what a panorama means, with FFmpeg's name of its projection."""
-    return Said("spherical", words, {"name": name} if name else {"cure": NO_CURE})
+def laid_out(statement: str, name: str | None, words: str) -> Said:
+    """Return what two views or a panorama mean, with FFmpeg's name for how they lie in a frame."""
+    return Said(statement, words, {"name": name} if name else {"cure": NO_CURE})
 
 
 def dolby_vision(record: bytes) -> Said:
@@ -242,23 +221,17 @@ def _aperture(data: bytes, width: int, height: int) -> Iterator[Said]:
 
 def cropped(stored: tuple[int, int], shown: tuple[float, float, float, float]) -> Iterator[Said]:
     """Yield what a shown part (left, top, width, height) of the stored picture means."""
-    if shown == (0, 0, *stored):
-        return
     x, y, width, height = map(round, shown)
+    if (x, y, width, height) == (0, 0, *stored):
+        return
     words = f"to be shown: {width} x {height} of {stored[0]} x {stored[1]} px, from {x}, {y}"
     values = {"x": x, "y": y, "width": width, "height": height}
     yield Said("clean aperture, crop", words, values)
 
 
 def _user(data: bytes) -> Iterator[Said]:
-    names = [box for box, _ in _boxes(data) if box[:1] != "\xa9" and box not in _OF_USER.split()]
-    if names:
-        yield Said("whatever else", f"boxes {', '.join(map(repr, names))} in the user data")
-
-
-def _unknown(box: str, where: str, known: str) -> Iterator[Said]:
-    if box not in known.split():
-        yield Said("whatever else", f"a box {box!r} in {where}")
+    for box, _ in _boxes(data):
+        yield from other("MP4: the user data", "a box", box)
 
 
 def _inside(data: bytes, *names: str) -> Iterator[bytes]:

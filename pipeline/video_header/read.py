@@ -9,10 +9,10 @@ from typing import Final
 import cv2
 
 from pipeline.errors import InputError
+from pipeline.statements.check import Said
 from pipeline.video_header import avi, matroska, mp4
 from pipeline.video_header.coding import of_pixel_format, of_stream
 from pipeline.video_header.colours import UNSAID
-from pipeline.video_header.statements import Said
 from protocols.outside import reading
 
 _HEARD: Final = (b"h264", b"avc1", b"FMP4", b"mp4v")

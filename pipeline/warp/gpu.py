@@ -12,7 +12,7 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import format_of, texture_from
-from pipeline.warp.settings import WarpSettings, Window, check_inputs
+from pipeline.warp.settings import WarpSettings, Window, checked
 
 ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
 TILE = 8  # work-group edge, pixels, where neighbours in all directions are read
@@ -208,7 +208,7 @@ def warp_frame(
     InputError
         If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
     """
-    depth_m = check_inputs(frame, flow_px, target_depth_m)
+    flow_px, depth_m = checked(frame, flow_px, target_depth_m, settings)
     height, width = frame.size
     padded = np.concatenate([frame.colour, np.ones((height, width, 1), np.float32)], axis=-1)
     warp = WarpPass(ctx, (width, height), window, settings)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.warp.rim import without_rim
-from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, check_inputs
+from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, checked
 
 RINGS = 2  # of vertices around the source pixels
 GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
@@ -65,7 +65,8 @@ def warp(
     -----
     [MI] 3.1, eq. 1.
     """
-    depth_m = check_inputs(frame, flow_px, target_depth_m).astype(np.float64)
+    flow_px, shown_m = checked(frame, flow_px, target_depth_m, settings)
+    depth_m = shown_m.astype(np.float64)
     window = window or Window.of(frame.size)
     mesh = moved_mesh(depth_m, flow_px, window)
     stretched = mesh.ring_0.copy()

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_flow, check_same_size
+from pipeline.warp.speckle import mends, taken
 
 Variant: TypeAlias = Literal["full", "smear", "remove"]
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
@@ -81,6 +82,9 @@ class WarpSettings:
     rim_px : int
         So many pixels of the background along a hole, 0 to 4, are taken to be mixed with what
         uncovered it, as a photograph's are, and are hole too. Needs variant ``full``.
+    depth_speckle : bool
+        Whether outliers of depth are mended first, as measured depth needs it: see
+        `pipeline.warp.speckle`. A `WarpPass` takes sources that are mended.
 
     Raises
     ------
@@ -92,6 +96,7 @@ class WarpSettings:
     stretch_px: float | None = None
     surface_px: int = SURFACE_PX
     rim_px: int = 0
+    depth_speckle: bool = False
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
@@ -125,16 +130,31 @@ class WarpSettings:
         return min(round(stretch_px * SUBPIXELS), 2**30)
 
 
-def check_inputs(
-    frame: SourceFrame, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32] | None
-) -> NDArray[np.float32]:
-    """Check motion and depth against `frame`; return each source pixel's depth in the target.
+def checked(
+    frame: SourceFrame,
+    flow_px: NDArray[np.float32],
+    target_depth_m: NDArray[np.float32] | None,
+    settings: WarpSettings,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Check motion and depth against `frame`; return motion and each pixel's depth in the target.
+
+    Both are mended where `settings` say so.
 
     Raises
     ------
     InputError
         If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
     """
+    depth_m = _checked_depth(frame, flow_px, target_depth_m)
+    if not settings.depth_speckle:
+        return flow_px, depth_m
+    pixel, source = mends(frame.depth_m)
+    return taken(flow_px, pixel, source), taken(depth_m, pixel, source)
+
+
+def _checked_depth(
+    frame: SourceFrame, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
     check_flow(flow_px, "flow_px")
     if target_depth_m is None:
         check_same_size(colour=frame.colour, flow_px=flow_px)

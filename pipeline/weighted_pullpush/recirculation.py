@@ -5,52 +5,32 @@ with the new one at a lower quality, and holes are filled from both. The note re
 drawn, without its fill. Views of one source frame all draw the same, so here the fill comes back
 too (docs/decisions/0044). Depth and motion need no fill: the warp gives holes their background's.
 
-The frame is kept by places of the source, as `shift-map` keeps its fills (shiftmap/plate.py), but
-each view writes what it shows over what was there.
+The frame is kept by places of the source, as plate/reference.py keeps fills, but each view writes
+what it shows over what was there.
 
-Twin: recirculation_gpu.py with recall.comp.glsl and show.comp.glsl. Change both or neither.
+Twin: `PlatePass` of plate/gpu.py. Change both or neither.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.shiftmap.plate import ShiftMapPlate
+from pipeline.plate.reference import KeptFills
 from pipeline.weighted_pullpush.reference import weighted_pull_push
 
 SAME_SURFACE = 0.04  # depths that differ by a larger share of the greater one are of two surfaces
 
 
-class Recirculation:
-    """What views of one source frame have shown.
+def recirculating(weight: float) -> KeptFills:
+    """Return what fills views of one source frame from what they know and what was shown.
 
     Parameters
     ----------
     weight : float
         Of what was shown before, ``1 / quality^2``; what is known weighs 1. Above 0.
     """
+    return KeptFills(_filled, SAME_SURFACE, weight=weight, overwrites=True)
 
-    def __init__(self, weight: float) -> None:
-        self._weight = weight
-        self._plate = ShiftMapPlate(SAME_SURFACE)
 
-    def settle(self, warped: WarpedFrame, filled: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the view filled from what it knows and what was shown before.
-
-        Parameters
-        ----------
-        warped : WarpedFrame
-            The next view of the source; all of them have one size.
-        filled : ndarray of float32, shape (H, W, 3)
-            Its own fill, which stays where no earlier view had a hole.
-        """
-        hole = warped.hole
-        if not hole.any():
-            return filled
-        known, colour = self._plate.recall(warped)
-        image = np.dstack([warped.colour, (~hole).astype(np.float64)])
-        image[hole] = np.where(known[:, None], np.insert(colour, 3, self._weight, axis=1), 0.0)
-        fill = weighted_pull_push(image).astype(np.float32)
-        shown = np.where(hole[..., None], fill, warped.colour)
-        self._plate.keep(warped, shown, again=True)
-        return shown
+def _filled(frame: WarpedFrame, weight: NDArray[np.float64]) -> NDArray[np.float32]:
+    return weighted_pull_push(np.dstack([frame.colour, weight])).astype(np.float32)

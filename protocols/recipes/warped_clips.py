@@ -264,8 +264,10 @@ class StereoScene(Grown, _PhotoScene):
     """Difference of the principal points, added to the disparity."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """Width of the mixed pixels along a silhouette. They become part of the hole."""
+    depth_speckle: bool = True
+    """Whether outliers of depth are mended before the warp."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown")
+    added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown", "depth_speckle")
 
 
 class RgbdScene(Grown, _PhotoScene):
@@ -287,11 +289,13 @@ class RgbdScene(Grown, _PhotoScene):
     """Focal length."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """As for a stereo pair. Use 0 for pictures rendered without anti-aliasing."""
+    depth_speckle: bool = True
+    """As for a stereo pair. Use `false` for rendered depth."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("depth_is", "unknown")
+    added_later: ClassVar[tuple[str, ...]] = ("depth_is", "unknown", "depth_speckle")
 
 
-class ExrScene(_PhotoScene):
+class ExrScene(Grown, _PhotoScene):
     """An OpenEXR picture or sequence with colour, depth and optional motion."""
 
     kind: Literal["exr"]
@@ -317,6 +321,10 @@ class ExrScene(_PhotoScene):
     """How to encode scene-linear values. `linear`: they are encoded already."""
     rim_px: RimPixels = 0
     """As for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
+    depth_speckle: bool = False
+    """As for a stereo pair. Use `true` for measured depth."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("depth_speckle",)
 
     @property
     def has_own_path(self) -> bool:

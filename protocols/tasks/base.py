@@ -197,6 +197,10 @@ class Task(Model):
         """Return what is shown between fixation and answer."""
         raise NotImplementedError
 
+    def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
+        """Return what is shown and asked after the answer, before feedback."""
+        return ()
+
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key, in seconds: each must be whole frames."""
         return {} if self.stimulus_s is None else {"stimulus_s": self.stimulus_s}

@@ -14,6 +14,7 @@ import math
 import pickle
 import time
 import warnings
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -29,7 +30,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
-from protocols.outside import reading
+from protocols.outside import check_within, check_zip, reading
 from stimuli.denoised.pairs import (
     MOST_VIEWS,
     WIDTH_DEG,
@@ -323,9 +324,11 @@ class Trainer:
         torch, path = self._torch, self._checkpoint
         with reading(path, "a checkpoint of this command", InputError, "delete it to start over"):
             try:
+                _check_bytes(path)
                 with warnings.catch_warnings(action="ignore"):  # of files that are none
                     state = torch.load(path, map_location="cpu", weights_only=True)
-            except pickle.UnpicklingError:  # whose message says how to load it all the same
+            except (pickle.UnpicklingError, zipfile.BadZipFile):
+                # Torch's message says how to load it all the same.
                 raise ValueError("it holds more than numbers, or is damaged") from None
             if state["key"] != self._key():
                 raise InputError(
@@ -463,6 +466,15 @@ def versions() -> dict[str, str]:
 
     known = {name: version(name) for name in ("torch", "mitsuba", "numpy")}
     return {**known, "revision": code_revision()}
+
+
+def _check_bytes(path: Path) -> None:
+    """Refuse a checkpoint that is no zip file, or unpacks to more than the limit of memory."""
+    with path.open("rb") as file:
+        check_zip(path, file, InputError)
+        with zipfile.ZipFile(file) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+    check_within("memory", size, InputError, path, "bytes", "hold")
 
 
 def _tensors(weights: Weights) -> list[Any]:

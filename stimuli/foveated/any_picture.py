@@ -26,7 +26,7 @@ from pipeline.image_file import (
     read_pixels,
 )
 from stimuli.channels import alpha_of, colour_layer, need
-from stimuli.exr import Transfer, is_layered, stored_transfer
+from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
 _GREY = ("Y", "L", "I")
@@ -100,7 +100,7 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
             f"{path}: stops and encoded are for files of floats, such as .exr and .hdr"
             " (this one holds encoded integers)"
         )
-    check_picture(path, pixels, ("Orientation", "pictures"), encoded=reading.encoded)
+    check_picture(path, pixels, ("Orientation", "several pictures"), encoded=reading.encoded)
     notes: list[str] = []
     if integers and (count := count_pictures(path)) > 1:
         notes.append(f"holds {count} pictures: the first is taken")
@@ -183,9 +183,7 @@ def _shown(
     options: bool,
 ) -> NDArray[np.float32]:
     """Encode light, or take floats that are encoded as they are."""
-    if not np.isfinite(stored).all():
-        row, column = np.argwhere(~np.isfinite(stored).all(axis=-1))[0]
-        raise InputError(f"{path}: colour must be finite (row {row}, column {column} is not)")
+    check_finite(path, stored)
     if encoded and reading.stops != 0:
         raise InputError(f"{path}: stops are for light (this file holds encoded colour)")
     light = stored.astype(np.float64) * 2.0**reading.stops
@@ -195,13 +193,14 @@ def _shown(
         if encoded
         else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
     )
-    if reading.clip:
+    if reading.clip or max(high - 1, -low) <= NEARLY:
         share = float(((light < 0) | (light > 1)).mean())
         if share > 0:
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
         light = np.clip(light, 0, 1)
-    elif high > 1 or low < 0:
-        cure = "clip it with --clip" if options else "lower its exposure, or save it as PNG"
+    else:
+        mend = "lower its exposure" if high > 1 else "raise its least light to 0"
+        cure = "clip it with --clip" if options else f"{mend}, or save it as PNG"
         if high > 1 and not encoded and options:
             stops = reading.stops + math.floor(-10 * math.log2(high)) / 10
             cure = f"darken it by --stops {stops:.1f}, or {cure}"

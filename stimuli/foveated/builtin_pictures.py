@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
-from stimuli.foveated.flat_view import turn
+from pipeline.foveation.view import turn
 from stimuli.render import Renderer
 from stimuli.scenes.registry import SCENES, build_scene, scene_names
 from stimuli.world import look_at_pose

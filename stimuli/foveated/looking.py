@@ -146,8 +146,7 @@ def read_gaze(text: str | None, geometry: Geometry) -> tuple[float, float]:
             raise InputError(
                 f"--gaze before a flat picture must lie within 90 degrees (got {text!r})"
             )
-        across, down = (geometry.distance_px * math.tan(math.radians(angle)) for angle in (x, y))
-        return geometry.centre_px[0] + across, geometry.centre_px[1] + down
+        return geometry.place_px(x, y)
     if abs(y) > 90:
         raise InputError(
             f"--gaze on a panorama must have a latitude of at most 90 degrees (got {text!r})"

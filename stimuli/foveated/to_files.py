@@ -11,6 +11,7 @@ import moderngl
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.view import around_gaze, scored_view
 from pipeline.gl.context import describe
 from protocols.result_folder import whole_folder
 from stimuli import pictures
@@ -18,7 +19,6 @@ from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated import moving
 from stimuli.foveated.any_picture import AnyPicture, Reading, read_any
-from stimuli.foveated.flat_view import around_gaze, scored_view
 from stimuli.foveated.look_through import Seen, check_choices, look_through, sheet_of
 from stimuli.foveated.looking import Looking, gaze_words, look_at, read_gaze, width_deg
 from stimuli.foveated.steps import write_steps

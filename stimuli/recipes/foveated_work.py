@@ -25,6 +25,7 @@ from pipeline.foveation.drawn import before_background, bisected, direction_at, 
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.look import Look
+from pipeline.foveation.view import flat_view
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.recipes.foveated_images import (
     BUILTIN,
@@ -37,7 +38,6 @@ from protocols.recipes.foveated_images import (
 )
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
-from stimuli.foveated.flat_view import flat_view
 from stimuli.foveated.looking import read_gaze
 from stimuli.png import encode_frame
 from stimuli.worker import RendererInfo

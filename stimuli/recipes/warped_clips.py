@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 
-from pipeline.methods.registry import method_names, method_parameters
+from pipeline.methods.registry import RETIRED, method_names, method_parameters
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import ClipName
 from protocols.registries import check_methods, check_scenes
@@ -28,7 +28,7 @@ class WarpedClipBuilder(Builder):
     def problems(self) -> list[Problem]:
         """Return methods and scenes that are not known, and files that cannot be used."""
         return [
-            *check_methods(self.protocol, method_names(), method_parameters),
+            *check_methods(self.protocol, method_names(), method_parameters, RETIRED),
             *check_scenes(self.protocol, scene_names()),
             *self._scenes.wrong,
             *self._fills.wrong,

@@ -7,6 +7,7 @@ glTF 2.0 specification.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from stimuli.scenes.mesh_features import COMPONENTS, GLTF_EXTENSIONS, Notes
+from stimuli.scenes.mesh_features import NUMBERS, Notes, row_of, unsupported
 from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, is_data, place_of
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded, shares
 
@@ -27,6 +28,8 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _AGAIN = "export it again"
+_SHORTEST = 0.1  # of quaternions, which rounding leaves near 1
+_SUMS_APART = 0.05  # of a corner's weights, from 1
 
 
 @dataclass(frozen=True)
@@ -50,22 +53,8 @@ class _Placed:
 
 def _fallback(name: str) -> bool:
     """Whether an extension stands for what it does not say itself: it may have a fallback."""
-    return name in GLTF_EXTENSIONS and GLTF_EXTENSIONS[name].fallback
-
-
-def placed(translation: Array, rotation: Array, scale: Array) -> Array:
-    """Return the matrix T R S of a translation, a quaternion (x, y, z, w), and a scale."""
-    x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-30)
-    matrix = np.eye(4)
-    matrix[:3, :3] = scale * np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    matrix[:3, 3] = translation
-    return matrix
+    row = row_of("glTF extension", name)
+    return row is not None and row.verdict == "refused"
 
 
 class Document:
@@ -154,8 +143,13 @@ class Document:
 
     def _matrix(self, node: dict[str, Any]) -> Array:
         if "matrix" in node:
-            return self._numbers(node["matrix"], 16, "matrix").reshape(4, 4).T
-        return placed(
+            matrix = self._numbers(node["matrix"], 16, "matrix").reshape(4, 4).T
+            if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+                raise self._wrong("a matrix is no turn, scale and shift")
+            if {"translation", "rotation", "scale"} & node.keys():
+                raise self._wrong("a node has a matrix, and a shift, turn or scale beside it")
+            return matrix
+        return self._placed(
             *(
                 self._numbers(node.get(key, default), len(default), key)
                 for key, default in (
@@ -165,6 +159,23 @@ class Document:
                 )
             )
         )
+
+    def _placed(self, translation: Array, rotation: Array, scale: Array) -> Array:
+        """Return the matrix T R S of a translation, a quaternion (x, y, z, w), and a scale."""
+        length = float(np.linalg.norm(rotation))
+        if length < _SHORTEST:
+            raise self._wrong(f"the length of a rotation's quaternion is {length:.2g}, not 1")
+        x, y, z, w = rotation / length
+        matrix = np.eye(4)
+        matrix[:3, :3] = scale * np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        matrix[:3, 3] = translation
+        return matrix
 
     def _numbers(self, values: object, count: int, what: str) -> Array:
         found = np.asarray(values, np.float64)
@@ -203,7 +214,7 @@ class Document:
                 ("SCALE", (1.0, 1.0, 1.0)),
             )
         ]
-        return tuple(world @ placed(*row) for row in zip(*rows, strict=True))
+        return tuple(world @ self._placed(*row) for row in zip(*rows, strict=True))
 
     def _joints(self, index: int) -> Array:
         """Matrices of a skin's joints, shape (J, 4, 4)."""
@@ -236,7 +247,7 @@ class Document:
         lists = [*attributes.values(), *([part["indices"]] if "indices" in part else [])]
         for name in filter(_fallback, part.get("extensions", {})):
             if any("bufferView" not in self._entry("accessors", index) for index in lists):
-                raise self._unsupported(name)
+                raise unsupported(self.path, name)
         surface, where = self._surface(part.get("material"))
         wanted = {"POSITION": "position", "NORMAL": "normal", "COLOR_0": "colour"}
         if surface.picture is not None or surface.glow is not None:
@@ -247,7 +258,10 @@ class Document:
                 given[name] = self._accessor(attributes[semantic], semantic)
                 if name == "colour":
                     given[name] = shares(self.path, semantic, given[name])
-                for weight, target in zip(weights, part.get("targets", []), strict=False):
+                targets = part.get("targets", [])
+                if weights and len(weights) != len(targets):
+                    raise self._wrong(f"{len(weights)} weights are for {len(targets)} targets")
+                for weight, target in zip(weights, targets, strict=False):
                     if weight and semantic in target:
                         change = self._accessor(target[semantic], semantic)
                         given[name] = given[name] + weight * self._like(change, given[name])
@@ -316,6 +330,8 @@ class Document:
             for corner in range(4):
                 blended += share[:, corner, None, None] * joints[which[:, corner]]
             total = total + share.sum(axis=1)
+        if np.abs(total - 1).max(initial=0) > _SUMS_APART:
+            self.notes.say("weights of joints are brought to a sum of 1")
         blended /= np.maximum(total, 1e-12)[:, None, None]
         linear = blended[:, :3, :3]
         given["position"] = (linear @ given["position"][:, :, None])[..., 0] + blended[:, :3, 3]
@@ -331,14 +347,12 @@ class Document:
     def _accessor(self, index: object, semantic: str) -> Array:
         """Numbers of an accessor, shape (count, width), as 3.6.2 defines them."""
         entry = self._entry("accessors", index)
-        kinds, components = COMPONENTS.get(semantic) or COMPONENTS[semantic.split("_")[0] + "_n"]
         component, shares = entry["componentType"], bool(entry.get("normalized", False))
-        if entry["type"] not in kinds or (component, shares) not in components:
-            name = _TYPES.get(component, f"type {str(component)[:20]}").strip("<")
+        name = NUMBERS.get(component, f"type {str(component)[:20]}")
+        stored = f"{str(entry['type'])[:20]} of {name}{' normalized' if shares else ''}"
+        if row_of("glTF numbers of " + re.sub(r"_\d+$", "_n", semantic), stored) is None:
             raise self._wrong(
-                f"{semantic} must not be {str(entry['type'])[:20]} of {name},"
-                f" {'' if shares else 'not '}normalized",
-                "export it again, as float numbers",
+                f"{semantic} must not be {stored}", "export it again, as float numbers"
             )
         width, count = _WIDTHS[entry["type"]], entry["count"]
         if not isinstance(count, int) or count < 0:
@@ -396,18 +410,12 @@ class Document:
         data = self._buffers[view["buffer"]]
         if data is None:
             for name in filter(_fallback, view.get("extensions", {})):
-                raise self._unsupported(name)
+                raise unsupported(self.path, name)
             raise self._wrong(f"buffer {view['buffer']} has no bytes")
         first, length = view.get("byteOffset", 0), view["byteLength"]
         if not 0 <= first <= first + length <= len(data):
             raise self._wrong(f"bufferView {number} ends beyond its buffer of {len(data)} bytes")
         return memoryview(data)[first : first + length]
-
-    def _unsupported(self, name: str) -> InputError:
-        return InputError(
-            f"{self.path}: needs glTF extensions that are not supported ({name});"
-            f" {GLTF_EXTENSIONS[name].says}"
-        )
 
     # Materials
 

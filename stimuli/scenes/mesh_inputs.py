@@ -27,13 +27,16 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.limits import check_memory, check_vertices
 from protocols.outside import bounded_bytes, check_within, parsed_json, visible_line
-from stimuli.scenes.mesh_features import MTL_OPTIONS
+from stimuli.scenes.mesh_features import row_of
 
 ENDINGS = (".glb", ".gltf", ".obj")
 PICTURES = ("map_Kd", "map_d", "map_Ke")
 """Statements of .mtl files whose pictures are drawn."""
 _MOST_CORNERS = 1000
-_DEEPEST = 256
+_LONGEST_NAME = 10_000
+"""Characters of a statement that names files; it may name several, with options."""
+_MOST_BYTES = 1 << 60
+"""What is longer is as much too long, and can be counted in floats."""
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
 _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
 """What parts of a mesh take in memory, measured: a vertex twice as much each time that it is shown,
@@ -78,9 +81,11 @@ def files_of(path: Path) -> list[Path]:
     else:
         read = document(path)
         for kind, what in (("buffers", "buffer"), ("images", "texture")):
-            for entry in read.get(kind, []):
-                uri = entry.get("uri")
-                if isinstance(uri, str) and not is_data(uri):
+            named = (entry.get("uri") for entry in read.get(kind, []))
+            uris = dict.fromkeys(uri for uri in named if isinstance(uri, str))
+            check_within("nodes", len(uris), InputError, path, f"{kind} that differ")
+            for uri in uris:
+                if not is_data(uri):
                     found.append(_named(path, path, uri, what))
     return list(dict.fromkeys(found))
 
@@ -91,7 +96,7 @@ def libraries_of(path: Path) -> list[str]:
     for text in words_after(path, "mtllib"):
         whole = _is_file(place_of(path, text))
         found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
-    return found
+    return list(dict.fromkeys(found))
 
 
 def place_of(mesh: Path, name: str, named_in: Path | None = None) -> Path:
@@ -136,7 +141,7 @@ def name_and_options(
     words, options = text.split(), []
     while words and words[0].startswith("-") and not _is_file(place_of(mesh, text, library)):
         option = words.pop(0).lower()
-        if option not in MTL_OPTIONS:
+        if row_of("options of map_", option) is None:
             raise InputError(
                 f"{library}: must have options that are known (got {option[:40]!r}, in"
                 f" {text[:80]!r}); leave it out, or export it again"
@@ -180,9 +185,16 @@ def check_lists(path: Path) -> None:
     try:
         _check_gltf(path, read, packed)
         _check_pictures(path, _pictures(path, read), packed)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except (
+        LookupError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        AttributeError,
+        struct.error,
+    ) as error:
         raise InputError(
             f"{path}: must be a whole glTF 2.0 file ({visible_line(repr(error))}); export it again"
         ) from None
@@ -222,7 +234,8 @@ def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
     longest = max(len(primitives), *(len(read.get(kind, [])) for kind in kinds))
     check_within("nodes", longest, InputError, path, "meshes, nodes, materials, ... each")
     numbers = [n * _PARTS.get(entry["type"], 1) for entry, n in zip(accessors, counts, strict=True)]
-    taken = sum(int(view["byteLength"]) for view in views) + _NUMBER_BYTES * sum(numbers)
+    taken = sum(min(int(view["byteLength"]), _MOST_BYTES) for view in views)
+    taken += _NUMBER_BYTES * sum(numbers)
     each = [_bytes_of(mesh, counts) for mesh in read.get("meshes", [])]
     taken += sum(each)
     shown: Counter[int] = Counter()
@@ -246,7 +259,7 @@ def _bytes_of(mesh: dict[str, Any], counts: list[int]) -> int:
 
 
 def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
-    """Refuse nodes that are no tree, as glTF 2.0 (3.5.2) asks for, or lie too deep."""
+    """Refuse nodes that are children of two, which glTF 2.0 (3.5.2) forbids."""
     parents: dict[int, int] = {}
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
@@ -255,22 +268,6 @@ def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
                     f"{path}: a node must be the child of one other (node {child} is of two, or"
                     " there is none of this number); export it again"
                 )
-    depths: dict[int, int] = {}
-    for number in range(len(nodes)):
-        above: list[int] = []
-        place = number
-        while place in parents and place not in depths and len(above) <= _DEEPEST:
-            above.append(place)
-            place = parents[place]
-        depth = depths.get(place, 0)
-        for place in reversed(above):
-            depth += 1
-            depths[place] = depth
-        if depth > _DEEPEST:
-            raise InputError(
-                f"{path}: nodes must lie at most {_DEEPEST} deep in each other (some lie deeper, or"
-                " in a circle); export it with transforms applied"
-            )
 
 
 def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | bytes]]:
@@ -441,9 +438,17 @@ def statements(path: Path) -> Iterator[tuple[int, str, str]]:
 
 
 def words_after(path: Path, key: str) -> list[str]:
-    """Return what follows a keyword at the beginning of a line, in any case."""
+    """Return what follows a keyword at the beginning of a line, in any case, each once."""
     check_within("text", path.stat().st_size, InputError, path, "bytes")
-    return [rest for _, word, rest in statements(path) if word == key.lower() and rest]
+    lines = (rest for _, word, rest in statements(path) if word == key.lower() and rest)
+    found = list(dict.fromkeys(lines))
+    check_within("nodes", len(found), InputError, path, f"{key} lines that differ")
+    if any(len(rest) > _LONGEST_NAME for rest in found):
+        raise InputError(
+            f"{path}: what follows {key} must have at most {_LONGEST_NAME:,} characters (a line has"
+            " more); export it again"
+        )
+    return found
 
 
 def _is_file(path: Path) -> bool:

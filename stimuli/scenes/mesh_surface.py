@@ -121,6 +121,8 @@ def decoded(data: bytes | memoryview, name: str, what: str) -> Pixels:
     try:
         with Image.open(io.BytesIO(data)) as picture:
             check_values(Path(name), *picture.size, len(picture.getbands()))
+            if getattr(picture, "n_frames", 1) > 1 and picture.format != "MPO":
+                raise ValueError("it holds several pictures")
             if picture.mode == "F":
                 raise ValueError("its numbers are no integers")
             if picture.mode.startswith("I"):  # 16 bits of grey, which Pillow cuts off at 255

@@ -18,6 +18,7 @@ from scipy import ndimage
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_file_size
+from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
 from stimuli.exr import load_colour
 from stimuli.paths import STILL, Pose
@@ -54,6 +55,8 @@ class PhotoScenery:
         How far a path may reach.
     rim_px : int
         How wide the rim of mixed pixels along silhouettes is.
+    depth_speckle : bool
+        Whether outliers of depth are mended: once, in the photograph's own pixels.
     """
 
     def __init__(
@@ -65,7 +68,10 @@ class PhotoScenery:
         pair: StereoPair | None = None,
         largest_extent_m: float = float("inf"),
         rim_px: int = 0,
+        depth_speckle: bool = False,
     ) -> None:
+        if depth_speckle:
+            frame = replace(frame, depth_m=taken(frame.depth_m, *mends(frame.depth_m)))
         self._name, self._frame, self._focal_px, self._pair = name, frame, focal_px, pair
         self._largest_extent_m, self._rim_px = largest_extent_m, rim_px
 
@@ -169,8 +175,9 @@ def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
         pair = replace(pair, right=None)
     frame = SourceFrame(pair.left, pair.depth_m)
     return PhotoScenery(
-        scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest, rim_px=scene.rim_px
-    )
+        scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest,
+        rim_px=scene.rim_px, depth_speckle=scene.depth_speckle,
+    )  # fmt: skip
 
 
 def read_pair(scene: StereoScene, folder: Path) -> StereoPair:
@@ -216,7 +223,9 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
     )  # fmt: skip
     check_file_size(scene.depth, depth, scene.rgb, colour)
     frame = SourceFrame(colour, depth)
-    return PhotoScenery(scene.name, frame, scene.focal_px, rim_px=scene.rim_px)
+    return PhotoScenery(
+        scene.name, frame, scene.focal_px, rim_px=scene.rim_px, depth_speckle=scene.depth_speckle
+    )
 
 
 def load_depth(

@@ -12,6 +12,7 @@ from pipeline.camera import UPRIGHT, Camera
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import NO_DEPTH, SourceFrame, WarpedFrame, check_depth, check_flow
+from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.channels import (
     Layer,
@@ -23,7 +24,7 @@ from stimuli.channels import (
     need,
     need_motion,
 )
-from stimuli.exr import Transfer, check_depth_unit, stored_transfer
+from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.plane_file import along_axis
@@ -56,7 +57,8 @@ class SequenceScenery:
         del pose, extent_m
         whole = self._picture(frame).frame
         inside = self._inside(whole.size, size_px, margin_px)
-        cut = SourceFrame(_cut(whole.colour, inside), _cut(whole.depth_m, inside))
+        depth_m = _cut(self._mended(whole.depth_m, whole.depth_m), inside)
+        cut = SourceFrame(_cut(whole.colour, inside), depth_m)
         height, width = cut.size
         focal = self._scene.focal_px or ASSUMED_FOCAL * whole.size[1]
         return cut, Camera(width, height, focal, focal, width / 2, height / 2, UPRIGHT)
@@ -81,7 +83,8 @@ class SequenceScenery:
         first = self._picture(source).frame
         flow = followed(source, frame, lambda step: self._picture(step).frame, self._motion)
         inside = self._inside(first.size, size_px, margin_px)
-        return _cut(flow, inside), _cut(first.depth_m, inside)
+        flow, depth_m = (self._mended(plane, first.depth_m) for plane in (flow, first.depth_m))
+        return _cut(flow, inside), _cut(depth_m, inside)
 
     def own_margin_px(self, size_px: tuple[int, int]) -> int:
         """Return what the first file has around the clip, on its narrowest side."""
@@ -109,6 +112,12 @@ class SequenceScenery:
 
     def release(self) -> None:
         """Hold nothing on the GPU."""
+
+    def _mended(
+        self, plane: NDArray[np.float32], depth_m: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Give outliers of a file's depth what `plane` has beside them, if the scene says so."""
+        return taken(plane, *mends(depth_m)) if self._scene.depth_speckle else plane
 
     def _inside(
         self, whole: tuple[int, int], size_px: tuple[int, int], margin_px: int
@@ -171,7 +180,9 @@ def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScene
         return SequenceScenery(scene, files)
     picture = load_picture(files[len(files) // 2], scene)
     focal = scene.focal_px or ASSUMED_FOCAL * picture.frame.size[1]
-    return PhotoScenery(scene.name, picture.frame, focal, rim_px=scene.rim_px)
+    return PhotoScenery(
+        scene.name, picture.frame, focal, rim_px=scene.rim_px, depth_speckle=scene.depth_speckle
+    )
 
 
 def load_picture(path: Path, scene: ExrScene) -> Picture:
@@ -202,12 +213,7 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
     colour = [plane(key) for key in "rgb"]
     check_opaque(path, planes, colour[0])
     light = np.stack(colour, axis=-1)
-    if not np.isfinite(light).all():
-        row, column = np.argwhere(~np.isfinite(light).all(axis=-1))[0]
-        raise InputError(
-            f"{path}: colour must be finite (found {light[row, column]} at row {row},"
-            f" column {column}); render it again, or mend these pixels"
-        )
+    check_finite(path, light)
     depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth", cure=NO_DEPTH)
     motion = None

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
+from pipeline.image_file import check_picture, read_pixels, stated_size_px
 from protocols.outside import visible_line
-from stimuli.scenes.mesh_features import MTL, MTL_OPTIONS, OBJ, Notes, check_statement
+from stimuli.scenes.mesh_features import Notes, check_statement, row_of
 from stimuli.scenes.mesh_inputs import libraries_of, name_and_options, place_of, statements
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, decoded, shares
 
@@ -62,14 +63,14 @@ def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
                 corners = [_absolute(corner, lists) for corner in corners]
             faces.corners += corners
             faces.lengths.append(len(corners))
-        elif not check_statement(notes, OBJ, word, number):
+        elif not check_statement(notes, ".obj", word, number):
             continue
         elif word == "usemtl":
             material = rest or None
         elif word == "s":
             smoothing = "off" if rest in ("0", "") else rest.lower()
     materials = _materials(path, notes, {name for name, _ in groups if name is not None})
-    known = {word: _rows(path, word, rows) for word, rows in lists.items()}
+    known = {word: _rows(path, notes, word, rows) for word, rows in lists.items()}
     for (name, smooth), faces in groups.items():
         surface, laid = materials.get(name, (Surface(str(name)), _Laid()))
         yield from _shapes(path, notes, surface, laid, faces, known, smooth != "off")
@@ -88,7 +89,7 @@ def _absolute(corner: str, lists: dict[str, list[str]]) -> str:
     return "/".join(parts)
 
 
-def _rows(path: Path, word: str, rows: list[str]) -> Array:
+def _rows(path: Path, notes: Notes, word: str, rows: list[str]) -> Array:
     """Numbers of the lines of one kind; colours are NaN where a position has none."""
     split = [row.split() for row in rows]
     widths = set(map(len, split))
@@ -100,6 +101,8 @@ def _rows(path: Path, word: str, rows: list[str]) -> Array:
             f" {len(odd)}); export it again"
         )
     if word == "v":  # x y z, and a weight or a colour, or a colour and its alpha
+        if widths & {4, 7} and any(len(row) in (4, 7) and float(row[-1]) != 1 for row in split):
+            notes.left_out("last number of v", "polygons have no weights, and corners no alpha")
         split = (
             [row if len(row) in (6, 7) else row[:3] + ["nan"] * 3 for row in split]
             if widths - {3}
@@ -304,7 +307,7 @@ def _materials(path: Path, notes: Notes, used: set[str]) -> dict[str | None, tup
     for library in dict.fromkeys(libraries):
         beside = notes.beside(library)
         for number, word, _ in statements(library):
-            check_statement(beside, MTL, word, number)
+            check_statement(beside, ".mtl", word, number)
         for name, (place, entries) in described.items():
             if place == library and name in used:
                 found[name] = _Described(path, beside, name, entries, pictures).surface()
@@ -417,7 +420,6 @@ class _Described:
         name, options = name_and_options(self.path, self.notes.path, self.entries[key])
         laid, channel = _Laid(), ""
         for option, values in options:
-            feature = MTL_OPTIONS[option]
             numbers = tuple(map(float, values)) if option in ("-s", "-o", "-mm", "-t") else ()
             given = numbers or values[0].lower()
             if option == "-s":
@@ -428,14 +430,11 @@ class _Described:
                 laid = replace(laid, clamp=given == "on")
             elif option == "-imfchan" and key == "map_d":
                 channel = values[0].lower()
-            elif option == "-imfchan" or (feature.verdict == "noted" and
-                                          given not in feature.harmless):  # fmt: skip
-                self.notes.left_out(f"{option} of {key}", feature.says or "colours are three")
-            elif feature.verdict == "refused" and given not in feature.harmless:
-                raise InputError(
-                    f"{self.notes.path}: material {self.name!r}: {key} must not have {option}"
-                    f" {' '.join(values)}; {feature.says}"
-                )
+            elif option == "-imfchan":
+                self.notes.left_out(f"{option} of {key}", "colours are three")
+            elif row := row_of("options of map_", option):
+                found = f"{key} of material {self.name!r} has {option} {' '.join(values)}"
+                self.notes.judge(row, f"{option} of {key}", given, found)
         if self.laid not in (None, laid):
             raise InputError(
                 f"{self.notes.path}: the pictures of material {self.name!r} must lie alike (-s, -o"
@@ -446,6 +445,8 @@ class _Described:
         if place not in self.pictures:
             what = f"which {self.notes.path.name} names"
             self.pictures[place] = decoded(place.read_bytes(), str(place), what)
+            if stated_size_px(place) is not None:  # else it is of a kind that only Pillow reads
+                check_picture(place, read_pixels(place), ("PixelAspectRatio",))
         pixels = self.pictures[place]
         return _channel(pixels, channel) if key == "map_d" else pixels
 

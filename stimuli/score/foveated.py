@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.foveation.view import SCORED_DEG, around_gaze, scored_view
 from pipeline.image_file import write_pixels
 from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
-from stimuli.foveated.flat_view import SCORED_DEG, around_gaze, scored_view
 from stimuli.score.available import Missing
 from stimuli.score.batch import Subject, Subjects
 from stimuli.score.measured import Curve

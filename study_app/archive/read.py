@@ -22,7 +22,7 @@ from protocols.load import SECRET_SUFFIX, load_protocol, open_new
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import LIMITS_VARIABLE, check_within, check_zip, limit, reading
 from protocols.read_file import read_bytes
-from protocols.result_folder import whole_folder
+from protocols.result_folder import check_result, whole_folder
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.archive.seal import is_sealed, unseal
 from study_app.sittings import Sitting
@@ -135,6 +135,7 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
     if out.exists() or out.is_symlink():
         raise StudyError(f"{out}: must not exist yet; nothing is restored over what is there")
     try:
+        check_result(out)
         with _members(path, file) as (archive, index), whole_folder(out) as part:
             for entry in index.files:
                 target = part / entry.path

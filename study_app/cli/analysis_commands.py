@@ -257,9 +257,12 @@ def power(
     from analysis.report.values import as_json
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
-    from protocols.result_folder import whole_folder
+    from protocols.result_folder import check_result, whole_folder
 
     with user_errors():
+        reads = () if pilot is None else [pilot]
+        if out is not None:
+            check_result(out, replace=replace, reads=reads)
         numbers = {"pairs": pair_count, "scenes": scenes, "repeats": repeats, "people": people}
         study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
         if protocol is not None and any(value is not None for value in numbers.values()):
@@ -288,7 +291,6 @@ def power(
                 progress=lambda done, total: progress("simulating studies", done, total),
             )
         if out is not None:
-            reads = () if pilot is None else [pilot]
             with whole_folder(out, replace=replace, reads=reads) as work:
                 for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
                     save_figure(found.draw(width), work, f"power-{name}")
@@ -372,9 +374,10 @@ def import_(
     from analysis.tables.write import write_table
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
-    from protocols.result_folder import whole_folder
+    from protocols.result_folder import check_result, whole_folder
 
     with user_errors():
+        check_result(out, replace=replace, reads=[table])
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
         plain = table_told(table, (columns, where, answer), BY_IMPORT)

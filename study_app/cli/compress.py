@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from protocols.result_folder import check_folder, check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -16,7 +17,6 @@ from study_app.cli.one_picture import (
     NumpyOption,
     SeedOption,
     check_file,
-    check_folder,
     check_outputs,
     look_option,
     renderer,
@@ -103,7 +103,6 @@ def compress(
     from pipeline.errors import InputError
     from pipeline.video_file import is_video
     from stimuli.compressed.to_files import ENDING, compress_file
-    from stimuli.pictures import check_steps_folder
 
     with user_errors():
         if size_kb is not None and quality is not None:
@@ -114,7 +113,7 @@ def compress(
             {"--out": (out, (ENDING,)), "--compare": (compare, (".png",))}, [steps], [picture]
         )
         if steps is not None:
-            check_steps_folder(steps)
+            check_result(steps, replace=True)
         settings = Settings(
             codec,
             angles,

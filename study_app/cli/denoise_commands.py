@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from protocols.result_folder import check_folder
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -15,7 +16,6 @@ from study_app.cli.one_picture import (
     FovOption,
     GazeOption,
     check_file,
-    check_folder,
     renderer,
 )
 from study_app.cli.progress import Teller

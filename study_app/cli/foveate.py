@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -261,7 +262,6 @@ def _check_clip(picture: Path, out: Path | None, outputs: Outputs, video: Path |
 def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
     from stimuli.foveated.moving import ENDINGS
-    from stimuli.pictures import check_steps_folder
 
     if flow is not None:
         raise StudyError("--flow is for a folder of frames (PICTURE is no folder)")
@@ -277,7 +277,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
         [picture],
     )
     if outputs.steps is not None:
-        check_steps_folder(outputs.steps)
+        check_result(outputs.steps, replace=True)
     if outputs.score is not None:
         from stimuli.score.write import check_out
 

@@ -135,7 +135,7 @@ def new_study(
         metamerlab new-study my-thresholds --task yes-no
 
         metamerlab new-study mine --scene place.glb --pair left.png right.png disparity.pfm \\
-            --methods shift-map,push-pull,reference
+            --methods coherence-transport,push-pull,reference
     """
     with user_errors():
         named = study_name(name or slug(folder.absolute().name), "--name", "give one with --name")

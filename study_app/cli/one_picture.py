@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -16,6 +15,7 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.left_behind import clear_files
+from protocols.result_folder import check_folder
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -219,21 +219,6 @@ def check_file(path: Path, endings: Sequence[str]) -> None:
         raise StudyError(f"{path}: must be a file, and is a folder")
     check_folder(path.parent)
     clear_files(path)
-
-
-def check_folder(folder: Path) -> None:
-    """Refuse a folder that is not there and cannot be made.
-
-    Raises
-    ------
-    StudyError
-        Saying which part of the path stands in the way.
-    """
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir():
-        raise StudyError(f"{folder}: must be a folder, and {there} is a file")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise StudyError(f"{folder}: must be writable; change its permissions, or choose another")
 
 
 @contextmanager

@@ -37,6 +37,7 @@ from study_app.cli.errors import user_errors
 from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
+from study_app.cli.script_command import script
 from study_app.cli.terminal import PlainConsole, say
 
 app = typer.Typer(
@@ -136,7 +137,7 @@ def show(
         console.print(_summary(study, screen, plan))
         console.print(_feasibility_table(study, screen))
         if slot is not None:
-            console.print(_trial_table(plan))
+            console.print(trial_table(plan))
 
 
 @app.command()
@@ -179,12 +180,14 @@ def _write_new(out: Path, text: str, cure: str) -> None:
 
 
 app.command()(preview)
+app.command()(script)
 
 
 @app.command()
 def schema(
     name: Annotated[
-        str, typer.Argument(help="study, display, manifest or journal.", metavar="FORMAT")
+        str,
+        typer.Argument(help="study, display, manifest, journal, plan or script.", metavar="FORMAT"),
     ] = "study",
     write: Annotated[
         bool,
@@ -311,7 +314,8 @@ def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
     return table
 
 
-def _trial_table(plan: Plan) -> Table:
+def trial_table(plan: Plan) -> Table:
+    """Return a table of a participant's trials."""
     columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
     orders = {trial.answers for trial in plan.trials}
     title = f"Trials of slot {plan.slot}"

@@ -50,8 +50,11 @@ def sequential(
     from analysis.sequential import plan_of, sequential_error
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
+    from protocols.result_folder import check_result
 
     with user_errors():
+        if out is not None:
+            check_result(out, replace=replace)
         study = load_protocol(protocol)
         section = study.analysis.sequential
         if section is None:

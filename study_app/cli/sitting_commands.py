@@ -19,9 +19,9 @@ from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOptio
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
 from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
-from study_app.layout import Extras
 from study_app.operator_view import attempt_line
 from study_app.sittings import Sitting
+from study_app.strip import Extras
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.conduct import Outcome

@@ -250,8 +250,11 @@ def bayes(
     Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
     """
     from analysis.from_csv.bayes import bayes_of_csv
+    from protocols.result_folder import check_result
 
     with user_errors():
+        if out is not None:
+            check_result(out, replace=replace, reads=[table])
         with one_line() as progress:
             rows = table_told(table, (columns, where, answer))
             found = bayes_of_csv(
@@ -321,8 +324,11 @@ def ask(
     from analysis.report.content import content_of
     from analysis.report.source import from_question
     from analysis.tasks import analysis_of
+    from protocols.result_folder import check_result
 
     analysis = analysis_of(kind)
+    if out is not None:
+        check_result(out, replace=replace, reads=[path])
     with one_line() as progress:
         rows = table_told(path, told)
         try:

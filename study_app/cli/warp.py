@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from protocols.errors import StudyError
+from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
@@ -30,14 +32,9 @@ from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
-    from pipeline.warp.settings import WarpSettings
     from stimuli.choice import Choice
-    from stimuli.exr import WarpInput
     from stimuli.one_frame import Filled
     from stimuli.upsampled import Eye
     from study_app.cli.warp_source import Loaded
@@ -45,8 +42,8 @@ if TYPE_CHECKING:
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
     "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
-    " two poses (--depth); an image of a stereo pair (with --disparity); or a built-in pair:"
-    " motorcycle."
+    " two poses (--depth); an image of a stereo pair (with --disparity); any picture with a mask"
+    " of its holes (--mask); or a built-in pair: motorcycle."
 )
 _file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion, or with depth and two poses")
@@ -77,6 +74,15 @@ def warp(
             " to a pair rendered without anti-aliasing, 1 to a file with anti-aliased edges, more"
             " to pictures that are blurred or enlarged."
             r" \[default: 1 for a stereo pair, 0 for a file]"
+        ),
+    ] = None,
+    depth_speckle: Annotated[
+        bool | None,
+        typer.Option(
+            "--depth-speckle/--no-depth-speckle",
+            help="Mend outliers of depth before the warp: pixels that nothing around them bears"
+            " out. Give --no-depth-speckle to rendered depth, --depth-speckle to a file with"
+            r" measured depth. \[default: mend for a stereo pair, leave a file]",
         ),
     ] = None,
     clip: Annotated[
@@ -162,6 +168,13 @@ def warp(
             metavar="SHARE",
             help="With --depth alone: move the camera to the right until near surfaces move by"
             r" this share of the width; negative: to the left. \[default: 0.03]",
+        ),
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="A picture as large as SOURCE that is white where SOURCE is to be filled, and"
+            " black elsewhere. SOURCE is not warped, and needs no depth."
         ),
     ] = None,
     truth: Annotated[
@@ -251,6 +264,11 @@ def warp(
 
         metamerlab warp photo.png out.png --depth depth.png
 
+        metamerlab warp photo.png out.png --mask holes.png
+
+        metamerlab warp photo.png out.png --depth depth.png -m coherence-transport
+        --set fovea_deg=5 --gaze 300,250
+
         metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
 
         metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
@@ -258,12 +276,13 @@ def warp(
     """
     from pipeline.warp.settings import WarpSettings
     from stimuli.one_picture import NEARER
-    from stimuli.pictures import check_steps_folder
     from stimuli.plane_file import DEPTH_IS
     from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
 
     with user_errors():
-        asked = None if rim_px is None else WarpSettings(rim_px=rim_px)
+        if mask is not None and (rim_px, depth_speckle) != (None, None):
+            raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
+        WarpSettings(rim_px=rim_px or 0)  # checks its range before anything is read
         first = one_of("--nearer", nearer, NEARER)
         held = one_of("--depth-is", depth_is, DEPTH_IS)
         missing = unknown_numbers(unknown)
@@ -272,10 +291,10 @@ def warp(
         check_outputs(
             {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
             [steps],
-            [Path(source), disparity, right, flow, depth, truth],
+            [Path(source), disparity, right, flow, depth, truth, mask],
         )
         if steps is not None:
-            check_steps_folder(steps)
+            check_result(steps, replace=True)
         loaded = load(
             source,
             FileOptions(clip, encoded, tuple(channels or ())),
@@ -303,16 +322,19 @@ def warp(
                 parallax,
             ),
             truth,
+            mask,
         )
-        settled = asked or loaded.settings
-        eye = _eye(loaded, true_within, gaze, display, fov)
-        _run(loaded.frame, settled, loaded.truth, choices, seed, out, compare, steps, eye)
+        settled = loaded.settings
+        if rim_px is not None:
+            settled = replace(settled, rim_px=rim_px)
+        if depth_speckle is not None:
+            settled = replace(settled, depth_speckle=depth_speckle)
+        choices, eye = _look(choices, loaded, true_within, gaze, display, fov)
+        _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, eye)
 
 
 def _run(
-    frame: WarpInput,
-    settings: WarpSettings,
-    truth: NDArray[np.float32] | None,
+    loaded: Loaded,
     choices: list[Choice],
     seed: int,
     out: Path,
@@ -321,21 +343,24 @@ def _run(
     eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe, lent_context
+    from pipeline.warp.speckle import mends
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
     from stimuli.steps import write_steps
     from stimuli.upsampled import periphery, upsampled, upsampled_sheet
 
+    frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
     console = PlainConsole(soft_wrap=True)
     with lent_context() as ctx:
         console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
-                truth_mask=None if eye is None else periphery(eye),
+                truth_mask=None if eye is None else periphery(eye), hole=loaded.hole,
             )  # fmt: skip
-    _print_results(console, warped, fills, settings.rim_px, eye)
+    mended = len(mends(frame.source.depth_m)[0]) if settings.depth_speckle else 0
+    _print_results(console, warped, fills, settings.rim_px, mended, eye)
     plain = fills
     if eye is not None and truth is not None:
         fills = upsampled(fills, truth, eye)
@@ -368,40 +393,61 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
     return [Choice(name, parameters) for name, parameters in chosen]
 
 
-def _eye(
+def _look(
+    choices: list[Choice],
     loaded: Loaded,
     within_deg: float | None,
     gaze: str | None,
     display: str | None,
     fov_deg: float | None,
-) -> Eye | None:
+) -> tuple[list[Choice], Eye | None]:
+    """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.looking import look_at, read_gaze
+    from stimuli.foveated.looking import gaze_words, look_at, read_gaze, width_deg
     from stimuli.upsampled import Eye
 
-    if within_deg is None:
+    by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
+    if within_deg is None and not by_gaze:
         for name, given in (("--gaze", gaze), ("--display", display), ("--fov", fov_deg)):
             if given is not None:
-                raise StudyError(f"{name} says where the true view is shown: give --true-within")
-        return None
-    if loaded.truth is None:
+                raise StudyError(
+                    f"{name} says where the true view is shown, or where coherence-transport works:"
+                    " give --true-within DEG, or -m coherence-transport --set fovea_deg=DEG"
+                )
+        return choices, None
+    if within_deg is not None and loaded.truth is None:
         raise StudyError(
             "--true-within needs the true view: give --truth, or --right with a stereo pair"
         )
-    height, width = loaded.truth.shape[:2]
+    height, width = loaded.frame.source.colour.shape[:2]
     looking = look_at((height, width), display=display, fov_deg=fov_deg)
-    assert isinstance(looking.geometry, FlatGeometry)
+    geometry = looking.geometry
+    assert isinstance(geometry, FlatGeometry)
     say(looking.words)
-    return Eye(looking.geometry, read_gaze(gaze, looking.geometry), within_deg)
+    gaze_px = read_gaze(gaze, geometry)
+    if by_gaze:
+        say(gaze_words(gaze_px, geometry))
+        across, down = (round(angle, 4) for angle in geometry.angles_deg(gaze_px))
+        told = {"gaze_x_deg": across, "gaze_y_deg": down, "width_deg": width_deg(geometry)}
+        twice = sorted(told.keys() & choices[0].parameters)
+        if twice:
+            raise StudyError(
+                f"--gaze, --display and --fov say {twice[0]}: use them, and leave it out of --set"
+            )
+        choices = [replace(one, parameters={**one.parameters, **told}) for one in choices]
+    return choices, None if within_deg is None else Eye(geometry, gaze_px, within_deg)
 
 
 def _print_results(
-    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, eye: Eye | None
-) -> None:
+    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, mended: int,
+    eye: Eye | None,
+) -> None:  # fmt: skip
     height, width = warped.size
     holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
+    if mended > 0:
+        holes += f"; outliers of depth mended: {mended}"
     console.print(f"{width} x {height} px, {holes}")
     every = [(fill.choice, fill.quality_all) for fill in fills]
     if eye is not None:

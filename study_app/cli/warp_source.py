@@ -9,7 +9,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import check_same_size
+from pipeline.frame import SourceFrame, check_file_size
 from pipeline.image_file import check_fits
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
@@ -18,6 +18,7 @@ from stimuli.one_picture import Nearer, from_depth, from_flow, from_the_side, re
 from stimuli.plane_file import DepthIs
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
+from stimuli.score.pair import read_colour, read_hole_mask
 from study_app.cli.terminal import say
 
 DEFAULT_PARALLAX = 0.03
@@ -80,6 +81,8 @@ class Loaded:
     frame: WarpInput
     settings: WarpSettings
     truth: NDArray[np.float32] | None
+    hole: NDArray[np.bool_] | None = None
+    """What is to be filled besides what the warp uncovers."""
 
 
 def load(
@@ -88,8 +91,11 @@ def load(
     pair: PairOptions,
     picture: PictureOptions = PictureOptions(),
     truth: Path | None = None,
+    mask: Path | None = None,
 ) -> Loaded:
     """Read what to warp; `truth` is a picture of what the target view shows.
+
+    With `mask` the picture stays as it is, without depth, and what the mask marks is its hole.
 
     Raises
     ------
@@ -100,19 +106,46 @@ def load(
     """
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
-    for path in filter(None, (Path(source), truth, pair.right)):
+    for path in filter(None, (Path(source), truth, pair.right, mask)):
         check_fits(path, "warp")
-    loaded = _load(source, file, pair, picture)
+    if mask is None:
+        loaded = _load(source, file, pair, picture)
+    elif (pair, picture) != (PairOptions(), PictureOptions()):
+        raise StudyError(
+            "--mask fills a picture as it is: give it without --flow, --depth, --disparity and"
+            " what belongs to them"
+        )
+    else:
+        loaded = _load_masked(Path(source), file, mask)
     if truth is None:
         return loaded
-    shown = load_colour(
-        truth,
+    shown = _load_colour(truth, file)
+    check_file_size(truth, shown, source, loaded.frame.source.colour)
+    return replace(loaded, truth=shown)
+
+
+def _load_colour(path: Path, file: FileOptions) -> NDArray[np.float32]:
+    return load_colour(
+        path,
         transfer=Transfer.ENCODED if file.encoded else None,
         clip=file.clip,
         channels=_channels(file.channels),
     )
-    check_same_size(**{source: loaded.frame.source.colour, str(truth): shown})
-    return replace(loaded, truth=shown)
+
+
+def _load_masked(path: Path, file: FileOptions, mask: Path) -> Loaded:
+    """A picture whose camera stays: all of it lies at one depth, and nothing moves."""
+    colour = _load_colour(path, file)
+    check_file_size(mask, read_colour(mask), path, colour)
+    hole = read_hole_mask(mask, colour.shape[:2])
+    if hole.all() or not hole.any():
+        raise StudyError(
+            f"{mask}: must be white in holes and black elsewhere (all of it is"
+            f" {'white' if hole.all() else 'black'})"
+        )
+    depth_m = np.ones(hole.shape, np.float32)
+    frame = WarpInput(SourceFrame(colour, depth_m), np.zeros((*hole.shape, 2), np.float32))
+    return Loaded(frame, WarpSettings(), None, hole)
 
 
 def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOptions) -> Loaded:

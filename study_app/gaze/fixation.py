@@ -63,6 +63,7 @@ class FixationMonitor:
         self._outside_samples = 0
         self._lost_since_s: float | None = None
         self._pardoned_until_s = -math.inf
+        self._paused_s: float | None = None
         self._begin(0.0, math.inf)
         self._watching = False
 
@@ -77,12 +78,23 @@ class FixationMonitor:
         self._angle_sum_deg = self._angle_max_deg = 0.0
 
     def watch(self, now_s: float, planned_s: float) -> None:
-        """Start to watch: interval 1 begins, and `planned_s` is how long to watch."""
-        self._begin(now_s, planned_s)
+        """Start to watch, or go on after `pause`; `planned_s` is how long to watch in all."""
+        if self._paused_s is None:
+            self._begin(now_s, planned_s)
+            return
+        self._began_s += now_s - self._paused_s
+        self._watching, self._paused_s = True, None
+        self._violation = self._loss = False
+        self._lost_since_s = None
+        self._end_outside()
+
+    def pause(self, now_s: float) -> None:
+        """Watch no longer, until `watch`: a question comes. What was counted stays."""
+        self._watching, self._paused_s = False, now_s
 
     def rest(self) -> None:
-        """Stop watching: nothing counts until `watch`."""
-        self._watching = False
+        """Stop watching: the next `watch` begins anew."""
+        self._watching, self._paused_s = False, None
 
     def feed(self, samples: Iterable[GazeSample]) -> None:
         """Take new samples, oldest first."""
@@ -90,6 +102,11 @@ class FixationMonitor:
         rules, interval_s, angle_to_dot_deg = self._rules, self._interval_s, self._angle_to_dot_deg
         gap_most_s, silence_s = self._gap_most_s, self._silence_most_s
         window_deg = rules.window_deg
+        if self._paused_s is not None:  # where gaze is now, and no more
+            for t_s, _, x_px, y_px in samples:
+                self._last_s = t_s
+                self._inside = angle_to_dot_deg(x_px, y_px) <= window_deg
+            return
         for t_s, _, x_px, y_px in samples:
             last_s = self._last_s
             if last_s > -math.inf:
@@ -136,7 +153,7 @@ class FixationMonitor:
 
     def quality(self, now_s: float) -> GazeQuality:
         """Summarise the time watched up to `now_s`."""
-        lost_s = self._lost_s
+        lost_s, now_s = self._lost_s, now_s if self._paused_s is None else self._paused_s
         silent_s = now_s - max(self._last_s, self._began_s)
         if silent_s > self._gap_most_s:
             lost_s += silent_s - self._interval_s

@@ -55,8 +55,9 @@ class Recording:
     """Width and height that the coordinates belong to, where the file says so."""
     from_zero: bool
     """The file's own coordinates begin at 0; from elsewhere they were shifted."""
-    blinks_s: tuple[tuple[float, float], ...]
-    """(start, end) of the blinks the tracker itself found, seconds since the first sample."""
+    blinks_s: NDArray[np.float64]
+    """Start and end of the blinks the tracker itself found, shape (N, 2), seconds since the first
+    sample."""
     notes: tuple[str, ...] = ()
 
     def on_screen(self, width_px: int, height_px: int) -> Recording:
@@ -125,7 +126,7 @@ def load_recording(path: Path, eye: Eye | None = None) -> Recording:
 
 def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
     samples = array("d")
-    blinks: list[tuple[float, float]] = []
+    blinks = array("d")
     rate_hz = 0.0
     boxes: dict[str, Box] = {}
     recording = False
@@ -145,7 +146,7 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
         elif line.startswith("END"):
             recording = False
         elif match := _BLINK.match(line):
-            blinks.append((float(match[1]), float(match[2])))
+            blinks.extend((float(match[1]), float(match[2])))
         elif match := _SCREEN.match(line):
             left, top, right, bottom = map(float, match.groups()[1:])
             box = (left, top, right, bottom)
@@ -168,9 +169,10 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
     _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
-    if any(not a <= b for a, b in blinks):
+    pairs = np.array(blinks).reshape(-1, 2)
+    if not (pairs[:, 0] <= pairs[:, 1]).all():
         raise StudyError(f"{path}: a blink (EBLINK) must not end before it begins")
-    blinks_s = tuple(((a - stamps[0]) / 1e3, (b - stamps[0]) / 1e3) for a, b in blinks)
+    blinks_s = (pairs - stamps[0]) / 1e3
     rate_hz = rate_hz or _median_rate(path, t_s)
     from_zero = said is not None and said[:2] == (0.0, 0.0)
     return Recording(path, stamps, t_s, x, y, rate_hz, screen, from_zero, blinks_s, notes)
@@ -266,7 +268,7 @@ def _read_csv(path: Path, text: str) -> Recording:
             f"{path}: line {line}: {unit} must not fall from line to line (got"
             f" {stamps[line - 2]:g} after {stamps[line - 3]:g}); sort the samples by time"
         )
-    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, True, ())
+    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, True, np.empty((0, 2)))
 
 
 def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from protocols.hashing import Json, canonical_json
 from protocols.plan import PlannedTrial
+from protocols.script import Question
 from protocols.session_schema import Response
 from study_app.stage import Page, PageResult
 
@@ -63,6 +64,15 @@ class ArtificialObserver:
         keys = self._response.keys[trial.answers.index(decision.answer)]
         median_s = model.rt_median_s + model.rt_hard_s * decision.hardness
         return keys[0], median_s * math.exp(float(rng.normal()) * model.rt_sigma)
+
+    def answer_further(
+        self, question: Question, trial: PlannedTrial, attempt: int
+    ) -> tuple[str, float]:
+        """Return the key and the reaction time of an answer by chance."""
+        rng = rng_of(self._seed, "answer", self._participant, trial.id, attempt, question.name)
+        keys = question.keys[int(rng.integers(len(question.keys)))]
+        model = self._model
+        return keys[0], model.rt_median_s * math.exp(float(rng.normal()) * model.rt_sigma)
 
     def turn_page(self, page: Page) -> PageResult:
         """Read for a while, agree, go on; but nobody can calibrate an artificial eye again.

@@ -20,10 +20,10 @@ from study_app.observers.base import Decision, ObserverModel, deviation
 DEFAULT_UTILITIES: Mapping[str, float] = {
     "reference": 2.5,
     "metameric": 1.4,
-    "shift-map": 1.4,
+    "coherence-transport": 1.4,
     "push-pull": 0.0,
 }
-"""Roughly the preferences of the inpainting paper's Fig. 10; `shift-map`'s is made up like it."""
+"""Roughly the preferences of the inpainting paper's Fig. 10; one that it lacks is made up."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,11 @@ def lab_study(small_study):
         small_study.read_text(), flags=re.S,
     )  # fmt: skip
     right = text.replace('name = "telea"', LAB_FILL, 1)
-    for name, said in (("lab", right), ("misspelt", right.replace("lab-mean", "lab-maen"))):
+    for name, said in (
+        ("lab", right),
+        ("misspelt", right.replace("lab-mean", "lab-maen")),
+        ("settling", right.replace("lab-mean", "lab-settling")),
+    ):
         (small_study.parent / f"{name}.toml").write_text(said, encoding="utf-8")
     return small_study.parent / "lab.toml", small_study.parent / "misspelt.toml"
 
@@ -50,3 +54,15 @@ def test_a_labs_fill_method_fills_the_clips_of_a_study(
             assert colour == pytest.approx(0.5 * frame[~hole].mean(axis=0), abs=0.02)
             checked += 1
     assert checked >= 2
+
+
+def test_a_labs_plate_of_the_old_kind_ends_the_build_with_one_message(
+    lab_study, lab_site, with_packages, tmp_path
+):
+    study = lab_study[0].parent / "settling.toml"
+    done = with_packages(lab_site, ("stimuli", "build", study, "--out", "clips"))
+
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "got SettlingPlate, which has settle); mend the method that makes it" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "clips" / "manifest.json").exists()

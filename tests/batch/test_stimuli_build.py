@@ -153,6 +153,8 @@ def test_another_rim_makes_only_the_photographs_clips_again(
         for clip in read_manifest(folder).clips:
             expected = rim_px if clip.column("scene") == "motorcycle" else None
             assert clip.parameters.get("rim_px") == expected
+            mended = None if expected is None else True
+            assert clip.parameters.get("depth_speckle") is mended
     place = "000003.png"
     with_rim, bare = (
         decode(folder / "holes/motorcycle__small" / place) > 0 for folder in (batch, copy)

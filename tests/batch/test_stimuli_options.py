@@ -39,8 +39,13 @@ def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tm
     path = study(
         ("[stimuli.clips]", "[stimuli.clips]\nbit_depth = 16\nexr = true\npreview = false")
     )
-    out = tmp_path / "clips"
-    build(read_orders(path), out, inline)
+    out, box = tmp_path / "clips", path.parent / "box.obj"
+    box.write_text(box.read_text() + "l 1 2\n")
+    noted = "box.obj: left out l: points and lines are not drawn"
+    clips = build(read_orders(path), out, inline).manifest.clips
+    said = {clip.name: clip.parameters.get("noted") for clip in clips}
+    assert said == {name: noted if name.startswith("box") else None for name in said}
+    assert said["box__small__telea"]
     frame = decode(out / "box__small__telea/000001.png")
     assert frame.dtype == np.uint16
     floats = load_colour(out / "box__small__telea/000001.exr")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from built_study import write_small_study
 
+from pipeline.transport.settings import TransportSettings
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView
@@ -76,6 +77,49 @@ def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_orders, 
     assert np.array_equal(shown[share == 0], made[share == 0])
     assert (shown[share == 1] != made[share == 1]).any()
     assert np.array_equal(frame(plain, "reference"), truth)
+
+
+def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_orders, tmp_path):
+    """Unless the study says another width; a fill without a gaze keeps what it has."""
+    gazed = 'name = "telea"\nmethod = "coherence-transport"\nparameters = { fovea_deg = 2.0'
+    widths = {}
+    for name, parameters in (
+        ("gazed", gazed + " }"),
+        ("said", gazed + ", width_deg = 30.0 }"),
+        ("whole", gazed.replace("2.0", "0.0") + " }"),
+    ):
+        path = study(tmp_path / name, ('name = "telea"', parameters))
+        orders = read_orders(path)
+        clip = next(clip for clip in orders.clip_names if clip.method == "telea")
+        widths[name] = orders.parameters(clip)["width_deg"]
+
+    half = np.degrees(np.arctan(orders.render_px[0] / 2 / orders.distance_px))
+    assert widths == {"gazed": pytest.approx(2 * half), "said": 30.0, "whole": 40.0}
+
+
+def test_clips_are_filled_by_eccentricity(read_orders, inline, tmp_path):
+    """The first frame, before anything is kept from earlier ones; its hole goes half way down."""
+    gazed = 'method = "coherence-transport"\nparameters = { fovea_deg = 0.1, gaze_y_deg = -1.1 }'
+    path = study(
+        tmp_path / "s",
+        ('name = "push-pull"', 'name = "push-pull"\nmethod = "push-pull-depth"'),
+        ('name = "telea"', f'name = "telea"\n{gazed}'),
+        UPSAMPLED[::-1],
+    )
+    build(read_orders(path), path.parent / "clips", inline)
+    orders = read_orders(path)
+    clip = next(clip for clip in orders.clip_names if clip.method == "telea")
+    given = {k: v for k, v in orders.parameters(clip).items() if k != "z_near_m"}
+    width, height = orders.render_px
+    attention = TransportSettings(**given).attention((height, width))
+
+    plain, shown, hole = (
+        decode(path.parent / f"clips/{name}/000000.png")
+        for name in ("box__small__push-pull", "box__small__telea", "holes/box__small")
+    )
+    assert hole[attention == 0].any()
+    assert np.array_equal(shown[attention == 0], plain[attention == 0])
+    assert (shown != plain)[attention > 0].any()
 
 
 def test_without_a_true_view_a_study_has_the_hash_it_had(tmp_path):

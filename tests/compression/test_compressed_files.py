@@ -242,7 +242,7 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
     assert code == 0, out
     names = ["picture", "cells", "maps", "density", "base", "shown"]
     numbered = [f"{number:02d}-{name}.png" for number, name in enumerate(names)]
-    assert sorted(path.name for path in steps.iterdir()) == [*numbered, "sheet.png"]
+    assert sorted(path.name for path in steps.glob("*.png")) == [*numbered, "sheet.png"]
     held = file_format.read_compressed(file)
     with Image.open(steps / "01-cells.png") as cells, Image.open(steps / "05-shown.png") as shown:
         assert cells.size == held.grid.shape[::-1]

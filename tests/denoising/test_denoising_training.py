@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
+from protocols.outside import LIMITS_VARIABLE
 from stimuli.denoised import pairs as kept
 from stimuli.denoised import unet
 from stimuli.denoised.pairs import Pair, Rendering, View
@@ -167,7 +168,9 @@ def test_training_that_was_stopped_comes_to_the_same_weights(examples, tmp_path)
 
 
 @pytest.mark.usefixtures("torch")
-def test_checkpoints_of_another_training_and_damaged_ones_are_refused(examples, tmp_path):
+def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
+    examples, tmp_path, monkeypatch
+):
     path = tmp_path / "rgb.checkpoint"
     Trainer("rgb", TRAINING, examples["rgb"], path).run(until=1)
     other = Training(
@@ -181,6 +184,10 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(examples, 
         path.write_bytes(harmed)
         with pytest.raises(InputError, match="must be a checkpoint"):
             Trainer("rgb", TRAINING, examples["rgb"], path)
+    path.write_bytes(whole)
+    monkeypatch.setenv(LIMITS_VARIABLE, "memory=1000")
+    with pytest.raises(InputError, match=r"must hold at most 1,000 bytes .*LIMITS=memory="):
+        Trainer("rgb", TRAINING, examples["rgb"], path)
 
 
 def _put(*keys, value):

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import (
+    CapGeometry,
     Equirectangular,
     Flat,
     check_gaze,
@@ -172,3 +173,18 @@ def test_coarse_maps_are_the_fine_one_at_their_texels():
     mean = fine[8:12, 40:44].mean()  # texel (2, 10)
     assert coarse[2, 10] == pytest.approx(mean, rel=5e-3)
     np.testing.assert_allclose(pools.lod(0, 3), lod_of(fine / 8))
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        Flat(60, centre_px=(10, 90)).of(120, 80),
+        Equirectangular().of(64, 32),
+        CapGeometry(40, 9.0, True),
+        CapGeometry(40, 9.0, False),
+    ],
+)
+def test_one_ray_is_the_direction_of_its_position(geometry):
+    for x, y in ((3.5, 7.25), (20.0, 20.0), (39.0, 1.0)):
+        wanted = geometry.directions(np.array(x), np.array(y))
+        np.testing.assert_allclose(geometry.ray(x, y), wanted, atol=1e-15)

@@ -1,7 +1,10 @@
 """Foveation on the GPU against its twin."""
 
+import sys
+
 import numpy as np
 import pytest
+from PIL import Image
 from skimage import data
 
 from benchmarks.dispatches import dispatches_of
@@ -171,12 +174,15 @@ def test_carried_noise_on_gpu_matches_reference(run, rng):
     np.testing.assert_allclose(found, wanted, atol=1 / 255)
 
 
-def test_fovea_bits_are_the_pictures_on_gpu(run):
+@pytest.mark.parametrize("carried", [False, True])
+def test_fovea_bits_are_the_pictures_on_gpu(run, carried):
+    """Also of the first frame with carried noise, whose shader is compiled when it comes."""
     size, gaze_px = (128, 128), (64.0, 50.0)
     geometry = Flat(40).of(128, 128)
     settings = MetamerSettings(Pooling("linear", 0.5, 3.0))
     picture = photograph(size)
-    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px)
+    shift = {"noise_shift_px": np.ones((*size, 2))} if carried else {}
+    found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, **shift)
     inside = Look(geometry, gaze_px).pools(settings.pooling).eccentricity_deg() < 2.999
     assert inside.sum() > 200
     assert (found[inside] == picture[inside]).all()
@@ -237,3 +243,108 @@ def test_full_chroma_is_left_to_numpy(gl_context):
     foveator = Foveator((32, 32), method="metamer", ctx=gl_context, chroma="full")
     assert foveator.passes is None
     foveator.release()
+
+
+HELD = [
+    ("blur", Flat(40)),
+    ("metamer", Flat(60)),
+    ("eidolon", Flat(60)),
+    ("warped-metamer", Flat(60)),
+    ("warped-metamer", Equirectangular()),
+]
+
+
+@pytest.mark.parametrize(("method", "viewing"), HELD)
+def test_a_picture_that_is_held_is_shown_bit_for_bit_as_it_would_be_anew(
+    gl_context, method, viewing
+):
+    """Also back at a gaze where it was, with another seed between, and with a field at rest."""
+    picture = photograph((50, 100))
+    looks = [
+        {"gaze_px": (20.0, 10.0), "seed": 1},
+        {"gaze_px": (90.0, 40.0), "seed": 1, "field_gaze_px": (20.0, 10.0)},
+        {"gaze_px": (90.0, 40.0), "seed": 2},
+        {"gaze_px": (20.0, 10.0), "seed": 1},
+    ]
+    foveator = Foveator((50, 100), viewing=viewing, method=method, ctx=gl_context)
+    anew = [foveator(picture, **look) for look in looks]
+    foveator.hold(picture)
+    held = [foveator.show(**look) for look in looks]
+    foveator.release()
+    for one, other in zip(held, anew, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (held[0] != held[1]).any()
+
+
+def test_a_picture_is_analysed_once_and_what_rests_is_not_displaced_again(gl_context):
+    foveator = Foveator((96, 96), method="warped-metamer", ctx=gl_context)
+    source, target = (create_texture(gl_context, (96, 96), "rgba32f") for _ in range(2))
+    passes, rests = foveator.passes, {"field_gaze_px": (40.0, 40.0)}
+    passes(source, target, (3.0, 4.0), **rests)
+    shown = dispatches_of(lambda: passes.show(target, (50.0, 60.0), **rests))
+    assert not set(shown) & {
+        "foveation/pull.comp.glsl",
+        "foveation/field.comp.glsl",
+        "foveation/displace.comp.glsl",
+    }
+    moved = dispatches_of(lambda: passes.show(target, (50.0, 60.0), field_gaze_px=(41.0, 40.0)))
+    assert len(moved) > len(shown)
+    for thing in (foveator, source, target):
+        thing.release()
+
+
+@pytest.mark.parametrize("method", ["metamer", "contrast-enhanced", "files"])
+def test_pictures_of_8_bits_are_held_as_they_are(gl_context, method, tmp_path):
+    bits = data.astronaut()[60:124, 120:200]
+    if method == "files":
+        Image.fromarray(bits).save(tmp_path / "000000.png")
+        method = f"files:{tmp_path}"
+    foveator = Foveator((64, 80), method=method, ctx=gl_context)
+    shown = foveator((bits / 255).astype(np.float32), (9, 9))
+    foveator.hold(bits)
+    np.testing.assert_allclose(foveator.show((9, 9)), shown, atol=PLAIN_TOLERANCE)
+    assert foveator.passes is None or "rgba8" in foveator.passes._ends
+    foveator.release()
+
+
+def test_nothing_is_shown_before_it_is_held():
+    foveator = Foveator((20, 30), method="blur")
+    with pytest.raises(InputError, match="must hold a picture"):
+        foveator.show((1, 1))
+    with pytest.raises(InputError, match="30 x 20"):
+        foveator.hold(np.zeros((30, 20, 3), np.uint8))
+    with pytest.raises(InputError, match="floating type"):
+        foveator.hold(np.zeros((20, 30, 3), np.uint16))
+
+
+def test_a_frame_is_replayed_and_looks_nothing_up(gl_context):
+    """Of 864 calls for a metamer, when each frame bound by name, at most a fifth is left."""
+    foveator = Foveator((128, 128), ctx=gl_context)
+    source, target = (create_texture(gl_context, (128, 128), "rgba32f") for _ in range(2))
+    foveator.passes(source, target, (1.0, 2.0))
+    calls = []
+    sys.setprofile(lambda _frame, event, _argument: calls.append(event))
+    foveator.passes(source, target, (3.0, 4.0))
+    sys.setprofile(None)
+    assert sum(event in ("call", "c_call") for event in calls) < 864 / 5
+    for thing in (foveator, source, target):
+        thing.release()
+
+
+def test_frames_that_take_turns_with_textures_stay_apart(gl_context):
+    """Two sources and two targets, each pair recorded: none shows another's picture."""
+    size, gaze_px = (64, 64), (10.0, 20.0)
+    foveator = Foveator(size, ctx=gl_context)
+    pictures = [photograph(size), photograph(size)[::-1].copy()]
+    sources = [
+        texture_from(gl_context, np.dstack([one, one[..., :1]]), "rgba32f") for one in pictures
+    ]
+    targets = [create_texture(gl_context, size, "rgba32f") for _ in range(2)]
+    for _ in range(2):
+        for source, target in zip(sources, targets, strict=True):
+            foveator.passes(source, target, gaze_px)
+    shown = [read_back(target)[..., :3] for target in targets]
+    for one, picture in zip(shown, pictures, strict=True):
+        np.testing.assert_array_equal(one, foveator(picture, gaze_px))
+    for thing in (foveator, *sources, *targets):
+        thing.release()

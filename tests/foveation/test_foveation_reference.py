@@ -307,7 +307,7 @@ def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
     )
     plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))
 
-    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False)[8, 16:-16, 0]
+    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False).ycc[8, 16:-16, 0]
 
     within, between = np.diff(luma)[::2], np.diff(luma)[1::2]
     if shared:

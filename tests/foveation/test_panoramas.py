@@ -17,7 +17,7 @@ from pipeline.foveation.sphere import (
     noise_key,
     unit_noise,
 )
-from stimuli.foveated.flat_view import flat_view
+from pipeline.foveation.view import flat_view
 
 SIZE = (512, 256)
 
@@ -71,7 +71,7 @@ def test_a_cap_is_stereographic(geometry, upper, rng):
 def test_caps_show_what_the_panorama_shows(geometry, texture):
     """A cap looked at directly is the flat view of the pole."""
     cap = CapGeometry(64, cap_of(geometry, upper=True).radian_px, upper=True)
-    seen = cap_picture(texture, geometry, cap)
+    seen = cap_picture(texture, cap)
     view = Flat(width_deg=30).of(65, 65)
     straight = flat_view(texture, view, down_deg=-90)
     rays = view.directions(*pixel_centres(view))
@@ -156,7 +156,7 @@ def test_belt_and_cap_displace_alike(geometry, texture):
     look, made = Look(geometry, (100, 120), seed=2), Eidolon()
     belt = made.apply(texture, look)
     cap = cap_of(geometry, upper=True)
-    shown = made.apply(cap_picture(texture, geometry, cap), cap_look(look, cap))
+    shown = made.apply(cap_picture(texture, cap), cap_look(look, cap))
     rows = slice(46, 62)  # 58 to 47 degrees
     x, y = pixel_centres(geometry)
     at_x, at_y = cap.positions(geometry.directions(x, y[rows]))

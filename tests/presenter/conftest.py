@@ -28,7 +28,7 @@ from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
 from protocols.schema import StudyProtocol
-from study_app.layout import Extras, Layout
+from protocols.script import example_scripts
 from study_app.strip import Seen
 
 WIDTH, HEIGHT = 640, 480
@@ -126,8 +126,15 @@ class Study:
     @property
     def places(self) -> list[tuple[int, int]]:
         """Upper left corners of the stimuli on the screen, from left to right."""
-        layout = Layout.of(self.display, self.protocol, self.manifest, Extras())
-        return sorted(layout.places.values())
+        script, display = example_scripts(self.protocol, self.display)[0], self.display
+        middle = display.width_px // 2, display.height_px // 2
+        shown = [entry for entries in script.frames for entry in entries]
+        crops = [entry.crop or (0, 0) for entry in shown]
+        corners = [
+            (entry.at[0] - crop[0] + middle[0], entry.at[1] - crop[1] + middle[1])
+            for entry, crop in zip(shown, crops, strict=True)
+        ]
+        return sorted(set(corners))
 
     @property
     def rectangle(self) -> tuple[int, int, int, int]:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from protocols.errors import StudyError
-from protocols.load import load_protocol, shipped
+from protocols.load import load_protocol, load_study, shipped
+from protocols.script import Words
 from protocols.session_schema import Response
-from study_app.keys import key_label
-from study_app.pages import Pages, answer_name, check_texts
+from protocols.wording import key_label
+from study_app.pages import words_image
+from study_app.paint import check_pictures
 
 SIZE = (960, 540)
 KEYS = ["left", "up", "down", "right", "kp_5", "f", "j", "k", "pad_a"]
@@ -21,8 +23,14 @@ def screen(labels: list[str], size: tuple[int, int] = SIZE) -> np.ndarray:
     texts = load_protocol(shipped("studies")["demo"]).text.languages["en"]
     texts = texts.model_copy(update={"answers": dict(zip(names, labels, strict=True))})
     response = Response(keys=tuple((key,) for key in KEYS[: len(labels)]))
-    images = Pages(size, texts, 128).fixed(response, names)
-    return images[answer_name(names)][..., 3]
+    words = Words(
+        size_px=size,
+        background=128,
+        text=texts.question,
+        labels=tuple(labels),
+        keys=tuple(key_label(keys[0]) for keys in response.keys),
+    )
+    return words_image(words)[..., 3]
 
 
 def column(picture: np.ndarray, place: int, count: int) -> np.ndarray:
@@ -72,12 +80,13 @@ def test_labels_that_fit_at_no_size_are_refused_before_a_window_opens():
     with pytest.raises(StudyError, match="labels of 9 answers must fit beside each other"):
         screen(["quite-a-long-word-that-never-ends"] * 9, (640, 480))
 
-    study = load_protocol(shipped("studies")["demo"])
+    study, display = load_study(shipped("studies")["demo"])
     texts = study.text.languages["en"]
     long = texts.model_copy(update={"answers": {"first": "x" * 400, "second": "second"}})
-    check_texts(study, texts, (640, 480))
+    text = study.text.model_copy(update={"languages": {"en": long}})
+    check_pictures(study, display, "en")
     with pytest.raises(StudyError, match="take shorter ones"):
-        check_texts(study, long, (640, 480))
+        check_pictures(study.model_copy(update={"text": text}), display, "en")
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def shown(self, picture):
         disturbed[0] = False
     elif picture.refreshes >= 3 and not disturbed[0]:
         disturbed[0] = True
-        attempts.append(self._trial.id)
+        attempts.append(self._asked.trial.id)
         if len(attempts) == 1:
             self._window._sleep._apart_s -= 3600
         elif len(attempts) == 2:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import io
 import json
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +14,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from protocols.plan import make_plan
+from protocols.script import Picture, TrialScript
 from protocols.viewing import Viewing
 from study_app.cli import app
+from study_app.paint import lay, paint
+from study_app.preview import preview_page
 from study_app.strip import compare
 
 PX = 64
@@ -166,6 +173,114 @@ def test_another_process_sees_every_logged_flip_with_the_hashed_frames(screen, m
         levels = [a.condition["level"] for a in completed]
         assert levels[0] == 2
         assert set(levels) == {1, 2}
+
+
+SHOTS = """
+import sys
+from pathlib import Path
+import numpy as np
+from protocols.load import load_study
+from protocols.manifest import read_manifest
+from protocols.plan import chosen, make_plan
+from protocols.script import trial_script
+from study_app.presenter import Presenter
+from study_app.stage import Picture
+from study_app.window import Window
+
+folder, buffer, out, number = map(Path, sys.argv[1:5])
+study, display = load_study(folder / "study.toml")
+manifest = read_manifest(folder / "clips")
+plan = make_plan(study, manifest, "P0", 0)
+trial = chosen(study, plan, plan.trials[int(str(number))], [])
+script = trial_script(study, display, manifest, trial, "en")
+
+def picture():
+    data = buffer.read_bytes()
+    start = int.from_bytes(data[:4], "big") + 12 * int.from_bytes(data[76:80], "big")
+    return np.frombuffer(data, np.uint8, 640 * 480 * 4, start).reshape(480, 640, 4)[..., 2::-1]
+
+shots = []
+with Window(display, pacing="software") as window:
+    with Presenter(window, study, study.text.languages["en"], manifest, folder / "clips",
+                   refresh_hz=60.0) as presenter:
+        presenter.prepare(trial, script, 1)
+        for phase in script.phases:
+            for told in (None, *phase.follows.values()):
+                for refreshes in sorted({0, 2, (phase.frames or 1) - 1}):
+                    for _ in range(2):
+                        presenter.show(Picture(phase, refreshes, notice=told))
+                    shots.append(picture())
+np.savez(out, shots=np.stack(shots), script=script.model_dump_json())
+"""
+
+
+def played(data, entries, frames, size):
+    """The screen that a preview page draws for these entries: its pictures at its places."""
+    screen = np.full((size[1], size[0], 3), data["grey"], np.uint8)
+    for entry in entries:
+        at = round(entry["x"]) - size[0] // 2, round(entry["y"]) - size[1] // 2
+        wide, high = round(entry["w"]), round(entry["h"])
+        if entry["kind"] == "stimulus":
+            left, top = (round(entry[k] - entry["whole"][k]) for k in "xy")
+            lay(screen, frames[entry["name"]][0][top : top + high, left : left + wide], at)
+        elif entry["kind"] == "fill":
+            lay(screen, np.full((high, wide, 3), entry["grey"], np.uint8), at)
+        else:
+            stored = base64.b64decode(data["images"][entry["image"]].partition(",")[2])
+            image = np.asarray(Image.open(io.BytesIO(stored)).convert("RGBA"))
+            assert image.shape[:2] == (high, wide)
+            lay(screen, image, at)
+    return screen
+
+
+@pytest.mark.parametrize(
+    "name", [name if name == "which-half" else pytest.param(name, marks=pytest.mark.slow)
+             for name in CASES]
+)  # fmt: skip
+def test_window_painter_and_preview_show_the_same_pixels(screen, make_study, tmp_path, name):
+    """Every phase of a trial, each of its notices, and clips at three moments."""
+    study = make_study(CASES[name])
+    html = preview_page(
+        study.protocol, study.display, stimuli=study.stimuli, manifest=study.manifest
+    ).html
+    data = json.loads(re.search(r"^const data = (\{.*\});$", html, flags=re.M)[1])
+    plan = make_plan(study.protocol, study.manifest, "P0", 0)
+    page = data["trials"][-1]  # of practice, where there is any
+    role = "practice" if page["phases"][-2]["name"] == "feedback" else "main"
+    number = next(
+        i for i, trial in enumerate(plan.trials)
+        if (list(trial.stimuli), trial.role) == (page["stimuli"], role)
+    )  # fmt: skip
+    screen.script(SHOTS, study.folder, screen.file, tmp_path / "shots.npz", number)
+    with np.load(tmp_path / "shots.npz") as stored:
+        script, shots = (
+            TrialScript.model_validate_json(str(stored["script"])),
+            iter(stored["shots"]),
+        )
+    frames = [
+        [study.frame(stimulus.name, k) for k in range(stimulus.frames)]
+        for stimulus in script.stimuli
+    ]
+    compared = 0
+    for phase, drawn in zip(script.phases, page["phases"], strict=True):
+        for told in (None, *phase.follows.values()):
+            for refreshes in sorted({0, 2, (phase.frames or 1) - 1}):
+                seen = next(shots).astype(int)
+                wanted = paint(
+                    script, phase, dict(enumerate(frames)), {}, refreshes=refreshes, notice=told
+                )
+                blended = told or any(isinstance(entry, Picture) for entry in phase.show)
+                off = np.abs(seen - wanted)
+                assert off.max() <= (1 if blended else 0), (phase.name, refreshes, told)
+                assert (off > 0).mean() < 0.02
+                compared += 1
+            if page["stimuli"] and told is phase.follows.get("right"):
+                by_name = {s.name: f for s, f in zip(script.stimuli, frames, strict=True)}
+                first = paint(script, phase, dict(enumerate(frames)), {}, notice=told)
+                ours = played(data, drawn["show"], by_name, script.size_px)
+                assert np.abs(ours.astype(int) - first).max() <= 1, phase.name
+    assert compared >= 3 * len(script.phases) - 4
+    assert any(entry.crop for row in script.frames for entry in row) == (name == "which-half")
 
 
 def test_two_side_by_side_stand_as_far_apart_as_the_protocol_says(make_study):

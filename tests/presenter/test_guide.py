@@ -31,7 +31,7 @@ SMALLER = {
         "width_deg": "2.75",
         "height_deg": "1.9",
         "duration_s": "0.1",
-        "pairings": '[["shift-map", "push-pull"]]',
+        "pairings": '[["coherence-transport", "push-pull"]]',
         "repeats": "1",
         "blocks": "1",
         "fixation_s": "0.1",

@@ -10,8 +10,9 @@ import pytest
 
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
-from protocols.phases import Optotype, Phase
-from study_app.optotype import landolt_ring
+from protocols.phases import Optotype
+from protocols.script import ScriptPhase, landolt_ring
+from study_app.optotype import ring_image
 from study_app.presenter import Presenter
 from study_app.stage import Picture
 
@@ -30,10 +31,13 @@ def test_a_phase_with_an_optotype_shows_the_ring_and_nothing_else(gl_context, tm
     )
     ring = Optotype(gap_deg, height_deg=1.25, x_deg=5.0, y_deg=-3.0)
 
-    presenter._draw(Picture(Phase("ring", 9, (ring,))))
+    picture = landolt_ring(ring, display)
+    presenter._ready[id(picture)] = picture, presenter._texture(picture)
+    presenter._draw(Picture(ScriptPhase(name="ring", frames=9, show=(picture,))))
 
     shown = np.frombuffer(screen.read(components=3), np.uint8).reshape(size[1], size[0], 3)[::-1]
-    image, (x, y) = landolt_ring(ring, display)
+    image = ring_image(picture.of)
+    x, y = picture.at[0] + size[0] // 2, picture.at[1] + size[1] // 2
     alpha = image[..., 3:] / 255.0
     grey = round(255 * study.display.background)
     wanted = np.full((size[1], size[0], 3), float(grey))

@@ -8,9 +8,11 @@ import pytest
 from PIL import Image
 
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
+from protocols.script import example_scripts, text_picture
+from protocols.wording import fill
 from study_app.pages import Pages
+from study_app.paint import drawn
 from study_app.stage import Page
-from study_app.wording import fill
 
 CENTRE, ASIDE = (320, 240), (60, 400)
 # No frame can be read before a file is there: so long the preparing page stands.
@@ -57,9 +59,17 @@ def events(study, kind):
 @pytest.mark.slow
 def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, wait, tmp_path):
     texts, response = study.protocol.text.languages["en"], study.protocol.response
-    pages = Pages((640, 480), texts, 128)
-    fixed = pages.fixed(response, ("first", "second"))
+    pages = Pages((640, 480), texts.key_names, 128)
+    script, other = example_scripts(study.protocol, study.display, "en")
+    by_name = {phase.name: phase for phase in script.phases}
+    fixed = {
+        "preparing": drawn(text_picture(study.protocol, study.display, texts.preparing).of, {}),
+        "gaze-lost": drawn(by_name["iti"].follows["gaze-break"].of, {}),
+    }
     asked = ("answer-first-second", "answer-second-first")
+    for name, phases in zip(asked, (script.phases, other.phases), strict=True):
+        (shown,) = next(phase for phase in phases if phase.question).show
+        fixed[name] = drawn(shown.of, {})
     strategy, vision = texts.questions
     mouse = CENTRE
 

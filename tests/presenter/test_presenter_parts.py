@@ -15,6 +15,7 @@ from protocols.errors import StudyError
 from protocols.journal import Attempt, Withdrawal
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
+from protocols.script import Dot, Words
 from protocols.viewing import Viewing
 from study_app.gaze.lsl import LslSpec
 from study_app.gaze.simulated import SimulatedGaze
@@ -23,7 +24,7 @@ from study_app.keys import key_name
 from study_app.luminance import LEVELS, fit_gamma, store_luminance
 from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
-from study_app.pages import Pages
+from study_app.pages import Pages, words_image
 from study_app.sittings import find_sittings, next_slot
 from study_app.stage import Page
 from study_app.strip import (
@@ -174,7 +175,7 @@ def test_another_mode_is_refused_and_an_unstated_rate_is_not():
 
 
 def test_the_target_is_bulls_eye_and_cross_hair():
-    image = target_image(24.0, 128)
+    image = target_image(Dot(diameter_px=24.0, grey=128))
     size = len(image)
     middle = size // 2
     assert size % 2 == 0
@@ -338,7 +339,7 @@ def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
 
     texts = load_protocol(Path("demo")).text.languages["en"]
     page = Page("question", texts.questions[1].text, (), choices=texts.questions[1].choices)
-    made = Pages((640, 480), texts, 128)
+    made = Pages((640, 480), texts.key_names, 128)
     with_circles = made.question(page, "", 1)
 
     def no_circles(wanted, size_px):
@@ -355,11 +356,14 @@ def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
 def test_short_pages_stand_in_the_middle_and_long_questions_above_the_answers():
     protocol = load_protocol(Path("demo"))
     texts = protocol.text.languages["en"].model_copy(update={"question": "Which one? " * 30})
-    made = Pages((640, 480), texts, 128)
+    made = Pages((640, 480), texts.key_names, 128)
     columns = np.nonzero(made.page("Thank you.")[..., 3].any(axis=0))[0]
     assert columns.min() + columns.max() == pytest.approx(639, abs=4)
 
-    answer = made.fixed(protocol.response, ("first", "second"))["answer-first-second"]
+    words = Words(
+        size_px=(640, 480), background=128, text=texts.question, labels=("a", "b"), keys=("←", "→")
+    )
+    answer = words_image(words)
     empty = ~answer[..., 3].any(axis=1)
     assert empty[round(0.47 * 480) + 1 : 240].all()  # between the question and the labels
     assert answer[: round(0.47 * 480), :, 3].any()

@@ -59,9 +59,9 @@ clips.read_frame = swapped_and_mirrored
 
 missing = []
 frames = draw.Painter.clip_frame
-def clip_frame(self, clip, layer, place):
+def clip_frame(self, clip, layer, place, crop):
     missing.append(layer)
-    frames(self, clip, layer, place)
+    frames(self, clip, layer, place, crop)
 draw.Painter.clip_frame = clip_frame
 swap = window.glfw.swap_buffers
 drawn = []
@@ -111,10 +111,10 @@ from protocols.manifest import read_manifest
 from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
 from study_app.opening import texts_of
-from study_app.layout import Extras
+from study_app.strip import Extras
 from study_app.presenter import Presenter
 from study_app.stage import Picture
-from study_app.trial import Timeline
+from protocols.script import trial_script
 from study_app.window import Window
 
 folder, buffer, out = map(Path, sys.argv[1:4])
@@ -128,14 +128,14 @@ def picture():
     start = int.from_bytes(data[:4], "big") + 12 * int.from_bytes(data[76:80], "big")
     return np.frombuffer(data, np.uint8, 640 * 480 * 4, start).reshape(480, 640, 4)[..., 2::-1]
 
-timeline = Timeline.of(protocol, display, plan.trials[0])
-phase = {phase.name: phase for phase in timeline.phases}
+script = trial_script(protocol, display, manifest, plan.trials[0], "en")
+phase = {phase.name: phase for phase in script.phases}
 per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}
 with Window(display, pacing="software") as window:
     with Presenter(window, protocol, texts_of(protocol, "en"), manifest, folder / "clips",
                    refresh_hz=60.0, extras=Extras(photodiode="patch" in sys.argv)) as presenter:
-        presenter.prepare(plan.trials[0], 1)
+        presenter.prepare(plan.trials[0], script, 1)
         for name, shown in {
             "fixate": Picture(phase["fixate"]),
             "first": Picture(phase["first"], 2 * per_frame),

@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.foveation.view import flat_view
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_file
 from protocols.journal import Attempt, SessionResume
@@ -19,7 +20,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study, shipped
 from protocols.manifest import write_manifest
 from protocols.plan import make_plan
-from stimuli.foveated.flat_view import flat_view
 from stimuli.recipes.foveated_work import Order
 from study_app.strip import compare
 

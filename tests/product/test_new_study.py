@@ -149,7 +149,7 @@ def test_names_and_titles_reach_every_file():
         (["x", "--display", "fhd28-60hz"], "fhd27-60hz"),
         (["full"], "must be empty or new"),
         (["full/a-file"], "must be a folder to fill"),
-        (["full/a-file/x"], "must be a folder (this is a file)"),
+        (["full/a-file/x"], "must be a folder, and"),
     ],
 )
 def test_mistakes_are_told_and_leave_nothing(metamerlab, tmp_path, monkeypatch, arguments, message):

@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from analysis.export.public import scrub, system
@@ -217,6 +218,33 @@ def test_chosen_answers_stay_and_typed_ones_go(metamerlab, recorded, reseal, tmp
     said = next((tmp_path / "out" / "data").glob("*answers_data.csv")).read_text()
     assert "glasses" in said
     assert "edges" not in said
+
+
+def test_nobody_sees_who_came_before_an_update(metamerlab, recorded, reseal, tmp_path):
+    for number, code in enumerate(("S001", "S005")):
+        journal = recorded.sitting(code) / "journal.jsonl"
+        text = journal.read_text(encoding="utf-8")
+        old = json.loads(text.splitlines()[0])["revision"]
+        journal.write_text(text.replace(old, f"1.{number} {'ab' * 20}"), encoding="utf-8")
+        reseal(journal)
+
+    def run(form: str) -> Path:
+        done = metamerlab(
+            "analysis", "export", recorded.sessions, "--protocol", recorded.path,
+            "--format", form, "--out", tmp_path / form, "--public",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.output
+        return tmp_path / form
+
+    (table,) = (run("psych-ds") / "data").glob("*sittings_data.csv")
+    sessions = pd.read_csv(table)
+    said = {json.loads(p.read_text())["StimulusPresentation"]["SoftwareVersion"]
+            for p in run("bids").rglob("*beh/*_events.json")}  # fmt: skip
+
+    assert set(sessions["revision"]) == said
+    assert len(sessions) > len(said) == 1
+    assert {"1.0", "1.1"} < {word for text in said for word in text.split()}
+    assert not {"unchecked_lines", "slot"} & set(sessions)
 
 
 @pytest.mark.parametrize(

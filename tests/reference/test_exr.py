@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.colour import encode_srgb
-from pipeline.errors import InputError
+from pipeline.errors import FileNote, InputError
 from pipeline.frame import SourceFrame
 from pipeline.image_file import read_pixels, write_pixels
 from stimuli.exr import (
@@ -16,6 +16,7 @@ from stimuli.exr import (
     save_colour,
     save_warp_input,
 )
+from stimuli.foveated.any_picture import read_any
 from stimuli.plane_file import load_plane
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
@@ -151,11 +152,28 @@ def test_bright_light_is_clipped_only_when_allowed(tmp_path, rng):
     assert colour[1, 1, 1] == 0.0
 
 
+def test_what_rounding_leaves_outside_is_clipped_with_a_note(tmp_path, rng):
+    save_planes(tmp_path / "a.exr", rng, [(0, 0, "R", 1.003), (1, 1, "G", -1.6e-6)])
+    with pytest.warns(FileNote, match=r"2 pixels lie up to 0\.003 outside \[0, 1\]: clipped"):
+        colour = load_warp_input(tmp_path / "a.exr").source.colour
+    assert colour[0, 0, 0] == 1.0
+    assert colour[1, 1, 1] == 0.0
+    assert "clipped to what a display shows" in read_any(tmp_path / "a.exr").notes[-1]
+
+
+def test_light_below_0_is_not_told_to_be_less(tmp_path, rng):
+    save_planes(tmp_path / "a.exr", rng, [(1, 1, "G", -0.1)])
+    with pytest.raises(InputError, match=r"more such pixels\); allow clipping"):
+        load_warp_input(tmp_path / "a.exr")
+    with pytest.raises(InputError, match=r"; raise its least light to 0, or save it as PNG"):
+        read_any(tmp_path / "a.exr")
+
+
 @pytest.mark.parametrize("missing", NAMES)
 def test_a_missing_channel_is_told(tmp_path, rng, missing):
     save_planes(tmp_path / "a.exr", rng, names=tuple(n for n in NAMES if n != missing))
 
-    with pytest.raises(InputError, match=f"must have a channel {missing}"):
+    with pytest.raises(InputError, match=f"must have a channel {missing}.*; name it by --channel"):
         load_warp_input(tmp_path / "a.exr")
 
 

@@ -180,7 +180,6 @@ def test_amplitudes_are_interpolated_between_texel_centres():
         ("depth_threshold", float("nan")),
         ("channels", "grey"),
         ("anchor", "sky"),
-        ("texture", "wood"),
     ],
 )
 def test_settings_out_of_range_are_refused_by_name(name, value):

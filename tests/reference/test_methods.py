@@ -225,6 +225,21 @@ def test_the_radius_reaches_opencv(rng):
     assert (narrow[frame.hole] != wide[frame.hole]).any()
 
 
+@pytest.mark.parametrize("name", ["telea", "navier-stokes"])
+@pytest.mark.parametrize("size", [(1, 40), (40, 1)])
+def test_opencv_fills_frames_one_pixel_high_or_wide_alike_each_time(rng, name, size):
+    """OpenCV itself reads memory beside such a picture, and differs from run to run."""
+    method = create_method(name)
+    for _ in range(60):
+        frame = warped_frame(rng, *size, hole=rng.random(size) < 0.4)
+        found = set()
+        for value in (0, 77, 255):  # what memory held before
+            before = [np.full(int(length), value, np.uint8) for length in range(64, 9000, 90)]
+            del before
+            found.add(method.fill(frame, 0).tobytes())
+        assert len(found) == 1
+
+
 # --- frames made elsewhere ---------------------------------------------------------------
 
 

@@ -7,7 +7,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
+from pipeline.methods.onnx_files import open_session
 from pipeline.methods.registry import create_method, method_files
+from protocols.outside import LIMITS_VARIABLE
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -113,6 +115,19 @@ def test_the_files_of_a_network_are_it_and_its_weights(tmp_path, network):
     (tmp_path / names[1]).unlink()
     with pytest.raises(FileNotFoundError, match=names[1]):
         method_files(f"onnx:{tmp_path / 'big.onnx'}")
+
+
+def test_a_network_larger_than_the_limit_is_refused_with_its_weights(tmp_path, monkeypatch):
+    names = with_weights_beside(tmp_path / "big.onnx")
+    sizes = [(tmp_path / name).stat().st_size for name in ("big.onnx", *names)]
+    monkeypatch.setenv(LIMITS_VARIABLE, f"memory={sizes[0] - 1}")
+    with pytest.raises(InputError, match="must have at most"):
+        open_session(tmp_path / "big.onnx", "")
+    monkeypatch.setenv(LIMITS_VARIABLE, f"memory={sum(sizes) - 1}")
+    with pytest.raises(InputError, match="bytes with its weights"):
+        open_session(tmp_path / "big.onnx", "")
+    monkeypatch.setenv(LIMITS_VARIABLE, f"memory={sum(sizes)}")
+    assert method_files(f"onnx:{tmp_path / 'big.onnx'}")
 
 
 def test_a_network_does_not_reach_outside_its_folder(tmp_path):

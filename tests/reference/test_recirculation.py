@@ -7,7 +7,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.method import PlateMethod
 from pipeline.methods.registry import create_method
-from pipeline.weighted_pullpush.recirculation import Recirculation
+from pipeline.weighted_pullpush.recirculation import recirculating
 from pipeline.weighted_pullpush.reference import weighted_pull_push
 
 
@@ -29,7 +29,7 @@ def alone(frame: WarpedFrame) -> np.ndarray:
 def test_the_first_view_shows_its_own_fill(rng):
     frame = view([0, 1, 1, 0, 0, 1, 0, 0], rng.random(8))
 
-    np.testing.assert_array_equal(Recirculation(0.5).settle(frame, alone(frame)), alone(frame))
+    np.testing.assert_array_equal(recirculating(0.5).fill(frame), alone(frame))
 
 
 def test_what_was_shown_last_is_blended_by_the_ratio_of_squared_weights():
@@ -39,24 +39,24 @@ def test_what_was_shown_last_is_blended_by_the_ratio_of_squared_weights():
     (0.75 + 0.25 / 4) / (1 + 1 / 4) = 0.65, of weight 3/4. The share of its own is
     (1/2 / 3/4)^2 = 4/9, and 4/9 x 0.25 + 5/9 x 0.65 = 0.4722.
     """
-    recirculation = Recirculation(0.5)
+    recirculation = recirculating(0.5)
     before = view([0, 1], [0.25, 0.0])
-    recirculation.settle(before, alone(before))
+    recirculation.fill(before)
 
     after = view([0, 1], [0.75, 0.0])
-    shown = recirculation.settle(after, alone(after))
+    shown = recirculation.fill(after)
 
     np.testing.assert_allclose(shown[0, :, 0], [0.75, 4 / 9 * 0.25 + 5 / 9 * 0.65], atol=2e-5)
 
 
 def test_what_is_shown_replaces_what_was_shown_before():
     """At weight 1 the last shown colour stays; the first of three does not come back by itself."""
-    recirculation = Recirculation(0.25)
+    recirculation = recirculating(0.25)
     greys = (0.0, 1.0, 1.0, 1.0, 1.0)
     found = []
     for grey in greys:
         frame = view([0, 1], [grey, 0.0])
-        found.append(float(recirculation.settle(frame, alone(frame))[0, 1, 0]))
+        found.append(float(recirculation.fill(frame)[0, 1, 0]))
 
     assert found[0] == 0
     assert (np.diff(found) > 0).all()  # each starts from the last, and goes towards what is known
@@ -68,25 +68,25 @@ def test_what_is_shown_replaces_what_was_shown_before():
 
 def test_colours_move_with_the_background():
     """At weight 1 a hole whose background moved by 2 px shows what it showed, 2 px further."""
-    recirculation = Recirculation(1.0)
+    recirculation = recirculating(1.0)
     first = view([0, 0, 1, 1, 0, 0, 0, 0], [0.1, 0.1, 0, 0, 0.9, 0.9, 0.9, 0.9])
-    shown = recirculation.settle(first, alone(first))
+    shown = recirculation.fill(first)
 
     second = view([0, 0, 0, 0, 1, 1, 0, 0], [0.5] * 8, motion_px=2.0)
-    moved = recirculation.settle(second, alone(second))
+    moved = recirculation.fill(second)
 
     np.testing.assert_allclose(moved[0, 4:6], shown[0, 2:4], atol=2e-5)
 
 
 @pytest.mark.parametrize(("depth_m", "comes_back"), [(4.1, True), (4.3, False)])
 def test_another_surface_is_filled_anew(depth_m, comes_back):
-    recirculation = Recirculation(1.0)
+    recirculation = recirculating(1.0)
     first = view([0, 1], [0.0, 0.0])
-    recirculation.settle(first, alone(first))
+    recirculation.fill(first)
 
     second = view([0, 1], [1.0, 0.0], depth_m=depth_m)
 
-    found = recirculation.settle(second, alone(second))[0, 1, 0]
+    found = recirculation.fill(second)[0, 1, 0]
     assert found == (0.0 if comes_back else 1.0)
 
 

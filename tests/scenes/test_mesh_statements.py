@@ -6,34 +6,43 @@ import base64
 import copy
 import io
 import json
+import re
 import struct
 import zlib
 from urllib.parse import quote
 
 import numpy as np
+import odd_pictures as odd
 import pytest
 from built_study import write_small_study
 from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.errors import InputError
+from pipeline.statements.row import table
 from stimuli.bring_in import bring_scene
 from stimuli.render import Renderer
 from stimuli.scenes import mesh_surface
-from stimuli.scenes.mesh_features import (
-    COMPONENTS,
-    GLTF,
-    GLTF_EXTENSIONS,
-    MTL,
-    MTL_OPTIONS,
-    OBJ,
-)
+from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import data_of_uri, files_of, place_of
 from stimuli.world import Viewpoint
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 
+
+def features(of):
+    """Rows by every name that they have."""
+    return {name: row for row in ROWS if row.of == of for name in row.names.split("|")}
+
+
+OTHERS = {"extension", "objects"}
+KINDS_OF_OBJECTS = {row.of[5:] for row in ROWS if row.of.startswith("glTF ")} - OTHERS
+GLTF = {kind: features(f"glTF {kind}") for kind in KINDS_OF_OBJECTS if "numbers of" not in kind}
+GLTF_EXTENSIONS, OPTIONS = features("glTF extension"), features("options of map_")
+OBJ, MTL = features(".obj"), features(".mtl")
+FALLBACKS = [name for name, row in GLTF_EXTENSIONS.items() if row.verdict == "refused"]
+TURNED = (b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0")
 VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
 BYTE, UBYTE, SHORT, USHORT, UINT, FLOAT = 5120, 5121, 5122, 5123, 5125, 5126
 KINDS = {BYTE: "i1", UBYTE: "u1", SHORT: "<i2", USHORT: "<u2", UINT: "<u4", FLOAT: "<f4"}
@@ -311,14 +320,22 @@ def instanced(component=FLOAT, shares=False):
     return made.extended(made.node, "EXT_mesh_gpu_instancing", {"attributes": attributes})
 
 
-def morphed(where, **targets):
+def pictured(**options):
+    """A picture of a kind that may hold several."""
+    made = Gltf().painted()
+    data = encoded(marked()[..., :3].copy(), "GIF", **options)
+    made.doc["images"][0] = {"bufferView": made.view(data), "mimeType": "image/gif"}
+    return made
+
+
+def morphed(where, three=False, **targets):
     made = Gltf().painted()
     made.attributes["COLOR_0"] = made.add(np.full((4, 3), 0.5))
     made.part["targets"] = [
         {key: made.add(values) for key, values in targets.items()},
         {"POSITION": made.add(np.full((4, 3), 9.0))},
     ]
-    where(made)["weights"] = [0.5, 0.0]
+    where(made)["weights"] = [0.5, 0.0] + [0.0] * three
     return made
 
 
@@ -543,17 +560,15 @@ def objects(found, kind):
     for entry in found if isinstance(found, list) else [found]:
         yield kind, entry
         for key, value in entry.items():
-            feature = GLTF[kind].get(key)
-            if feature is not None and feature.of:
-                yield from objects(value, feature.of)
+            if key in INSIDE.get(kind, {}):
+                yield from objects(value, INSIDE[kind][key])
         for name, content in entry.get("extensions", {}).items():
-            if GLTF_EXTENSIONS[name].of:
-                yield from objects(content, GLTF_EXTENSIONS[name].of)
+            if name in GLTF:
+                yield from objects(content, name)
 
 
 def generic(key):
-    return {"TEXCOORD_1": "TEXCOORD_n", "TEXCOORD_0": "TEXCOORD_n", "JOINTS_0": "JOINTS_n",
-            "WEIGHTS_0": "WEIGHTS_n"}.get(key, key)  # fmt: skip
+    return key if key == "COLOR_0" else re.sub(r"_\d+$", r"_\\d+", key)
 
 
 def test_every_key_that_is_honoured_is_in_a_file_with_a_control():
@@ -609,7 +624,7 @@ NOTED = [
     if feature.verdict == "noted"
 ] + [(kind, "wibble") for kind in GLTF]
 VALUES = {"mode": 1, "cameras": [{}], "animations": [{}], "minFilter": 9728,
-          "COLOR_n": "COLOR_0", "_*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
+          r"COLOR_\d+": "COLOR_0", "_.*": "COLOR_0", "TANGENT": "COLOR_0"}  # fmt: skip
 
 
 def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, tmp_path):
@@ -617,7 +632,7 @@ def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, 
     for kind, key in NOTED:
         made = everything()
         place = next(entry for of, entry in objects(made.doc, "document") if of == kind)
-        name = {"COLOR_n": "COLOR_1", "_*": "_TEMPERATURE"}.get(key, key)
+        name = {r"COLOR_\d+": "COLOR_1", "_.*": "_TEMPERATURE"}.get(key, key)
         if key == "mode":  # lines beside the triangles, which stay
             place = copy.deepcopy(place)
             made.doc["meshes"][0]["primitives"].append(place)
@@ -626,7 +641,7 @@ def test_what_is_noted_and_what_is_on_no_list_is_said_and_changes_nothing(draw, 
         world = load_world(made.save(tmp_path / "n.glb"))
         said = [note for note in world.notes if f"{kind}.{name}" in note]
         assert len(said) == 1, (kind, key, world.notes)
-        assert (GLTF[kind][key].says if key != "wibble" else "not known") in said[0]
+        assert (GLTF[kind][key].words if key != "wibble" else "not known") in said[0]
     assert (draw(made) == control).all()
     assert load_world(everything().save(tmp_path / "n.glb")).notes == ()
 
@@ -739,9 +754,21 @@ REFUSED = {
     "a primitive's mode must be 0 to 6": (lambda: in_mode(7, FACES), lambda: in_mode(4, FACES)),
     "an alphaMode is WIBBLE": (lambda: Gltf(alphaMode="WIBBLE"), Gltf),
     "wrap modes must be": (lambda: moved().sampled(1, 10497), moved),
-    "TEXCOORD_0 must not be VEC2 of u4": (lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
-    "COLOR_0 must not be VEC3 of u1, not normalized": (
+    "TEXCOORD_0 must not be VEC2 of unsigned int normalized": (
+        lambda: typed("TEXCOORD_0", UV, UINT, True), moved),
+    "COLOR_0 must not be VEC3 of unsigned byte": (
         lambda: coloured(3, UBYTE, False), lambda: coloured(3, UBYTE, True)),
+    "a matrix is no turn": (
+        lambda: moved(matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]), moved),
+    "a node has a matrix, and a shift": (
+        lambda: moved(matrix=np.eye(4).ravel().tolist(), scale=[1, 2, 1]), moved),
+    "the length of a rotation's quaternion is 0": (
+        lambda: moved(rotation=[0, 0, 0, 0]), lambda: moved(rotation=[0, 0, 0, 1])),
+    "3 weights are for 2 targets": (
+        lambda: morphed(lambda m: m.node, three=True, **CHANGES),
+        lambda: morphed(lambda m: m.node, **CHANGES)),
+    "it holds several pictures": (
+        lambda: pictured(save_all=True, append_images=[Image.new("L", (32, 32))]), pictured),
     "an index names vertex 9 of 4": (lambda: in_mode(4, [0, 1, 9]), moved),
     "two parents": (lambda: standing(PLACES, [{"children": [0]}]), lambda: standing(PLACES)),
     "ends at byte": (lambda: changed(moved(), lambda m: m.doc["accessors"][0], count=400), moved),
@@ -765,7 +792,7 @@ def test_what_cannot_be_drawn_is_refused_and_its_cure_works(tmp_path, said):
     load_world(cured().save(tmp_path / "r.glb"))
 
 
-@pytest.mark.parametrize("name", [n for n, f in GLTF_EXTENSIONS.items() if f.fallback])
+@pytest.mark.parametrize("name", FALLBACKS)
 def test_compressed_data_beside_plain_ones_change_nothing(draw, tmp_path, name):
     made = moved()
     if "texture" in name:
@@ -784,6 +811,17 @@ def test_unlit_materials_are_shown_unlit_and_glow_not(draw):
     made = filled([0.2, 0.6, 1, 1], emissiveFactor=[1, 1, 1], normalTexture={"index": 0})
     made.extended(made.material, "KHR_materials_unlit", {})
     assert (draw(made) == draw(glowing([0, 0, 0], [0.2, 0.6, 1]))).all()
+
+
+def test_weights_of_joints_that_do_not_add_up_are_noted(draw, tmp_path):
+    made = skinned()
+    right = np.array([0, 2, 2, 0.0])
+    weights = np.stack([2 - right, right, 0 * right, 0 * right], axis=1)
+    made.attributes["WEIGHTS_0"] = made.add(weights)
+    assert (draw(made) == draw(skinned())).all()
+    (note,) = load_world(made.save(tmp_path / "s.glb")).notes
+    assert "weights of joints are brought to a sum of 1" in note
+    assert load_world(skinned().save(tmp_path / "s.glb")).notes == ()
 
 
 def test_a_mirrored_or_pressed_node_is_lit_as_its_plain_control(draw):
@@ -971,7 +1009,7 @@ def test_every_statement_that_is_honoured_is_in_a_file_with_a_control():
     for features, tried in (
         (OBJ, {line.split()[0].lower() for line in texts.splitlines()}),
         (MTL, {line.split()[0].lower() for line in libraries.splitlines()}),
-        (MTL_OPTIONS, set(libraries.lower().split())),
+        (OPTIONS, set(libraries.lower().split())),
     ):
         assert {n for n, f in features.items() if f.verdict == "honoured"} - tried == set()
 
@@ -988,7 +1026,7 @@ def test_what_an_obj_says_besides_is_noted_and_changes_nothing(draw, obj):
         (note,) = load_world(path).notes
         assert f"m.mtl: left out {word}: " in note
     assert (draw(path) == control).all()
-    for option in [word for word, feature in MTL_OPTIONS.items() if feature.verdict == "noted"]:
+    for option in [word for word, feature in OPTIONS.items() if feature.verdict == "noted"]:
         path = obj(library=f"map_Kd {option} off p.png\n")
         (note,) = load_world(path).notes
         assert f"left out {option} of map_kd" in note
@@ -1344,6 +1382,31 @@ def test_colours_of_a_gltf_are_shares(tmp_path, made, cured, said):
     assert load_world(cured().save(tmp_path / "s.glb")).parts
 
 
+@pytest.mark.parametrize(
+    ("last", "said"), [("0.5", True), ("1.0", False), ("1 0 0 1", False), ("1 0 0 0.5", True)]
+)
+def test_a_weight_or_an_alpha_of_a_corner_is_noted(obj, last, said):
+    path = obj(PLAIN.replace("v 1 1 0", f"v 1 1 0 {last}"))
+    assert [note for note in load_world(path).notes if "last number of v" in note] == [
+        f"{path}: left out last number of v: polygons have no weights, and corners no alpha"
+    ] * said
+
+
+@pytest.mark.parametrize("picture", ["turned", "light", "several"])
+def test_what_a_picture_of_an_obj_says_of_itself_counts(obj, tmp_path, picture):
+    path = obj(library="map_Kd q.gif\n" if picture == "several" else "map_Kd q.png\n")
+    if picture == "several":
+        odd.gif(tmp_path / "q.gif", frames=2)
+    else:
+        chunk = (b"gAMA", struct.pack(">I", 100_000)) if picture == "light" else TURNED
+        odd.png(tmp_path / "q.png", chunk)
+    with pytest.raises(InputError, match=r"q\.\w+: .*must (be stored|hold|be a picture)"):
+        load_world(path)
+    odd.png(tmp_path / "q.png", (b"pHYs", struct.pack(">IIB", 2, 1, 0)))  # uv say its shape
+    odd.gif(tmp_path / "q.gif")
+    assert load_world(path).parts
+
+
 def test_16_bits_of_grey_keep_their_clear_value():
     levels = np.full((8, 8), 65535, np.uint16)
     levels[:4], levels[0, 0] = 256, 257
@@ -1422,42 +1485,7 @@ def test_a_picture_that_is_drawn_smaller_is_noted(tmp_path, monkeypatch):
 # The page
 
 
-def names(features, verdict):
-    found = []
-    for name, feature in features.items():
-        if feature.verdict == verdict and name not in ("extras", "extensions", "name"):
-            plain = [
-                " ".join(map("{:g}".format, value)) if isinstance(value, tuple) else str(value)
-                for value in feature.harmless
-                if value not in (None, [])
-            ]
-            told = f" other than {', '.join(plain)}" if plain else ""
-            told += " with no other" if feature.fallback else ""
-            told += f" ({feature.says})" if verdict == "honoured" and feature.says else ""
-            found.append(f"`{name}`{told}")
-    return ", ".join(found)
-
-
-def mesh_table():
-    """The lists as the table of docs/stimuli.md."""
-    rows = [(f"glTF {kind}", features) for kind, features in GLTF.items()]
-    rows += [("glTF extensions", GLTF_EXTENSIONS), (".obj", OBJ), (".mtl, in any case", MTL),
-             ("options of map_ in .mtl", MTL_OPTIONS)]  # fmt: skip
-    lines = ["| of | honoured | noted | refused |", "| --- | --- | --- | --- |"]
-    for kind, features in rows:
-        cells = [names(features, verdict) for verdict in ("honoured", "noted", "refused")]
-        lines.append("| " + " | ".join([kind, *cells]) + " |")
-    kinds = {BYTE: "byte", UBYTE: "unsigned byte", SHORT: "short", USHORT: "unsigned short",
-             UINT: "unsigned int", FLOAT: "float"}  # fmt: skip
-    for semantic, (shapes, components) in COMPONENTS.items():
-        types = ", ".join(kinds[c] + " normalized" * shares for c, shares in components)
-        lines.append(
-            f"| glTF numbers of `{semantic}` | {', '.join(shapes)} of {types} | | others |"
-        )
-    return "\n".join(line.replace("|  |", "| |").replace("|  |", "| |") for line in lines)
-
-
 def test_the_page_shows_the_lists_as_they_are(repository):
     page = (repository / "docs" / "stimuli.md").read_text(encoding="utf-8")
     begin, end = "<!-- mesh features: begin -->\n", "\n<!-- mesh features: end -->"
-    assert page.partition(begin)[2].partition(end)[0] == mesh_table()
+    assert page.partition(begin)[2].partition(end)[0] == table(ROWS)

@@ -20,7 +20,7 @@ from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, Ster
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
 from stimuli.flow_file import read_flo
-from stimuli.plane_file import along_axis, load_plane
+from stimuli.plane_file import along_axis, load_plane, read_depth
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
 from stimuli.scenes.sequence import load_picture
@@ -116,6 +116,39 @@ def test_a_line_end_of_two_bytes_shifts_no_numbers_and_other_surplus_is_refused(
         path.write_bytes(bad)
         with pytest.raises(InputError, match="must end with its last number"):
             read_pixels(path)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ("1 2 3 4 5 6 7", "must end with its last number .*6 numbers, and 7 follow"),
+        ("1 2 3 -4 5 6", "must hold whole numbers of 0 and more .one is '-4'.*as PFM"),
+        ("1 2 3 4.5 5 6", "must hold whole numbers of 0 and more .one is '4.5'"),
+        ("1 2 3 4 5", "must be a whole image"),
+        ("1 2 3 4 5 99999", "must hold numbers up to 255"),
+    ],
+)
+def test_text_of_a_pgm_must_be_the_numbers_that_its_header_says(tmp_path, numbers, said):
+    for whole, text in ((True, "1 2 3 4 5 6 # the end"), (False, numbers)):
+        (tmp_path / "a.pgm").write_text(f"P2\n3 2\n255\n{text}\n")
+        if whole:
+            assert load_plane(tmp_path / "a.pgm")[0].tolist() == [[1, 2, 3], [4, 5, 6]]
+            continue
+        with pytest.raises(InputError, match=said):
+            load_plane(tmp_path / "a.pgm")
+
+
+def test_a_distance_far_nearer_than_all_others_is_asked_about(tmp_path):
+    depth = np.linspace(2, 9, 200, dtype=np.float32).reshape(10, 20)
+    depth[:2] = 0.01
+    np.save(tmp_path / "a.npy", depth)
+    with pytest.raises(InputError, match=r"40 pixels hold 0\.01, far from all others.*--unknown"):
+        read_depth(tmp_path / "a.npy", 1.0)
+    assert np.isnan(read_depth(tmp_path / "a.npy", 1.0, unknown=[0.01])[:2]).all()
+    assert (read_depth(tmp_path / "a.npy", 1.0, unknown=[])[:2] == np.float32(0.01)).all()
+    depth[:2] = 0.1
+    np.save(tmp_path / "a.npy", depth)
+    assert (read_depth(tmp_path / "a.npy", 1.0)[:2] == np.float32(0.1)).all()
 
 
 def test_numbers_of_few_bits_stay_what_they_are(tmp_path):

@@ -173,6 +173,35 @@ def test_photographs_have_a_rim_and_files_of_programs_none(tmp_path, write_exr, 
         assert open_sequence(scene(camera=camera, rim_px=2), tmp_path).rim_px == 2
 
 
+def test_outliers_of_depth_are_mended_in_photographs_and_stay_in_files_of_programs(
+    tmp_path, write_exr
+):
+    light, depth = planes(48, 64)
+    depth[5, 5] = 9.0
+    flow = np.full(depth.shape, 2.0, np.float32)
+    flow[5, 5] = 7.0
+    for number in range(2):
+        write_exr(tmp_path / f"s.{number:04d}.exr", [{
+            "R": light, "G": light, "B": light, "Z": depth, "flow.x": flow, "flow.y": 0 * flow,
+        }])  # fmt: skip
+    Image.fromarray(np.full((48, 64, 3), 90, np.uint8)).save(tmp_path / "c.png")
+    Image.fromarray((1000 * depth).astype(np.uint16)).save(tmp_path / "d.png")
+
+    def shows(photo, frame=-1):
+        taken, _ = photo.source((64, 48), 0, STILL, 0.0, frame)
+        return taken.depth_m[5, 5] / taken.depth_m[9, 9]
+
+    def sequence(camera, **more):
+        return open_sequence(scene("s.####.exr", camera, **more), tmp_path)
+
+    assert shows(open_rgbd(rgbd(), tmp_path)) == 1
+    assert shows(open_rgbd(rgbd(depth_speckle=False), tmp_path)) == 3
+    for more, ratio in (({}, 3), ({"depth_speckle": True}, 1)):
+        assert shows(sequence(CIRCLE, **more)) == shows(sequence(UP, **more), 0) == ratio
+        flow_px, seen_m = sequence(UP, **more).motion((64, 48), 0, 0, 1)
+        assert (flow_px[5, 5, 0], seen_m[5, 5]) == ((7, 9) if ratio == 3 else (2, 3))
+
+
 def test_protocols_and_the_warp_allow_the_same_rims():
     scenes = json_schema("study")["$defs"]
     for name in ("StereoScene", "RgbdScene", "ExrScene"):

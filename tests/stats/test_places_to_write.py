@@ -84,6 +84,37 @@ def test_a_folder_with_a_file_called_as_a_results_is_no_earlier_result(study, wo
     assert held(Path()) == before
 
 
+SLOW = [
+    *(
+        f"analysis {name} no-table.csv"
+        for name in (
+            "reaction --by method", "detection", "ratings --by method", "bayes", "import", "report",
+            "psychometric --level level",
+        )
+    ),
+    "analysis power no-study.toml",
+    "analysis sequential no-study.toml",
+    "analysis export no-sessions --protocol demo --format psych-ds",
+    "session restore no-archive.zip",
+]  # fmt: skip
+
+
+@pytest.mark.usefixtures("study")
+@pytest.mark.parametrize("out", ["study", "study/t.csv", "study/t.csv/below"])
+@pytest.mark.parametrize("words", SLOW)
+def test_a_bad_place_is_told_before_anything_is_read(words, out):
+    """What is to be read is not there, so whoever looks at it first says that."""
+    Path("no-archive.zip").write_bytes(b"no archive")
+    Path("no-table.csv").write_bytes(b"")
+    before = held(Path())
+
+    code, said = run(*words.split(), "--out", out)
+
+    assert code == 2
+    assert said.startswith(f"error: {out}: ")
+    assert held(Path()) == before
+
+
 def test_a_result_is_never_replaced_from_a_table_of_its_own(study):
     (study / "t.csv").rename("t.csv")
     words = ("analysis", "reaction", "t.csv", "--by", "method", "--out", "times")

@@ -133,7 +133,7 @@ def attempts() -> st.SearchStrategy[Attempt]:
         expected = drawn["expected"] and answers[0]
         drawn |= {"answers": answers, "expected": expected}
         if drawn["outcome"] == "void":
-            drawn |= dict.fromkeys(("answer", "correct", "rt_s"))
+            drawn |= dict.fromkeys(("answer", "correct", "rt_s")) | {"further": ()}
             drawn["void_reason"] = drawn["void_reason"] or "quit"
         else:
             answer = answers[-1] if drawn["warned"] else answers[0]

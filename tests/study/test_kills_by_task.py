@@ -20,6 +20,22 @@ def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_ful
     assert found.died >= found.kills // 2  # the others had come to their end before
 
 
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_killed_in_a_trial_of_three_questions_it_loses_and_doubles_none(tmp_path, full):
+    found = kill_sittings("asked thrice", tmp_path, 200 if full else 20)
+
+    assert found.died >= found.kills // 2
+    attempts = journal_of(tmp_path / "whole").attempts
+    completed = [a for a in attempts if a.outcome == "completed"]
+    assert {tuple(one.question for one in a.further) for a in completed} == {("seen", "sure")}
+    assert {one.answer for a in completed for one in a.further[:1]} == {
+        "clearly", "barely", "not-at-all",
+    }  # fmt: skip
+    assert [a.further for a in attempts if a.outcome == "void"] == [()] * (
+        len(attempts) - len(completed)
+    )
+
+
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.adaptive])
 def test_levels_and_pairs_follow_the_answers(tmp_path, name):
     """Another observer's answers lead to other levels or pairs: nothing was planned beforehand."""

@@ -13,9 +13,11 @@ import sys
 import zlib
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 import trimesh
 from PIL import Image
@@ -391,6 +393,32 @@ def test_a_list_of_a_mesh_that_is_only_stated_is_refused(tmp_path, monkeypatch):
         load_world(obj)
 
 
+@pytest.mark.parametrize(
+    ("said", "library", "found"),
+    [
+        (
+            "mtllib s.mtl\n",
+            "map_Kd" + " -clamp on" * 1000 + " t.png\n",
+            "at most 10,000 characters",
+        ),
+        ("mtllib" + " s.mtl" * 2000 + "\n", "", "at most 10,000 characters"),
+        ("mtllib s.mtl\n", "map_Kd {}.png\n", "at most 10,000 map_Kd lines that differ"),
+        ("mtllib {}.mtl\n", "", "at most 10,000 mtllib lines that differ"),
+    ],
+)
+def test_an_obj_that_names_files_without_end_is_refused_in_one_message(
+    tmp_path, said, library, found
+):
+    def many(line):
+        return "".join(map(line.format, range(10_001 if "{}" in line else 1)))
+
+    path = tmp_path / "s.obj"
+    path.write_text(many(said) + "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    (tmp_path / "s.mtl").write_text("newmtl m\n" + many(library))
+    with pytest.raises(InputError, match=found):
+        load_world(path)
+
+
 def test_a_file_name_that_is_too_long_is_a_missing_file(tmp_path):
     path = tmp_path / "s.obj"
     path.write_text(f"mtllib {'m' * 5000}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
@@ -486,6 +514,24 @@ def test_a_photograph_is_read_where_a_flat_picture_of_its_size_is_refused(tmp_pa
         check_fits(flat(path, 200), "read")
 
 
+@pytest.mark.parametrize("words", ["foveate p.png o.png", "compress p.png --out o.metamer"])
+def test_a_photograph_that_takes_more_memory_than_is_free_is_refused_before_it_is_read(
+    tmp_path, monkeypatch, words
+):
+    noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "p.png")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pipeline.image_file.read_pixels", None)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=-(1 << 40)))
+    done = CliRunner().invoke(app, words.split())
+    said = " ".join(done.output.split())
+    assert done.exit_code == 2
+    assert re.search(
+        r"p\.png: must take at most .* free here \(200 x 200 px .* take 0\.\d+ GB", said
+    )
+    assert said.endswith("make it smaller, or end other programs")
+
+
 def test_no_command_refuses_a_picture_that_fits_its_limit():
     for width, height, command in ((1920, 1080, "texture bake"), (2048, 2048, "foveate"),
                                    (1024, 1024, "score"), (512, 512, "denoise"),
@@ -575,16 +621,12 @@ def mesh(path: Path, **parts: object) -> Path:
     return path
 
 
-CHAIN = [*({"children": [n + 1]} for n in range(299)), {"mesh": 0}]
-
-
 @pytest.mark.parametrize(
     ("parts", "said"),
     [
         ({"accessors": [{"componentType": 5126, "count": 45_000_000, "type": "VEC3"}]},
          "GB of memory"),
-        ({"nodes": CHAIN}, "at most 256 deep in each other"),
-        ({"nodes": [{"children": [1]}, {"children": [0], "mesh": 0}]}, "in a circle"),
+        ({"nodes": [{"children": [1]}, {"children": [0], "mesh": 0}]}, "is its own"),
         ({"nodes": [{"children": [2]}, {"children": [2]}, {"mesh": 0}]}, "the child of one other"),
         ({"nodes": [{"mesh": 0}] * 10_001}, r"at most 10,000 meshes, nodes.*nodes=10001"),
         ({"bufferViews": [{"buffer": 0, "byteLength": 10**11}] * 9}, "GB of memory"),
@@ -596,6 +638,12 @@ def test_a_mesh_is_held_to_its_document_before_any_reader(tmp_path, monkeypatch,
     monkeypatch.setattr(trimesh, "load_scene", None)
     with pytest.raises(InputError, match=said):
         load_world(mesh(path, **parts))
+
+
+def test_nodes_may_lie_deep_in_each_other(tmp_path):
+    deep = [{"children": [n + 1], "translation": [0.01, 0, 0]} for n in range(2000)]
+    (part,) = load_world(mesh(tmp_path / "s.gltf", nodes=[*deep, {"mesh": 0}])).parts
+    assert part.mesh.position_m[:, 0].min() == pytest.approx(20, abs=1e-4)
 
 
 def test_a_texture_counts_once_for_each_material_that_has_it(tmp_path, monkeypatch):

@@ -9,8 +9,9 @@ import pytest
 
 from protocols.load import load_display
 from protocols.phases import Optotype
+from protocols.script import landolt_ring
 from protocols.viewing import Viewing
-from study_app.optotype import landolt_ring
+from study_app.optotype import ring_image
 
 DISPLAY = load_display("fhd27-60hz")
 HEIGHT_DEG = 1.25
@@ -19,7 +20,9 @@ HEIGHT_DEG = 1.25
 def covered(gap_deg, x_deg=0.0, y_deg=0.0):
     """Return the share of each pixel that the ring covers, and its place."""
     ring = Optotype(gap_deg, HEIGHT_DEG, x_deg, y_deg, grey=0.25)
-    image, place = landolt_ring(ring, DISPLAY)
+    picture = landolt_ring(ring, DISPLAY)
+    image = ring_image(picture.of)
+    place = picture.at[0] + DISPLAY.width_px // 2, picture.at[1] + DISPLAY.height_px // 2
     assert (image[..., :3] == round(0.25 * 255)).all()
     return image[..., 3] / 255, place
 

@@ -12,11 +12,11 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
+from protocols.script import trial_script
 from study_app.attempt import run_attempt
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.session import following, remaining
 from study_app.simulate import Simulation, simulate_sitting
-from study_app.trial import Timeline
 from study_app.virtual import VirtualClock, VirtualStage
 
 FHD = load_display("fhd27-60hz")
@@ -181,10 +181,10 @@ def attempt_with_keys(*presses: tuple[str, float]):
     trial = PLAN.block(0)[0]
     for key, t_s in presses:
         stage.press(key, t_s)
-    result = run_attempt(
-        trial, Timeline.of(STUDY, FHD, trial), STUDY.response, stage, None, lambda *_: None
-    )
-    said = {picture.correct for _, picture in stage.pictures if picture.phase.name == "feedback"}
+    script = trial_script(STUDY, FHD, virtual_manifest(STUDY, FHD), trial, "en")
+    result = run_attempt(script, stage, None, lambda *_: None)
+    told = [one for _, one in stage.pictures if one.phase.name == "feedback"]
+    said = {one.notice == one.phase.follows["right"] for one in told}
     return trial, result, said
 
 
@@ -199,5 +199,5 @@ def test_keys_during_feedback_are_remembered_and_undo_nothing():
     _, result, _ = attempt_with_keys(("left", 0.7), ("right", 0.75), ("escape", 0.8))
 
     assert result.trial.completed
-    assert result.log.answer.key == "left"
+    assert result.log.given["answer"].press.key == "left"
     assert result.interrupts == ("quit",)

@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from protocols.errors import StudyError
-from protocols.feasibility import virtual_manifest
 from protocols.load import load_study, shipped
+from protocols.script import example_scripts
 from protocols.tasks.registry import TASKS
 from stimuli.pictures import save_picture
 from study_app.cli import app
@@ -98,22 +98,21 @@ def test_lengths_are_the_studys_and_the_timeline_is_to_scale(page):
 
 
 def test_what_a_phase_draws_is_where_the_presenter_draws_it(page):
-    from study_app.layout import Extras, Layout
-
     study, display = load_study(Path("demo"), None)
-    layout = Layout.of(display, study, virtual_manifest(study, display), Extras())
+    script = example_scripts(study, display)[0]
+    (place,) = {entry.at for shown in script.frames for entry in shown}
+    place = place[0] + display.width_px // 2, place[1] + display.height_px // 2
     data = data_of(page)
     scale = data["size"][0] / display.width_px
     shown = [
         entry for phase in data["trials"][0]["phases"] for entry in phase["show"]
         if entry["kind"] == "stimulus"
     ]  # fmt: skip
-    (place,) = layout.places.values()
     assert shown
     for entry in shown:
         assert (entry["x"], entry["y"]) == pytest.approx(np.array(place) * scale, abs=0.01)
         assert (entry["w"], entry["h"]) == pytest.approx(
-            np.array(layout.stimulus_px) * scale, abs=0.01
+            np.array(script.stimulus_px) * scale, abs=0.01
         )
 
 

@@ -123,6 +123,12 @@ def test_every_mistake_is_told_at_once(mistakes):
         assert sum(line.startswith(place) for line in lines) == 1, place
 
 
+def test_of_very_many_mistakes_the_first_are_told_and_the_rest_counted(mistakes):
+    lines = mistakes(("gap_s = 0.5", "\n".join(f"gap_{n} = 1" for n in range(700))))
+    assert sum(": unknown key" in line for line in lines) == 150
+    assert lines[-1] == "550 more mistakes; mend these first"
+
+
 def test_mistakes_between_sections_are_told_beside_those_within_others(mistakes):
     """Where stimuli, task and design are right by themselves, what is between them is judged."""
     lines = mistakes(

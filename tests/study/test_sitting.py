@@ -31,9 +31,10 @@ from protocols.journal import (
 )
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
-from protocols.phases import ITI, Clip
+from protocols.phases import ITI
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
+from protocols.script import Frames, trial_script
 from protocols.viewing import Viewing
 from study_app.attempt import Log, Watcher, run_attempt
 from study_app.conduct import conduct
@@ -48,7 +49,6 @@ from study_app.session import remaining
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
 from study_app.sittings import find_sittings, next_slot
 from study_app.stage import PageResult
-from study_app.trial import Timeline
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 DEMO = load_protocol(Path("demo"))
@@ -249,6 +249,10 @@ def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_ses
     assert max(places.values()) <= 15
 
 
+def script_of(protocol, display, trial):
+    return trial_script(protocol, display, virtual_manifest(protocol, display), trial, "en")
+
+
 def attempt_with_keys(*presses):
     """Run one attempt of 0.1 + 0.2 + 0.1 + 0.2 s in which these keys go down at these times."""
     plan = make_plan(NO_GAZE, virtual_manifest(NO_GAZE, FHD), "P1", 0)
@@ -256,10 +260,10 @@ def attempt_with_keys(*presses):
     stage = VirtualStage(VirtualClock(), 60.0, observer)
     # Not prepared, the stage has nobody who answers but these keys.
     hurried = changed(NO_GAZE, response={"timeout_s": 1.0})
-    timeline = Timeline.of(hurried, FHD, plan.trials[0])
+    script = script_of(hurried, FHD, plan.trials[0])
     for key, t_s in presses:
         stage.press(key, t_s)
-    return run_attempt(plan.trials[0], timeline, NO_GAZE.response, stage, None, lambda *_: None)
+    return run_attempt(script, stage, None, lambda *_: None)
 
 
 def test_only_an_answer_key_after_the_question_is_taken():
@@ -271,15 +275,15 @@ def test_only_an_answer_key_after_the_question_is_taken():
     )  # fmt: skip
 
     assert result.trial.answer == "second"
-    assert result.log.answer.key == "right"
-    assert result.log.answer.t_s - onset_s == pytest.approx(0.1)
+    assert result.log.given["answer"].press.key == "right"
+    assert result.log.given["answer"].press.t_s - onset_s == pytest.approx(0.1)
     assert attempt_with_keys(("left", 0.3)).trial.void_reason == "too-late"
 
 
 def test_the_first_of_two_answers_in_one_frame_counts():
     result = attempt_with_keys(("j", 0.700), ("f", 0.701))
 
-    assert result.log.answer.key == "j"
+    assert result.log.given["answer"].press.key == "j"
     assert result.trial.answer == "second"
 
 
@@ -402,7 +406,7 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
         "death": rules.silence_s,
     }[kind]
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
-    timeline = Timeline.of(protocol, FHD, plan.trials[0])
+    script = script_of(protocol, FHD, plan.trials[0])
     observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
     for seed in range(5):
         clock = VirtualClock()
@@ -411,12 +415,9 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
         at_s = 1.0 + random.Random(seed).uniform(0, 1)
         gaze.restart(seed, [GazeEvent(kind, at_s)])
         monitor = FixationMonitor(rules, Viewing.of(FHD), (0.0, 0.0), rate_hz)
-        result = run_attempt(
-            plan.trials[0], timeline, protocol.response, stage, Watcher(gaze, monitor),
-            lambda *_: None,
-        )  # fmt: skip
+        result = run_attempt(script, stage, Watcher(gaze, monitor), lambda *_: None)
         assert result.trial.void_reason == reason
-        blank = len(timeline.phases) - 1
+        blank = len(script.phases) - 1
         flips = [(phase, flip.t_s) for phase, _, flip in result.log.flips]
         last_shown = max(t_s for phase, t_s in flips if phase != blank)
         assert at_s <= last_shown <= at_s + rule_s + 1 / 60 + 1 / rate_hz + 1e-6
@@ -434,13 +435,11 @@ def test_a_real_recording_drives_an_attempt_and_is_kept_as_it_was(shared_data):
     stage = VirtualStage(clock, 60.0, observer)
     source = ReplaySource(recording, clock)
     source.open()
-    stage.prepare(plan.trials[0], 1)
+    script = script_of(protocol, FHD, plan.trials[0])
+    stage.prepare(plan.trials[0], script, 1)
     monitor = FixationMonitor(protocol.gaze, Viewing.of(FHD), (0.0, 0.0), recording.rate_hz)
 
-    result = run_attempt(
-        plan.trials[0], Timeline.of(protocol, FHD, plan.trials[0]), protocol.response, stage,
-        Watcher(source, monitor), lambda *_: None,
-    )  # fmt: skip
+    result = run_attempt(script, stage, Watcher(source, monitor), lambda *_: None)
 
     assert result.trial.completed
     samples = result.log.samples
@@ -499,10 +498,10 @@ def test_presented_is_planned_over_random_protocols(proof_count):
         observer = ArtificialObserver(PreferenceModel(), protocol.response, number, "P")
         stage = VirtualStage(VirtualClock(chance.uniform(0, 9)), refresh_hz, observer)
         for trial in plan.trials:
-            timeline = Timeline.of(protocol, display, trial)
-            stage.prepare(trial, 1)
+            script = script_of(protocol, display, trial)
+            stage.prepare(trial, script, 1)
             stage.pictures = []
-            result = run_attempt(trial, timeline, protocol.response, stage, None, lambda *_: None)
+            result = run_attempt(script, stage, None, lambda *_: None)
             clips = protocol.warped.clips
             per_frame = round(refresh_hz / clips.fps)
             clip = [k // per_frame for k in range(clips.frames * per_frame)]
@@ -510,15 +509,15 @@ def test_presented_is_planned_over_random_protocols(proof_count):
                 (
                     picture.phase.name,
                     tuple(
-                        (entry.stimulus, picture.phase.clip_frame(entry, picture.refreshes))
+                        (entry.stimulus, entry.frame(picture.refreshes))
                         for entry in picture.phase.show
-                        if isinstance(entry, Clip)
+                        if isinstance(entry, Frames)
                     ),
                 )
                 for _, picture in stage.pictures
             ]
             assert shown == [
-                (timeline.phases[index].name, frames) for index, frames, _ in result.log.flips
+                (script.phases[index].name, frames) for index, frames, _ in result.log.flips
             ]
             asked = [entry for entry in shown if entry[0] == "respond"]
             assert shown == [
@@ -855,17 +854,17 @@ def test_a_log_is_made_without_touching_the_disk(monkeypatch):
     plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
     observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
     stage = VirtualStage(VirtualClock(), 60.0, observer)
-    stage.prepare(plan.trials[0], 1)
-    timeline = Timeline.of(protocol, FHD, plan.trials[0])
+    script = script_of(protocol, FHD, plan.trials[0])
+    stage.prepare(plan.trials[0], script, 1)
     touched, seen = [], []
     for name in ("open", "write", "fsync"):
         monkeypatch.setattr(os, name, lambda *_a, name=name: touched.append(name))
     monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
 
     def outcome(trial, _log: Log):
-        seen.append((timeline.phases[trial.phase].name, list(touched)))
+        seen.append((script.phases[trial.phase].name, list(touched)))
 
-    result = run_attempt(plan.trials[0], timeline, protocol.response, stage, None, outcome)
+    result = run_attempt(script, stage, None, outcome)
     monkeypatch.undo()
     assert result.trial.completed
     assert seen == [(ITI, [])]

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from protocols.load import load_display, load_protocol, shipped
 from protocols.preregister import preregistration, to_markdown
+from protocols.wording import key_label
 from study_app import simulate
 from study_app.cli import app
 from study_app.cli.terminal import PlainConsole
-from study_app.keys import key_label
 from study_app.observers import ArtificialObserver, default_model
 from study_app.pages import Pages, check_texts
 from study_app.stage import Page
@@ -76,7 +76,9 @@ def test_keys_are_called_in_the_participants_language_where_the_study_says_how()
     named = texts.model_copy(update={"key_names": {"space": "Leertaste"}})
     assert key_label("space", named.key_names) == "Leertaste"
     assert key_label("left", named.key_names) == "\N{LEFTWARDS ARROW}"
-    pictures = [Pages((640, 480), each, 128).page("Text", "space") for each in (texts, named)]
+    pictures = [
+        Pages((640, 480), each.key_names, 128).page("Text", "space") for each in (texts, named)
+    ]
     assert (pictures[0] != pictures[1]).any()
     assert "key_names" not in texts.model_dump()
     unwritable = texts.model_copy(update={"key_names": {"space": "\U000131a3"}})

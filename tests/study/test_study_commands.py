@@ -103,6 +103,8 @@ def test_registry_names_are_passed_in_and_checked():
     assert check_methods(protocol, known) == []
     (problem,) = check_methods(protocol, ["push-pull"])
     assert problem.place == "stimuli.methods[2].name"
+    (problem,) = check_methods(protocol, ["push-pull"], None, {"metameric": "has left"})
+    assert str(problem) == "stimuli.methods[2].name: method 'metameric' has left"
     plain = protocol.model_dump()
     plain["stimuli"]["methods"][2]["method"] = "onnx:net.onnx"
     plain["stimuli"]["methods"][0]["parameters"] = {"noise": 1.0}
@@ -111,6 +113,8 @@ def test_registry_names_are_passed_in_and_checked():
     assert str(problem) == (
         "stimuli.methods[0].parameters.noise: must be a parameter of reference (it has none)"
     )
+    (problem,) = check_methods(odd, known, lambda _: [], {"reference.noise": "has left"})
+    assert str(problem) == "stimuli.methods[0].parameters.noise: has left"
     (scene,) = check_scenes(protocol, ["garden", "colonade"])
     assert scene.place == "stimuli.scenes[1].builtin"
     assert "did you mean 'colonade'?" in scene.message
@@ -147,7 +151,8 @@ def test_schema_prints_the_published_file(name):
 
 def test_schema_of_an_unknown_format_is_refused():
     message = refused(metamerlab("protocol", "schema", "clip"))
-    assert message == "FORMAT: must be one of study, display, manifest, journal (got 'clip')"
+    known = "study, display, manifest, journal, plan, script"
+    assert message == f"FORMAT: must be one of {known} (got 'clip')"
 
 
 @pytest.mark.parametrize("suffix", [".md", ".html"])

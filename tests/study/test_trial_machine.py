@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from scripts import a_script, asking, shows, watched
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
 from protocols.phases import ITI as BLANK
-from protocols.phases import Clip, Fixation, Image, Phase, Text
 from protocols.plan import make_plan
-from study_app.trial import GazeMode, Observed, Timeline, Trial, Watch, advance
+from protocols.script import (
+    Dot,
+    Frames,
+    GazeMode,
+    Picture,
+    ScriptPhase,
+    TrialScript,
+    trial_script,
+)
+from study_app.trial import Observed, Trial, Watch, advance
 
 
 def a_timeline(
-    shown: tuple[Phase, ...],
+    shown: tuple[ScriptPhase, ...],
     *,
     fixate=3,
     wait=12,
@@ -30,53 +38,48 @@ def a_timeline(
     answers=("first", "second"),
     dropped_max=1,
     gaze=GazeMode.ENFORCE,
-) -> Timeline:
+) -> TrialScript:
     """The task's phases between those that every task has; a feedback of 0 refreshes is none."""
-    return Timeline(
+    return a_script(
         (
-            Phase("fixate", fixate, (Fixation(),), gate_frames=wait),
+            ScriptPhase(name="fixate", frames=fixate, gate_frames=wait),
             *shown,
-            Phase(
-                "respond", None, (Text("answer"),),
-                ends_on=frozenset(answers), timeout_frames=timeout,
+            ScriptPhase(
+                name="respond", frames=None, question=asking(*answers), timeout_frames=timeout
             ),
-            *([Phase("feedback", feedback, (Text("feedback"),))] if feedback else []),
-            Phase(BLANK, iti),
+            *([ScriptPhase(name="feedback", frames=feedback)] if feedback else []),
+            ScriptPhase(name=BLANK, frames=iti),
         ),
         dropped_max,
         gaze,
-    )  # fmt: skip
+    )
 
 
-def watched(name: str, frames: int, *show: Clip | Image) -> Phase:
-    return Phase(name, frames, (*show, Fixation()), watched=True)
-
-
-def two_intervals(interval=4, gap=2, per_frame=2, **rest) -> Timeline:
+def two_intervals(interval=4, gap=2, per_frame=2, **rest) -> TrialScript:
     return a_timeline(
         (
-            watched("first", interval, Clip(0, per_frame)),
+            watched("first", interval, shows(0, per_frame)),
             watched("gap", gap),
-            watched("second", interval, Clip(1, per_frame)),
+            watched("second", interval, shows(1, per_frame)),
         ),
         **rest,
     )
 
 
-def side_by_side(frames=4, per_frame=2, **rest) -> Timeline:
-    both = watched("both", frames, Clip(0, per_frame, -5.0), Clip(1, per_frame, 5.0))
+def side_by_side(frames=4, per_frame=2, **rest) -> TrialScript:
+    both = watched("both", frames, shows(0, per_frame, -99), shows(1, per_frame, 99))
     return a_timeline((both,), **({"answers": ("left", "right")} | rest))
 
 
-def three_stimuli(frames=4, gap=2, **rest) -> Timeline:
+def three_stimuli(frames=4, gap=2, **rest) -> TrialScript:
     """A, B and X, as stills."""
     return a_timeline(
         (
-            watched("a", frames, Image(0)),
+            watched("a", frames, shows(0)),
             watched("gap-1", gap),
-            watched("b", frames, Image(1)),
+            watched("b", frames, shows(1)),
             watched("gap-2", gap),
-            watched("x", frames, Image(2)),
+            watched("x", frames, shows(2)),
         ),
         **({"answers": ("a", "b")} | rest),
     )
@@ -89,7 +92,7 @@ OBSERVED = st.builds(
     Observed,
     refreshes=st.integers(0, 5),
     gaze=st.sampled_from(Watch),
-    answer=st.sampled_from([None, None, "first", "second", "left", "right", "a", "b"]),
+    answer=st.sampled_from([None, None, "first", "second", "left", "right", "a", "b", "sure"]),
     interrupt=st.sampled_from([None] * 9 + ["paused", "quit", "focus-lost"]),
 )
 COMMON = {
@@ -102,18 +105,59 @@ COMMON = {
     "gaze": st.sampled_from(GazeMode),
 }
 LENGTHS, PER_FRAME = st.integers(1, 8), st.integers(1, 4)
+ASKED = st.sampled_from(["wait", "speeded", "stimulus, then wait", "stimulus of its own, wait"])
+"""How a question is asked: alone, or over a stimulus that its answer ends."""
+
+
+def several(asked, own, frames=3, timeout=6, **rest) -> TrialScript:
+    """One to four questions, the study's own among them, with stimuli before and between."""
+    shown = [watched("shown", frames, shows(0, 2))]
+    for number, how in enumerate(asked):
+        name = "answer" if number == own % len(asked) else f"further-{number}"
+        question = asking("first", "second", name=name)
+        if how == "stimulus of its own, wait":
+            shown.append(watched(f"again-{number}", frames, shows(number % 3)))
+        elif how == "speeded":
+            shown.append(
+                watched(
+                    f"speeded-{number}", None, shows(1), question=question, timeout_frames=timeout
+                )
+            )
+            continue
+        elif how == "stimulus, then wait":
+            shown.append(watched(f"while-{number}", frames, shows(1), question=question))
+        shown.append(
+            ScriptPhase(
+                name=f"wait-{number}", frames=None, question=question, timeout_frames=timeout
+            )
+        )
+    plain = a_timeline((shown[0],), timeout=timeout, **rest).phases
+    phases = (plain[0], *shown, *plain[3:])
+    return a_script(phases, rest.get("dropped_max", 1), rest.get("gaze", GazeMode.ENFORCE))
+
+
 TIMELINES = st.one_of(
     st.builds(
         two_intervals, interval=LENGTHS, gap=st.integers(1, 4), per_frame=PER_FRAME, **COMMON
     ),
     st.builds(side_by_side, frames=LENGTHS, per_frame=PER_FRAME, **COMMON),
     st.builds(three_stimuli, frames=LENGTHS, gap=st.integers(1, 4), **COMMON),
+    *[
+        st.builds(
+            several,
+            asked=st.lists(ASKED, min_size=1, max_size=4),
+            own=st.integers(0, 3),
+            frames=LENGTHS,
+            **COMMON,
+        )
+    ]
+    * 3,
 )
 
 
-def question(timeline: Timeline) -> int:
-    """The place of the phase that an answer ends."""
-    return next(i for i, phase in enumerate(timeline.phases) if phase.ends_on)
+def question(timeline: TrialScript) -> int:
+    """The place of the last phase that an answer ends."""
+    return max(i for i, phase in enumerate(timeline.phases) if phase.question)
 
 
 class AnyInputs(RuleBasedStateMachine):
@@ -138,15 +182,17 @@ class AnyInputs(RuleBasedStateMachine):
         # One step forward, or to the blank at the end; never back, never skipping.
         step = after.phase - before.phase
         last = len(self.timeline.phases) - 1
-        assert step in (0, 1) or (after.phase == last and after.void_reason)
+        skipped = self.timeline.phases[before.phase : after.phase]
+        answered = all(phase.question == skipped[0].question for phase in skipped)
+        assert step in (0, 1) or answered or (after.phase == last and after.void_reason)
         if step:
             assert after.frames == 0
         if before.over:  # what was decided stays decided
-            assert (after.completed, after.void_reason, after.answer) == (
-                before.completed,
-                before.void_reason,
-                before.answer,
-            )
+            assert after[4:8] == before[4:8]
+        else:  # one answer at a time, and none is taken back
+            given = [(one.answer is not None) + len(one.further) for one in (before, after)]
+            assert given[1] - given[0] in (0, 1)
+            assert after.further[: len(before.further)] == before.further
 
     @invariant()
     def is_defined(self):
@@ -156,27 +202,28 @@ class AnyInputs(RuleBasedStateMachine):
         timeline = self.timeline
         assert trial.over == (trial.phase > question(timeline))
         assert not (trial.completed and trial.void_reason)
-        assert (trial.answer is not None) == trial.completed
-        assert trial.answer is None or trial.answer in timeline.phases[question(timeline)].ends_on
+        names = {phase.question.name for phase in timeline.phases if phase.question}
+        given = (trial.answer is not None) + len(trial.further)
+        assert trial.completed == (given == len(names))
+        assert {trial.answer, *trial.further} <= {None, *timeline.answers[question(timeline)]}
         assert self.outcomes == trial.over  # ends exactly once
         assert trial.frames >= 0
         if trial.done(timeline):
             return
         phase = timeline.phases[trial.phase]
         shown = trial.shown_frames(timeline)
-        assert [stimulus for stimulus, _ in shown] == [
-            entry.stimulus for entry in phase.show if isinstance(entry, Clip | Image)
-        ]
-        for entry, (_, frame) in zip(phase.show, shown, strict=False):
-            last = (phase.frames - 1) // entry.refreshes_per_frame if isinstance(entry, Clip) else 0
+        entries = [entry for entry in phase.show if isinstance(entry, Frames)]
+        assert [stimulus for stimulus, _ in shown] == [entry.stimulus for entry in entries]
+        for entry, (_, frame) in zip(entries, shown, strict=True):
+            last = (phase.frames - 1) // entry.every if entry.every else 0
             assert 0 <= frame <= last
 
 
 TestAnyInputs = AnyInputs.TestCase
-TestAnyInputs.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)
+TestAnyInputs.settings = settings(max_examples=100, stateful_step_count=60, deadline=None)
 
 
-def run(*inputs: Observed, timeline: Timeline = TIMELINE, start: Trial | None = None) -> Trial:
+def run(*inputs: Observed, timeline: TrialScript = TIMELINE, start: Trial | None = None) -> Trial:
     trial = start or Trial()
     for observed in inputs:
         trial = advance(trial, observed, timeline)
@@ -194,8 +241,8 @@ def test_every_attempt_can_still_end(timeline, inputs):
     for observed in inputs:
         if not trial.done(timeline):
             trial = advance(trial, observed, timeline)
-    answer = min(timeline.phases[question(timeline)].ends_on)
-    for _ in range(100):
+    answer = min(timeline.answers[question(timeline)])
+    for _ in range(200):
         if not trial.done(timeline):
             trial = advance(trial, Observed(answer=answer), timeline)
     assert trial.done(timeline)
@@ -242,7 +289,7 @@ def test_gaze_that_leaves_voids_in_enforce_warns_in_warn_and_only_there(flips, g
 
     assert run(*disturbed).void_reason == reason
     for mode in (GazeMode.WARN, GazeMode.MONITOR, GazeMode.NONE):
-        trial = run(*disturbed, timeline=replace(TIMELINE, gaze=mode))
+        trial = run(*disturbed, timeline=TIMELINE.model_copy(update={"gaze": mode}))
         assert trial.void_reason is None
         assert trial.warned == (mode is GazeMode.WARN)
 
@@ -317,16 +364,15 @@ def test_an_interrupt_after_the_answer_does_not_undo_it():
     assert trial.void_reason is None
 
 
-def timeline_of(study, display: str) -> Timeline:
+def timeline_of(study, display: str) -> TrialScript:
     """The phases of the first main trial."""
     manifest = virtual_manifest(study, load_display(study.display.display))
     trials = make_plan(study, manifest, "P1", 0).trials
-    return Timeline.of(
-        study, load_display(display), next(trial for trial in trials if trial.role == "main")
-    )
+    main = next(trial for trial in trials if trial.role == "main")
+    return trial_script(study, load_display(display), manifest, main, "en")
 
 
-def lengths(timeline: Timeline) -> dict[str, int | None]:
+def lengths(timeline: TrialScript) -> dict[str, int | None]:
     return {phase.name: phase.frames for phase in timeline.phases}
 
 
@@ -338,8 +384,12 @@ def test_a_timeline_is_the_protocol_s_times_in_refreshes():
         "fixate": 45, "first": 90, "gap": 45, "second": 90, "respond": None, "iti": 45,
     }  # fmt: skip
     assert [phase.watched for phase in timeline.phases] == [False, True, True, True, False, False]
-    assert timeline.phases[FIRST].show == (Clip(0, 3), Fixation())
-    assert timeline.phases[SECOND].show == (Clip(1, 3), Fixation())
+    for place, stimulus in ((FIRST, 0), (SECOND, 1)):
+        (shown,) = timeline.phases[place].show  # the dot lies under it
+        assert (shown.stimulus, shown.every) == (stimulus, 3)
+    (dot,) = timeline.phases[GAP].show
+    assert isinstance(dot, Picture)
+    assert isinstance(dot.of, Dot)
     with pytest.raises(StudyError, match="whole frames at 144 Hz"):
         timeline_of(protocol, "fhd24-144hz")
 
@@ -357,7 +407,7 @@ def test_a_timeline_carries_every_time_and_rule_of_its_protocol():
 
     assert timeline.phases[FIXATE].gate_frames == 180
     assert timeline.phases[RESPOND].timeout_frames == 270
-    assert timeline.phases[RESPOND].ends_on == {"first", "second"}
+    assert timeline.answers[RESPOND] == {"first", "second"}
     assert timeline.phases[ITI].frames == 9
     assert (timeline.dropped_max, timeline.gaze) == (7, GazeMode.MONITOR)
     patient = response.model_copy(update={"timeout_s": None})
@@ -372,7 +422,9 @@ def test_a_time_that_is_no_whole_number_of_refreshes_names_the_command_that_says
 
 def test_only_an_enforced_fixation_has_no_planned_length():
     """The gaze decides when it ends; in every other mode its time does."""
-    planned = {mode: replace(TIMELINE, gaze=mode).planned(FIXATE) for mode in GazeMode}
+    planned = {
+        mode: TIMELINE.model_copy(update={"gaze": mode}).planned(FIXATE) for mode in GazeMode
+    }
 
     assert planned == {
         GazeMode.ENFORCE: None,
@@ -385,7 +437,7 @@ def test_only_an_enforced_fixation_has_no_planned_length():
 # --- phases of other tasks -----------------------------------------------------------------
 
 
-def shown_by(timeline: Timeline, answer: str) -> list[tuple[str, tuple[tuple[int, int], ...]]]:
+def shown_by(timeline: TrialScript, answer: str) -> list[tuple[str, tuple[tuple[int, int], ...]]]:
     """Every flip of an undisturbed attempt: its phase, and what it shows of the stimuli."""
     shown, trial = [], Trial()
     while not trial.done(timeline):
@@ -436,7 +488,7 @@ def test_answers_of_another_task_are_not_taken():
 FEEDBACK = ITI  # its place in two intervals; the blank is then the phase after
 
 
-def answered(timeline: Timeline) -> Trial:
+def answered(timeline: TrialScript) -> Trial:
     return run(*undisturbed(13), Observed(answer="first"), timeline=timeline)
 
 
@@ -478,20 +530,106 @@ def test_what_the_next_trial_needs_may_load_from_the_answer_on():
     assert [timeline.rests(index) for index in range(7)] == [False] * 4 + [True] * 3
 
 
+FIX = ScriptPhase(name="fixate", frames=3, gate_frames=12)
+REST = ScriptPhase(name=BLANK, frames=2)
+SHOWN = watched("shown", 4, shows(0))
+
+
+def asks(name: str, *, frames: int | None = None, **rest) -> ScriptPhase:
+    return ScriptPhase(name=name, frames=frames, question=asking("yes", "no", name=name), **rest)
+
+
 @pytest.mark.parametrize(
     ("phases", "message"),
     [
-        ((watched("first", 2), Phase("respond", None, ends_on=frozenset("ab"))), "last phase"),
-        ((watched("first", 2), Phase(BLANK, None)), "last phase"),
-        ((Phase("respond", None, ends_on=frozenset("ab")), Phase(BLANK, 2)), "watched phases"),
+        ((SHOWN, asks("answer")), "last phase"),
+        ((SHOWN, ScriptPhase(name=BLANK, frames=None)), "last phase"),
+        ((asks("answer"), REST), "watched phases"),
         (
-            (watched("a", 2), Phase("rest", 2), watched("b", 2),
-             Phase("respond", None, ends_on=frozenset("ab")), Phase(BLANK, 2)),
-            "stand together",
+            (SHOWN, ScriptPhase(name="rest", frames=2), watched("b", 2), asks("answer"), REST),
+            "'rest': watched phases must stand together, unless a question",
         ),
-        ((watched("first", 2), Phase(BLANK, 2)), "a phase that an answer ends"),
+        ((SHOWN, REST), "a phase that an answer ends"),
+        (
+            (SHOWN, asks("answer"), ScriptPhase(name="idle", frames=None), REST),
+            "'idle': can never end, for it has no length and asks nothing; give it frames",
+        ),
+        ((SHOWN, asks("sure"), REST), r"study's own question must be asked \(got sure\)"),
+        ((SHOWN, asks("answer"), SHOWN, asks("answer"), REST), "'answer': must be asked once"),
+        ((SHOWN, asks("answer", frames=3, gate_frames=9), REST), "waits for gaze .* ask nothing"),
     ],
-)  # fmt: skip
+)
 def test_a_list_of_phases_that_the_machine_cannot_run_is_refused(phases, message):
     with pytest.raises(ValueError, match=message):
-        Timeline(phases, 1, GazeMode.NONE)
+        a_script(phases, 1, GazeMode.NONE)
+
+
+# --- several questions ---------------------------------------------------------------------
+
+
+THREE = a_script(
+    (FIX, SHOWN, asks("answer", timeout_frames=6), watched("again", 4, shows(1, 2)),
+     asks("seen", timeout_frames=6), asks("sure", timeout_frames=6), REST),
+)  # fmt: skip
+
+
+def test_each_question_takes_its_own_answer_and_the_last_completes():
+    trial = run(*undisturbed(7), Observed(answer="yes"), timeline=THREE)
+    assert (trial.phase, trial.answer, trial.completed) == (3, "yes", False)
+    trial = run(*undisturbed(4), Observed(answer="no"), timeline=THREE, start=trial)
+    assert (trial.phase, trial.further, trial.over) == (5, ("no",), False)
+    trial = run(Observed(answer="yes"), timeline=THREE, start=trial)
+    assert (trial.answer, trial.further, trial.completed) == ("yes", ("no", "yes"), True)
+    assert run(*undisturbed(2), timeline=THREE, start=trial).done(THREE)
+
+
+@pytest.mark.parametrize("flips", range(8, 14))  # of the second stimulus and the questions after
+@pytest.mark.parametrize(
+    ("disturbance", "reason"),
+    [
+        ([Observed(interrupt="paused")], "paused"),
+        ([Observed(interrupt="quit")], "quit"),
+        ([Observed(interrupt="focus-lost")], "focus-lost"),
+        ([Observed(gaze=Watch.VIOLATION)], "gaze-break"),
+        ([Observed(gaze=Watch.LOSS)], "data-loss"),
+        ([Observed(), Observed(refreshes=4)], "dropped-frames"),
+        ([Observed()] * 20, "too-late"),
+    ],
+)
+def test_whatever_voids_an_attempt_voids_it_between_questions_too(flips, disturbance, reason):
+    told = {7: "yes", 12: "no"}  # the flips at which a question waits
+    inputs = [Observed(answer=told.get(flip)) for flip in range(flips)]
+    trial = run(*inputs, timeline=THREE)
+    watches = THREE.phases[trial.phase].watched
+    for observed in disturbance:
+        if not trial.over:
+            trial = advance(trial, observed, THREE)
+
+    if reason in ("gaze-break", "data-loss", "dropped-frames") and not watches:
+        assert trial.void_reason is None
+    else:
+        assert (trial.void_reason, trial.completed) == (reason, False)
+
+
+def test_an_answer_ends_the_stimulus_that_it_is_about_and_no_other_question_follows():
+    speeded = watched("shown", None, shows(0), question=asking("yes", "no"), timeout_frames=30)
+    script = a_script((FIX, speeded, REST))
+
+    trial = run(*undisturbed(9), Observed(answer="yes"), timeline=script)
+
+    assert (trial.phase, trial.answer, trial.completed) == (2, "yes", True)
+    assert run(*undisturbed(33), timeline=script).void_reason == "too-late"
+
+
+@pytest.mark.parametrize("flips", [4, 9])
+def test_a_question_that_outlasts_its_stimulus_takes_an_answer_during_both(flips):
+    question = asking("yes", "no")
+    wait = ScriptPhase(name="respond", frames=None, question=question, timeout_frames=5)
+    script = a_script((FIX, watched("shown", 4, shows(0), question=question), wait, REST))
+
+    trial = run(*undisturbed(flips), Observed(answer="no"), timeline=script)
+
+    assert (trial.phase, trial.answer, trial.completed) == (3, "no", True)
+    assert run(*undisturbed(12), timeline=script).void_reason == "too-late"
+    alone = a_script((FIX, watched("shown", 4, shows(0), question=question), REST))
+    assert run(*undisturbed(7), timeline=alone).void_reason == "too-late"

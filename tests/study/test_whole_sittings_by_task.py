@@ -213,8 +213,8 @@ def check_what_was_shown(pages, pictures):
     assert by_name["break"].least_s == 7.0
     assert pages[5].text == "What did you look at?"
     assert pages[6].choices == ("no", "yes")
-    feedback = [picture.correct for picture in pictures if picture.phase.name == "feedback"]
-    assert feedback == [False] * ROUND * FEEDBACK_FLIPS + [True] * ROUND * FEEDBACK_FLIPS
+    feedback = [p.notice.of.text for p in pictures if p.phase.name == "feedback"]
+    assert feedback == ["Wrong."] * ROUND * FEEDBACK_FLIPS + ["Right."] * ROUND * FEEDBACK_FLIPS
 
 
 def check_levels(journal):

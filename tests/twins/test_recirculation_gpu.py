@@ -6,7 +6,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back
 from pipeline.methods.registry import create_method
-from pipeline.weighted_pullpush.recirculation import Recirculation
+from pipeline.weighted_pullpush.recirculation import recirculating
 
 WEIGHT = 0.5
 # Both keep what they show in 32768ths: a fill at the border between two may go either way, and so
@@ -32,14 +32,13 @@ def views(rng, size=(40, 70), count=5) -> list[WarpedFrame]:
 
 def test_gpu_and_reference_show_the_same(module_gl_context, rng):
     method = create_method("weighted-pull-push", module_gl_context, {"recirculate": WEIGHT})
-    reference, plate = Recirculation(WEIGHT), method.new_plate()
+    reference, plate = recirculating(WEIGHT), method.new_plate()
     changed = 0
     for frame in views(rng):
         own = method.fill(frame, 0)
-        expected = reference.settle(frame, own)
+        expected = reference.fill(frame)
         textures = FrameTextures.of(module_gl_context, frame)
-        method.fill_textures(textures, 0)
-        plate.settle_textures(textures)
+        plate.fill_textures(textures, 0)
         texels = read_back(textures.colour)
         np.testing.assert_allclose(texels[..., :3], expected, atol=TOLERANCE)
         assert texels[~frame.hole, :3].tobytes() == frame.colour[~frame.hole].tobytes()
@@ -54,12 +53,11 @@ def test_gpu_and_reference_show_the_same(module_gl_context, rng):
 def test_a_size_after_another_is_filled_too(module_gl_context, rng):
     method = create_method("weighted-pull-push", module_gl_context, {"recirculate": WEIGHT})
     for size in ((40, 70), (24, 30)):
-        plate, reference = method.new_plate(), Recirculation(WEIGHT)
+        plate, reference = method.new_plate(), recirculating(WEIGHT)
         for frame in views(rng, size, 2):
             textures = FrameTextures.of(module_gl_context, frame)
-            method.fill_textures(textures, 0)
-            plate.settle_textures(textures)
-            expected = reference.settle(frame, method.fill(frame, 0))
+            plate.fill_textures(textures, 0)
+            expected = reference.fill(frame)
             shown = read_back(textures.colour)[..., :3]
             np.testing.assert_allclose(shown, expected, atol=TOLERANCE)
             textures.release()

@@ -66,7 +66,7 @@ CORNERS = {64: (64, 64), 8: (8, 120), 1: (1, 125), 3: (3, 129)}
         ("push-pull", (64, 8), 0),  # these holes are filled from cells of 8 px and less
         ("weighted-pull-push", (64,), 0.1),
         ("push-pull-depth", (64,), 0.1),
-        ("shift-map", (64,), 0.1),
+        ("coherence-transport", (64,), 0.1),
         ("metameric", (64,), 0.25),  # noise is looked up in float32
     ],
 )
@@ -78,17 +78,15 @@ def test_a_shift_by_whole_cells_shifts_the_fill(fill, name, cells_px, most):
 
 @pytest.mark.parametrize(
     ("name", "least", "most"),
-    [("push-pull-depth", 1, 5), ("metameric", 2, 8), ("push-pull", 5, 15), ("shift-map", 5, 15)],
+    [
+        ("push-pull-depth", 1, 5),
+        ("metameric", 2, 8),
+        ("push-pull", 5, 15),
+        ("coherence-transport", 0.3, 3),
+    ],
 )
 def test_a_shift_by_odd_pixels_changes_fills_by_8_bit_steps(fill, name, least, most):
     """On average. Methods whose definition has a pyramid are not covariant, and docs say so."""
     here = fill(name, HERE)
     for corner in (CORNERS[1], CORNERS[3]):
         assert least < np.abs(fill(name, corner) - here).mean() < most
-
-
-def test_tiles_of_a_shift_map_do_not_change_with_a_shift_by_their_own_length(fill):
-    """By 8 px: the same shifts. The base alone changes, by less than a step on average."""
-    change = np.abs(fill("shift-map", CORNERS[8]) - fill("shift-map", HERE))
-    assert change.mean() < 1
-    assert change.max() < 5

@@ -15,11 +15,13 @@ from protocols.display import Display
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.schema import StudyProtocol
+from protocols.script import example_scripts
 from protocols.tasks.pairs import PreferenceAnalysis
 from stimuli.pictures import save_picture
 from stimuli.whole_file import write_whole
-from study_app.cli.demo.sitting import Flip, clip_place
+from study_app.cli.demo.sitting import Flip
 from study_app.cli.demo.watcher import Image
+from study_app.paint import bitmaps_of, paint
 
 STRIP_NAME = "trial.json"
 SHOTS = {"fixate": 1, "first": 4, "gap": 1, "second": 4, "respond": 1}
@@ -152,14 +154,14 @@ def redraw(
         for clip in manifest.clips
         for index, sha in enumerate(clip.frames_sha256)
     }
-    place = clip_place(display, protocol)
-    grey = round(255 * protocol.display.background)
+    script = example_scripts(protocol, display)[0]
+    phases = dict(zip((phase.name for phase in script.phases), script.frames, strict=True))
     found = {}
     for flip in flips:
-        screen = np.full((display.height_px, display.width_px, 3), grey, np.uint8)
-        with PillowImage.open(clips / paths[flip.frame]) as image:
-            screen[place.top : place.top + place.height, place.left : place.left + place.width] = (
-                np.asarray(image.convert("RGB"))
-            )
-        found[flip.number] = screen
+        stimuli = {}
+        for entry, sha in zip(phases[flip.phase], flip.frame.split(), strict=True):
+            with PillowImage.open(clips / paths[sha]) as image:
+                stimuli[entry.stimulus] = [np.asarray(image.convert("RGB"))]
+        shown = next(phase for phase in script.phases if phase.name == flip.phase)
+        found[flip.number] = paint(script, shown, stimuli, bitmaps_of(protocol, display))
     return found

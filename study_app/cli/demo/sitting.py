@@ -23,6 +23,7 @@ from protocols.journal import Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.manifest import Manifest
 from protocols.schema import StudyProtocol
+from protocols.script import example_scripts
 from study_app.cli.demo.watcher import Image, Place, Watcher
 from study_app.sittings import is_stillborn
 from study_app.strip import Seen, compare
@@ -217,9 +218,10 @@ def _pixels(clips: Path, manifest: Manifest) -> tuple[dict[str, str], dict[str, 
 
 
 def clip_place(display: Display, protocol: StudyProtocol) -> Place:
-    """Return where clips stand: in the middle of the screen."""
-    width, height = protocol.warped.size_px(display)
-    return Place((display.width_px - width) // 2, (display.height_px - height) // 2, width, height)
+    """Return where the first stimulus of a trial stands."""
+    script = example_scripts(protocol, display)[0]
+    x, y = next(entry.at for shown in script.frames for entry in shown)
+    return Place(x + display.width_px // 2, y + display.height_px // 2, *script.stimulus_px)
 
 
 def _read(stream: IO[str], lines: queue.Queue[str | None]) -> None:

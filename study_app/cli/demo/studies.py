@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,10 +15,11 @@ from pipeline.gl.context import lent_context
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
-from protocols.phases import Bar, Clip, Image, Phase
-from protocols.plan import PlannedTrial, make_plan, trial_phases
+from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.foveated_images import REFERENCE, FoveatedImages
 from protocols.schema import StudyProtocol
+from protocols.script import Picture as Drawing
+from protocols.script import example_scripts
 from protocols.tasks.two_alternative import TwoAlternative
 from protocols.units import Scalar
 from stimuli.choice import Choice
@@ -30,6 +30,7 @@ from stimuli.recipes.foveated_work import Bench, Order
 from stimuli.scenes.stereo import built_in_pair
 from study_app.cli.demo.steps import Step
 from study_app.gaze.simulated import STEADY
+from study_app.paint import paint
 from study_app.simulate import Simulation, simulate_study
 
 STUDIES: dict[str, dict[str, Scalar]] = {
@@ -44,7 +45,6 @@ STRIP_NAME = "trial.png"
 GAZE_NAME = "gaze.webp"
 OBSERVERS = 3
 SHOT_PX = 480
-GREY_DOT, WHITE = 40, 255
 
 Picture = NDArray[np.uint8]
 
@@ -135,38 +135,27 @@ def side_by_side(study: StudyProtocol, display: Display, stimuli: Sequence[Pictu
 def strip(
     study: StudyProtocol, display: Display, stimuli: Sequence[Picture], distance_px: float
 ) -> Picture:
-    """Return every phase of a trial, labelled."""
-    dot_px = distance_px * np.tan(np.radians(study.trial.dot_deg / 2))
+    """Return every phase of a trial, labelled, on a screen just as wide as it needs."""
+    high, wide, _ = stimuli[0].shape
+    screen = display.model_copy(
+        update={
+            "width_px": wide, "height_px": high, "distance_mm": distance_px,
+            "width_mm": float(wide), "height_mm": float(high),
+        }
+    )  # fmt: skip
+    script = example_scripts(study, screen, stimulus_px=(wide, high))[0]
+    aside = max(-entry.at[0] for shown in script.frames for entry in shown)
+    script = script.model_copy(update={"size_px": (2 * aside, high)})
+    frames = {index: [stimulus] for index, stimulus in enumerate(stimuli)}
     shots = []
-    phases = trial_phases(study, display, practice=False)
-    aside_deg = max(getattr(entry, "x_deg", 0.0) for phase in phases for entry in phase.show)
-    aside_px = round(distance_px * np.tan(np.radians(aside_deg)))
-    for phase in phases:
-        frames = phase.gate_frames if phase.gate_frames and not phase.frames else phase.frames
-        long = "" if frames is None else f", {1000 * frames / display.refresh_hz:.0f} ms"
-        answers = f": {' / '.join(study.task.answers())}" if phase.ends_on else ""
-        shown = _drawn(phase, stimuli, distance_px, dot_px, aside_px)
+    last = max(index for index, phase in enumerate(script.phases) if phase.question)
+    for phase in script.phases[: last + 1]:
+        long = (
+            "" if phase.frames is None else f", {1000 * phase.frames / display.refresh_hz:.0f} ms"
+        )
+        answers = f": {' / '.join(study.task.answers())}" if phase.question else ""
+        words = {one for one in phase.show if isinstance(one, Drawing) and one.of.kind == "words"}
+        show = tuple(entry for entry in phase.show if entry not in words)
+        shown = paint(script, phase.model_copy(update={"show": show}), frames, {})
         shots.append((f"{phase.name}{long}{answers}", shown))
     return sheet(shots, columns=len(shots))
-
-
-def _drawn(
-    phase: Phase, stimuli: Sequence[Picture], distance_px: float, dot_px: float, aside_px: int
-) -> Picture:
-    """Return what a phase shows, on a screen that is wider than the stimuli by `aside_px` twice."""
-    height, width, _ = stimuli[0].shape
-    middle = width // 2 + aside_px, height // 2
-    screen = np.full((height, width + 2 * aside_px, 3), 128, np.uint8)
-    for entry in phase.show:
-        if isinstance(entry, Image | Clip):
-            half = getattr(entry, "half", None)
-            part = slice(width // 2) if half == "left" else slice(width // 2 if half else 0, None)
-            left = aside_px + aside_px * int(np.sign(entry.x_deg))
-            screen[:, left : left + width][:, part] = stimuli[entry.stimulus][:, part]
-        elif isinstance(entry, Bar):
-            reach = round(distance_px * np.tan(np.radians(entry.width_deg / 2)))
-            screen[:, middle[0] - reach : middle[0] + reach] = 128
-    if not phase.ends_on:
-        cv2.circle(screen, middle, round(dot_px) + 1, (WHITE,) * 3, -1, cv2.LINE_AA)
-        cv2.circle(screen, middle, max(1, round(dot_px / 2)), (GREY_DOT,) * 3, -1, cv2.LINE_AA)
-    return screen

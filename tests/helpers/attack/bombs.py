@@ -165,6 +165,11 @@ def text(name: str, *parts: str | tuple[str, int]) -> Write:
     return write
 
 
+def repeated(name: str, piece: bytes, times: int) -> Write:
+    """A file of some bytes, many times."""
+    return lambda folder: (folder / name).write_bytes(piece * times)
+
+
 def sparse(name: str, size: int, head: bytes = b"") -> Write:
     """A file that takes no place on the disk: its beginning, then zeros."""
 
@@ -469,6 +474,10 @@ def _recordings() -> Iterator[Bomb]:
     yield Bomb("recording of 4.9e6 lines", some, "g.csv", code)
     asc = text("g.asc", "START 1\n", ("1 2 3\n", 4_900_000))
     yield Bomb("asc of 4.9e6 lines", asc, "g.asc", code)
+    blinks = text("g.asc", "START 1\n1 2 3\n", ("EBLINK L 1 2\n", 4_900_000))
+    yield Bomb("asc of 4.9e6 blinks", blinks, "g.asc", code)
+    parts = repeated("g.csv.gz", gzip.compress(b"", mtime=0), 800_000)
+    yield Bomb("packed recording of 800,000 parts", parts, "g.csv.gz", code)
     yield Bomb("packed recording of 1.9 GB", packed_gaze(1_900_000_000), "g.csv.gz", code)
     yield Bomb("recording of one line of 1 GB", sparse("g.csv", 10**9), "g.csv", code)
 
@@ -509,6 +518,7 @@ def _records() -> Iterator[Bomb]:
         ("1.5 GB", sparse(place, 1_500_000_000)), ("30e6 lines", text(place, ("{}\n", 30_000_000))),
         ("290,000 lines", text(place, ("{}\n", 290_000))), ("brackets", text(place, _NEST)),
         ("one line of 90 MB", text(place, '{"a":"', ("x", 90_000_000), '"}\n')),
+        ("90 MB of lines", text(place, ('{"kind":"note","text":"' + "x" * 290 + '"}\n', 280_000))),
     ):  # fmt: skip
         yield Bomb(f"journal of {name}", write, "session verify s")
     yield Bomb("journal of 1.5 GB, to tables", sparse(place, 1_500_000_000),
@@ -556,6 +566,7 @@ def _pictures() -> Iterator[Bomb]:
                   "compress p.png --out o.metamer", "denoise run p.png --gaze 1,1 --out o.png",
                   "texture bake p.png --out o.moments",
                   "stimuli score p.png p.png --out o", "warp p.png o.png --flow f.flo",
+                  "warp p.png o.png --mask p.png",
                   "warp p.png o.png --depth p.png --parallax 0.1"):  # fmt: skip
         yield Bomb(f"png 5773 x 5773, {words}", flat, words)
     yield Bomb("png 4096 x 4096, compared", png("p.png", 4096, 4096),
@@ -649,6 +660,22 @@ def _meshes() -> Iterator[Bomb]:
     groups = [f"usemtl m{n}\nf 1 2 3\n" for n in range(60_000)]
     yield Bomb("obj of 60,000 materials", text("s.obj", _TRIANGLE, *groups), words)
     yield Bomb("obj of one line of 1 GB", sparse("s.obj", 10**9), words)
+    named = text("s.obj", "mtllib s.mtl\n", _TRIANGLE, "usemtl m\nf 1 2 3\n")
+    small = png("t.png", 8, 8)
+    for name, rest in (
+        ("one statement of 200,000 options", ("map_Kd", (" -clamp on", 200_000), " t.png\n")),
+        ("200,000 pictures", (*(f"newmtl m{n}\nmap_Kd {n}/../t.png\n" for n in range(200_000)),)),
+        ("a picture named 200,000 times", (("map_Kd t.png\n", 200_000),)),
+    ):
+        library = text("s.mtl", "newmtl m\n", *rest)
+        yield Bomb(f"mtl of {name}", both(named, small, library), words)
+    library = text("s.mtl", "newmtl m\n")
+    for name, *lines in (
+        ("200,000 lines that name a library", ("mtllib s.mtl\n", 200_000)),
+        ("a line that names a library 200,000 times", "mtllib", (" s.mtl", 200_000), "\n"),
+    ):
+        written = text("s.obj", *lines, _TRIANGLE, "usemtl m\nf 1 2 3\n")
+        yield Bomb(f"obj with {name}", both(written, library), words)
     used = both(png("t.png", 12_000, 12_000), text("s.mtl", "newmtl m\nmap_Kd t.png\n"),
                 text("s.obj", "mtllib s.mtl\n", _TRIANGLE, "usemtl m\nf 1 2 3\n"))  # fmt: skip
     yield Bomb("obj with a texture 12,000 x 12,000", used, words)
@@ -660,6 +687,7 @@ BOMBS = (
 """Every bomb."""
 QUICK = (
     "toml key of 20,000 parts", "archive.json of brackets", "video that is a list (ffconcat)",
-    "gltf accessor of 45e6 without a view", "png 5773 x 5773, foveate p.png o.png",
+    "gltf accessor of 45e6 without a view", "mtl of one statement of 200,000 options",
+    "png 5773 x 5773, foveate p.png o.png",
 )  # fmt: skip
 """What each run of the tests meets."""

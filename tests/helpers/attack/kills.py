@@ -13,11 +13,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from protocols.display import Display
 from protocols.hashing import sha256_file
 from protocols.journal import Attempt, SessionEnd
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.new_study import study_files
+from protocols.phases import STUDY_QUESTION, Phase, Question, QuestionText
+from protocols.pool import Pool
+from protocols.tasks.base import Task
+from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour
 from study_app.observers import default_model
 from study_app.recorder import DiskError
@@ -36,6 +41,30 @@ class Case:
     task: str
     adaptive: tuple[str, str] | None = None
     """First and last line of the template's example that is set."""
+    asks: type[Task] | None = None
+    """A task of the same keys that asks more."""
+
+
+class AskedThrice(YesNo):
+    """An answer ends the stimulus; it is shown again; two questions follow."""
+
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
+        (shown,) = super().phases(pool, display)
+        seen = asked("seen", "clearly", "barely", "not-at-all")
+        return (
+            replace(shown, name="speeded", asks=STUDY_QUESTION, frames=None, timeout_frames=120),
+            replace(shown, name="again"),
+            Phase("seen", None, (QuestionText(),), asks=seen, timeout_frames=120),
+        )
+
+    def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
+        return (Phase("sure", None, (QuestionText(),), asks=asked("sure", "yes", "no")),)
+
+
+def asked(name: str, *answers: str) -> Question:
+    """Return a question with keys 1, 2, ... and labels in English."""
+    keys = tuple((str(key),) for key in range(1, len(answers) + 1))
+    return Question(name, answers, keys, {"en": f"{name}?"}, {"en": answers})
 
 
 CASES = {
@@ -50,6 +79,7 @@ CASES = {
     "abx by QUEST+": Case("abx", QUEST_PLUS),
     "active pairs": Case("two-interval", ACTIVE),
 }
+THRICE = Case("yes-no", asks=AskedThrice)
 ROWS = {
     # Few enough for a short session.
     "yes-no": [
@@ -127,6 +157,9 @@ def write_study(folder: Path, case: Case) -> Simulation:
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")
     protocol = load_protocol(path)
+    if case.asks is not None:
+        task = case.asks.model_construct(**dict(protocol.task))
+        protocol = protocol.model_copy(update={"task": task})
     # What is cut off are writes: answers come fast, and little gaze lies between them.
     fast = replace(default_model(protocol), rt_median_s=0.2, rt_hard_s=0.1)
     return Simulation(protocol, display, seed=5, model=fast, gaze=RESTLESS, gaze_rate_hz=60.0)
@@ -142,7 +175,7 @@ def told(attempts: tuple[Attempt, ...]) -> list[tuple[object, ...]]:
         (
             a.trial, a.role, a.block, a.attempt, a.position, dict(a.condition), a.track,
             tuple(s.name for s in a.stimuli), a.answers, a.expected, a.outcome, a.void_reason,
-            a.answer, a.correct,
+            a.answer, a.correct, tuple((f.question, f.answer, f.key) for f in a.further),
         )
         for a in attempts
     ]  # fmt: skip
@@ -236,7 +269,7 @@ def kill_sittings(
     Parameters
     ----------
     name : str
-        One of `CASES`.
+        One of `CASES`, or "asked thrice".
     full : bool
         Fill the disk in place of the kill.
 
@@ -245,7 +278,7 @@ def kill_sittings(
     AssertionError
         If anything was lost, doubled, or came in another order than in an undisturbed session.
     """
-    simulation = write_study(folder, CASES[name])
+    simulation = write_study(folder, THRICE if name == "asked thrice" else CASES[name])
     writes = writes_of(simulation, folder / "whole")
     undisturbed = journal_of(folder / "whole")
     wanted = told(undisturbed.attempts)

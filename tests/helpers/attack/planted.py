@@ -28,7 +28,7 @@ def stage_with(
         nominal_hz=rate_hz,
         on_prepare=lambda _trial, _attempt: faults,
     )
-    stage.prepare(None, 1)  # type: ignore[arg-type]
+    stage.prepare(None, None, 1)  # type: ignore[arg-type]
     return stage
 
 

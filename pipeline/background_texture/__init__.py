@@ -1,1 +1,0 @@
-"""Texture of the background itself, where a fill takes it in place of noise."""

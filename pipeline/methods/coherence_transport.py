@@ -1,0 +1,46 @@
+"""`coherence-transport`: edges of the background go on in its holes."""
+
+import moderngl
+
+from pipeline.frame_textures import FrameTextures
+from pipeline.methods.on_gpu import Guided
+from pipeline.plate.gpu import PlatePass, PlateTextures
+from pipeline.transport.gpu import TransportPass
+from pipeline.transport.settings import TransportSettings
+
+
+class CoherenceTransport(Guided[TransportPass]):
+    """After Bornemann and März 2007, guided by depth. Parameters: see `TransportSettings`.
+
+    It takes no chance: no seed. `z_near_m` as for `metameric`.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        *,
+        share: float = TransportSettings.share,
+        depth_threshold: float = TransportSettings.depth_threshold,
+        fovea_deg: float = TransportSettings.fovea_deg,
+        gaze_x_deg: float = TransportSettings.gaze_x_deg,
+        gaze_y_deg: float = TransportSettings.gaze_y_deg,
+        width_deg: float = TransportSettings.width_deg,
+        z_near_m: float = 0.0,
+    ) -> None:
+        super().__init__(ctx, z_near_m)
+        self._settings = TransportSettings(
+            share, depth_threshold, fovea_deg, gaze_x_deg, gaze_y_deg, width_deg
+        )
+
+    def new_plate(self) -> PlateTextures:
+        """Return what keeps the fills of one source frame from view to view."""
+        return self._new_plate()
+
+    def _build(self, size: tuple[int, int]) -> TransportPass:
+        return TransportPass(self._ctx, size, self._settings)
+
+    def _build_plate(self, size: tuple[int, int]) -> PlatePass:
+        return PlatePass(self._ctx, size, self._settings.depth_threshold)
+
+    def _run(self, filler: TransportPass, frame: FrameTextures, seed: int) -> None:  # noqa: ARG002
+        filler(frame, z_near_m=self._nearest_m(frame))

@@ -1,0 +1,1 @@
+"""Fills that stay from view to view: a plate in the source frame."""

@@ -1,1 +1,0 @@
-"""The fill method `shift-map`: one whole-pixel shift per tile of the hole."""

@@ -1,0 +1,278 @@
+"""Coherence transport guided by depth, in numpy.
+
+Bornemann and März 2007, "Fast image inpainting based on coherence transport", visit hole pixels
+from the border inwards. Each becomes an average of the pixels known so far around it, which reaches
+far along the structure that runs into the hole, and not across it. So an edge that ends at a hole
+goes on in it. Here the hole pixels of one *shell* are filled at once and do not see each other
+(Hocking, MacKenzie and Schönlieb 2016 do this for new views, on a GPU), and depth decides what
+belongs together:
+
+1. Shells. The first is what lies beside known background of the hole pixel's own surface; each
+   further one what lies beside the shell before.
+2. Structure. Tensors of the known colour's gradients are averaged beside the hole, and carried
+   inwards with the colour.
+3. Transport. The weighted mean of each pixel of a shell. The fill is `TransportSettings.share` of
+   it, and for the rest what push-pull finds at the same depth.
+4. Near. A hole pixel that no shell reaches sees no background of its own, as in a gap between
+   leaves. Another leaf may be uncovered there: some of what is near, at any depth, is mixed in.
+
+With a gaze, all this happens near it alone (`TransportSettings.fovea_deg`). Hole pixels far from it
+keep what push-pull finds, and are not seen.
+
+Twin: gpu.py with the shaders here. Change both or neither.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frame import WarpedFrame
+from pipeline.inpaint.reference import guide_from_depth, guided_base
+from pipeline.synthesis.settings import MetamericSettings
+from pipeline.transport.settings import (
+    CARRY_PX,
+    COHERENCE,
+    FAINT,
+    LEAST_DIFFERENCE,
+    NEAR_SHARE,
+    RADIUS_PX,
+    TENSOR_PX,
+    TENSOR_REACH_PX,
+    TENSOR_STEP_PX,
+    THIN_PX,
+    WIDE_PX,
+    TransportSettings,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+S = TypeVar("S", bound=np.generic)
+
+UNREACHED = 1 << 30  # shell of a hole pixel that sees no background of its own
+LEFT_OUT = UNREACHED + 1  # and of one that is far from the gaze
+SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))  # row, column
+CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+DISC = tuple(
+    (y, x)
+    for y in range(-RADIUS_PX, RADIUS_PX + 1)
+    for x in range(-RADIUS_PX, RADIUS_PX + 1)
+    if 0 < x * x + y * y <= RADIUS_PX**2
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TransportFill:
+    """A fill, and how it came about."""
+
+    colour: Floats  # (H, W, 3), in [0, 1]
+    base: Floats  # (H, W, 3): push-pull's
+    shell: Ints  # (H, W): 0 where known, from 1 on in holes
+    transported: Floats  # (H, W, 3): before the base is mixed in
+
+
+def transport_fill(
+    warped: WarpedFrame, settings: TransportSettings, *, z_near_m: float
+) -> TransportFill:
+    """Fill the holes of a frame.
+
+    Parameters
+    ----------
+    warped : WarpedFrame
+        At least one pixel must be known.
+    z_near_m : float
+        The clip's nearest depth; see `guide_from_depth`.
+    """
+    hole, threshold = warped.hole, settings.depth_threshold
+    guide = guide_from_depth(warped.depth_m, z_near_m)
+    known = np.where(hole[..., None], 0.0, warped.colour.astype(np.float64))
+    base = guided_base(
+        known, hole, guide, levels=1, gamma=MetamericSettings.gamma, threshold=threshold
+    )[0].values
+    base = np.where(hole[..., None], base, known)
+    attention = settings.attention(warped.size).astype(np.float64)
+    worked = np.zeros(hole.shape, np.bool_)
+    worked[settings.worked(warped.size)] = True
+    shell = shells(hole, guide, threshold, worked)
+    tensor = structure_tensors(known, hole, guide, threshold)
+    moved = transported(known, tensor, shell, guide, threshold)
+    result, reached = base.copy(), hole & (shell < UNREACHED)
+    result[reached] += (settings.share * attention[..., None] * (moved - base))[reached]
+    enclosed = np.argwhere(shell == UNREACHED)
+    near, share = near_around(known, hole, enclosed)
+    share *= attention[tuple(enclosed.T)]
+    result[tuple(enclosed.T)] += share[:, None] * (near - base[tuple(enclosed.T)])
+    return TransportFill(result.clip(0, 1), base, shell, moved)
+
+
+def shells(
+    hole: NDArray[np.bool_],
+    guide: Floats,
+    threshold: float,
+    worked: NDArray[np.bool_] | None = None,
+) -> Ints:
+    """Number the hole pixels of each surface by their distance from its known pixels: (H, W).
+
+    `LEFT_OUT` where they are not `worked` at; no way leads over these.
+
+    The first shell has a known pixel of the same surface among the eight around it. From an odd
+    shell the next is reached along rows and columns, from an even one along diagonals too: such
+    shells are octagons, and grow by nearly a pixel each.
+    """
+    shell = np.where(hole, UNREACHED, 0)
+    if worked is not None:
+        shell[hole & ~worked] = LEFT_OUT
+    front, number = np.argwhere(~hole), 0
+    while len(front):
+        steps = SIDES if number % 2 else SIDES + CORNERS
+        found = [np.zeros((0, 2), np.intp)]
+        for pixel, place, _ in _pairs(front, steps, guide, threshold):
+            del pixel
+            place = place[shell[tuple(place.T)] == UNREACHED]
+            shell[tuple(place.T)] = number + 1
+            found.append(place)
+        front, number = np.unique(np.concatenate(found), axis=0), number + 1
+    return shell
+
+
+def structure_tensors(
+    colour: Floats, hole: NDArray[np.bool_], guide: Floats, threshold: float
+) -> Floats:
+    """Average products of the known colour's gradients: (H, W, 3) of xx, xy, yy; 0 in holes.
+
+    A gradient is half the difference of the two neighbours, along rows and columns, summed over
+    the three colours; all five pixels must be known and of one surface. The mean over a surface
+    is a Gaussian's.
+    """
+    height, width = hole.shape
+    product, whole = np.zeros(colour.shape), np.zeros(hole.shape, np.bool_)
+    middle = np.s_[1 : height - 1, 1 : width - 1]
+
+    def beside(array: NDArray[S], y: int, x: int) -> NDArray[S]:
+        return array[1 + y : height - 1 + y, 1 + x : width - 1 + x]
+
+    if min(height, width) > 2:
+        whole[middle] = ~hole[middle]
+        for step in SIDES:
+            apart = np.abs(beside(guide, *step) - guide[middle])
+            whole[middle] &= ~beside(hole, *step) & (apart <= threshold)
+        x, y = (beside(colour, *a) - beside(colour, *b) for a, b in (SIDES[::2], SIDES[1::2]))
+        products = [(a * b).sum(axis=-1) / 4 for a, b in ((x, x), (x, y), (y, y))]
+        product[middle] = np.stack(products, axis=-1)
+    reach = range(-TENSOR_REACH_PX, TENSOR_REACH_PX + 1, TENSOR_STEP_PX)
+    pixels = np.argwhere(~hole)
+    total, weight = np.zeros(colour.shape), np.zeros((*hole.shape, 1))
+    steps = [(y, x) for y in reach for x in reach]
+    for pixel, place, step in _pairs(pixels, steps, guide, threshold):
+        share = whole[tuple(place.T)] * np.exp(-np.dot(step, step) / (2 * TENSOR_PX**2))
+        total[tuple(pixel.T)] += share[:, None] * product[tuple(place.T)]
+        weight[tuple(pixel.T)] += share[:, None]
+    return np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
+
+
+def transported(
+    colour: Floats, tensor: Floats, shell: Ints, guide: Floats, threshold: float
+) -> Floats:
+    """Carry colour and tensors inwards, shell by shell; unreached pixels keep what they have.
+
+    Bornemann and März, eq. 9 and section 4: with n the direction across the structure and d the
+    way to a seen pixel, the weight of its colour is ``exp(-(mu n.d / R)^2 / 2) / |d|``. `mu` is
+    near 1 where the eigenvalues of the tensor are alike, and large along a clear structure.
+    """
+    colour, tensor = colour.copy(), tensor.copy()
+    reached = shell[shell < UNREACHED]
+    for number in range(1, int(reached.max(initial=0)) + 1):
+        pixels = np.argwhere(shell == number)
+        index = np.full(shell.shape, -1, np.intp)
+        index[tuple(pixels.T)] = np.arange(len(pixels))
+        seen = []  # of each step: rows of `pixels`, places, and the step
+        for pixel, place, step in _pairs(pixels, DISC, guide, threshold):
+            known = shell[tuple(place.T)] < number
+            seen.append((index[tuple(pixel[known].T)], place[known], step))
+        mean, total = np.zeros((len(pixels), 3)), np.zeros((len(pixels), 1))
+        for row, place, step in seen:
+            if np.dot(step, step) > CARRY_PX**2:
+                continue
+            mean[row] += tensor[tuple(place.T)] / np.dot(step, step)
+            total[row] += 1 / np.dot(step, step)
+        mean /= total
+        across = coherence(mean)
+        mixed, total = np.zeros((len(pixels), 3)), np.zeros((len(pixels), 1))
+        for row, place, (y, x) in seen:
+            off = (across[row] @ (x, y)) / RADIUS_PX
+            weight = (np.exp(-(off**2) / 2) / np.hypot(x, y))[:, None]
+            mixed[row] += weight * colour[tuple(place.T)]
+            total[row] += weight
+        colour[tuple(pixels.T)], tensor[tuple(pixels.T)] = mixed / total, mean
+    return colour
+
+
+def coherence(tensor: Floats) -> Floats:
+    """Return mu times the direction across the structure, (N, 2) of x and y, of tensors (N, 3)."""
+    xx, xy, yy = tensor.T
+    difference = np.hypot(xx - yy, 2 * xy)  # of the eigenvalues
+    angle = np.arctan2(2 * xy, xx - yy) / 2
+    with np.errstate(divide="ignore", over="ignore"):
+        mu = 1 + COHERENCE * np.exp(-((FAINT**2 / difference) ** 2))
+    mu *= difference / (difference + LEAST_DIFFERENCE)
+    return np.asarray(mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+
+def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[Floats, Floats]:
+    """Tell what is near hole pixels, (N, 2), at any depth, and how much of it the fill takes.
+
+    Returns
+    -------
+    colour : (N, 3)
+        Mean of the known pixels within `RADIUS_PX`, by 1 / distance^2.
+    share : (N,)
+        `NEAR_SHARE` where the hole is at most `THIN_PX` across, along its row or column, and less
+        up to `WIDE_PX`. 0 where no pixel within `RADIUS_PX` is known.
+    """
+    index = np.full(hole.shape, -1, np.intp)
+    index[tuple(pixels.T)] = np.arange(len(pixels))
+    mean, total = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+    for pixel, place, step in _pairs(pixels, DISC, np.zeros(hole.shape), 1.0):
+        weight = ~hole[tuple(place.T)] / np.dot(step, step)
+        row = index[tuple(pixel.T)]
+        mean[row] += weight[:, None] * colour[tuple(place.T)]
+        total[row] += weight
+    thin = np.clip((WIDE_PX - across_px(hole, pixels)) / (WIDE_PX - THIN_PX), 0, 1)
+    share = NEAR_SHARE * np.where(total > 0, thin, 0.0)
+    return mean / np.maximum(total, 1e-9)[:, None], share
+
+
+def across_px(hole: NDArray[np.bool_], pixels: Ints) -> Ints:
+    """Count the hole pixels in line through each of some, (N,): the fewer of row and column.
+
+    At most `WIDE_PX`; beyond the frame's edge there are none.
+    """
+    padded = np.pad(hole, WIDE_PX)
+    lengths = []
+    for axis in (0, 1):
+        length = np.ones(len(pixels), np.intp)
+        for sense in (-1, 1):
+            going = np.ones(len(pixels), np.bool_)
+            for count in range(1, WIDE_PX):
+                place = pixels + WIDE_PX
+                place[:, axis] += sense * count
+                going &= padded[tuple(place.T)]
+                length += going
+        lengths.append(length)
+    return np.minimum(*lengths).clip(max=WIDE_PX)
+
+
+def _pairs(
+    pixels: Ints, steps: tuple[tuple[int, int], ...] | list[tuple[int, int]], guide: Floats,
+    threshold: float,
+) -> Iterator[tuple[Ints, Ints, tuple[int, int]]]:  # fmt: skip
+    """Yield for each step those of `pixels` that it leads to their own surface from, and where."""
+    for step in steps:
+        place = pixels + step
+        inside = ((place >= 0) & (place < guide.shape)).all(axis=1)
+        pixel, place = pixels[inside], place[inside]
+        same = np.abs(guide[tuple(pixel.T)] - guide[tuple(place.T)]) <= threshold
+        yield pixel[same], place[same], step

@@ -1,0 +1,126 @@
+"""Outliers of measured depth, mended at the source.
+
+A hole takes the farthest depth of the quads that tore there, so one wrong pixel beside it decides
+the whole of it. Measured depth has such pixels, alone and in small clumps, most of all along
+silhouettes. They take depth and motion from around them before anything is warped. Rendered depth
+is right, and is left alone.
+
+Both twins of the warp are given what is mended here: there is no twin of this.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEAST_ALIKE = 12  # pixels of the 7x7 around one, itself included, that bear it out
+WINDOW_PX = 3  # pixels this far along rows and columns are in the window
+WIDER_PX = (3, 6, 12)  # windows in which a mend is looked for, in turn
+SAME_SURFACE = 0.04  # steps of 1 - z_near / z up to this are of one surface
+NEAR_PERCENTILE = 1.0  # of depth, for z_near: outliers do not set it
+CHUNK = 1 << 14  # pixels whose windows are looked at in one go
+
+Bools = NDArray[np.bool_]
+
+
+def taken(
+    plane: NDArray[np.float32], pixel: NDArray[np.intp], source: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Copy a plane, with what it has at `source` put at `pixel`, each (N, 2)."""
+    result = plane.copy()
+    result[tuple(pixel.T)] = plane[tuple(source.T)]
+    return result
+
+
+def mends(depth_m: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Tell which pixels are outliers and which pixel each is to be like, (N, 2) each.
+
+    That is the median, in depth, of what is no outlier in the smallest window of `WIDER_PX` that
+    holds any. An outlier without one stays as it is.
+    """
+    bad = outliers(depth_m)
+    left = np.argwhere(bad)
+    pixels, sources = [np.zeros((0, 2), np.intp)], [np.zeros((0, 2), np.intp)]
+    for around in WIDER_PX:
+        edge = 2 * around + 1
+        steps = np.stack(np.divmod(np.arange(edge**2), edge), axis=-1) - around
+        good_depth_m = np.pad(np.where(bad, np.nan, depth_m), around, constant_values=np.nan)
+        unmended = []
+        for some in _chunks(left):
+            place = some[:, None] + around + steps
+            found = good_depth_m[place[..., 0], place[..., 1]]
+            count = (~np.isnan(found)).sum(axis=1)
+            middle = np.argsort(found, axis=1, kind="stable")[np.arange(len(some)), count // 2]
+            pixels.append(some[count > 0])
+            sources.append((some + steps[middle])[count > 0])
+            unmended.append(some[count == 0])
+        left = np.concatenate(unmended) if unmended else left
+    return np.concatenate(pixels), np.concatenate(sources)
+
+
+def _chunks(pixels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Cut (N, 2) into parts whose windows fit memory."""
+    return [pixels[first : first + CHUNK] for first in range(0, len(pixels), CHUNK)]
+
+
+def outliers(depth_m: NDArray[np.float32]) -> Bools:
+    """Tell which pixels nothing around them bears out, shape (H, W).
+
+    A pixel is borne out if at least `LEAST_ALIKE` of the 7x7 around it have its depth, or if three
+    steps over such pixels lead out of the 5x5 around it: thin things, such as spokes, wires and
+    what is seen between them, go on beyond. And so is one beside a pixel of its depth that is. The
+    frame is mirrored at its edges.
+    """
+    finite = depth_m[np.isfinite(depth_m)]
+    near_m = np.percentile(finite, NEAR_PERCENTILE) if finite.size else 1.0
+    guide = np.pad(1 - near_m / depth_m.astype(np.float64), WINDOW_PX, mode="reflect")
+
+    def alike(pixel: NDArray[np.intp], y: int, x: int) -> Bools:
+        place = pixel + WINDOW_PX
+        apart = guide[tuple(place.T)] - guide[place[:, 0] + y, place[:, 1] + x]
+        return np.asarray(np.abs(apart) <= SAME_SURFACE)
+
+    pixel = np.argwhere(np.ones(depth_m.shape, np.bool_))
+    for y, x in ((0, 1), (1, 0), (0, -1), (-1, 0)):  # most pixels go on straight
+        ends = [alike(pixel, count * y, count * x) for count in range(1, WINDOW_PX + 1)]
+        pixel = pixel[~np.logical_and.reduce(ends)]
+    edge = 2 * WINDOW_PX + 1
+    lonely, beside = [np.zeros((0, 2), np.intp)], [np.zeros((0, 3, 3), np.bool_)]
+    for some in _chunks(pixel):
+        window = np.zeros((len(some), edge, edge), np.bool_)
+        for y, x in np.ndindex(edge, edge):
+            window[:, y, x] = alike(some, y - WINDOW_PX, x - WINDOW_PX)
+        reached = np.zeros_like(window)
+        reached[:, WINDOW_PX, WINDOW_PX] = True
+        for _ in range(WINDOW_PX):
+            reached = window & _grown(reached)
+        reached[:, 1:-1, 1:-1] = False
+        alone = (window.sum(axis=(1, 2)) < LEAST_ALIKE) & ~reached.any(axis=(1, 2))
+        lonely.append(some[alone])
+        beside.append(window[alone, 2:5, 2:5])
+    return _unborne(depth_m.shape, np.concatenate(lonely), np.concatenate(beside))
+
+
+def _grown(masks: Bools) -> Bools:
+    """Grow each of (N, H, W) masks by a pixel all around."""
+    padded = np.pad(masks, ((0, 0), (1, 1), (1, 1)))
+    height, width = masks.shape[1:]
+    shifted = [padded[:, y : y + height, x : x + width] for y, x in np.ndindex(3, 3)]
+    return np.asarray(np.logical_or.reduce(shifted))
+
+
+def _unborne(shape: tuple[int, ...], pixel: NDArray[np.intp], beside: Bools) -> Bools:
+    """Mark pixels, (N, 2), but for those beside one of their depth that is not marked.
+
+    `beside`, (N, 3, 3), tells which around them have their depth.
+    """
+    bad = np.zeros(shape, np.bool_)
+    bad[tuple(pixel.T)] = True
+    while len(pixel):
+        borne = np.zeros(len(pixel), np.bool_)
+        for y, x in np.ndindex(3, 3):
+            place = (pixel + np.array([y - 1, x - 1])).clip(0, np.array(shape) - 1)
+            borne |= beside[:, y, x] & ~bad[tuple(place.T)]
+        if not borne.any():
+            break
+        bad[tuple(pixel[borne].T)] = False
+        pixel, beside = pixel[~borne], beside[~borne]
+    return bad

@@ -1,0 +1,151 @@
+"""Noise kept on the display: white pages stay white, nights dark, and every twin agrees."""
+
+import numpy as np
+import pytest
+from hard_pictures import line_art, night, pale_sky, text_page
+from scipy.special import ndtr
+from scipy.stats import norm
+from skimage import data
+
+from pipeline.colour import ycbcr_from_rgb
+from pipeline.compression.codec import Settings, compress, decoded_base, decompress
+from pipeline.compression.gpu import DecompressPass
+from pipeline.denoising.gpu import DenoisePass
+from pipeline.denoising.maps import maps_of, metamer_of
+from pipeline.foveation.bounded import added, bounded, in_gamut, slope_of
+from pipeline.foveation.conditions import foveate
+from pipeline.foveation.geometry import Flat
+from pipeline.foveation.lod import Pools
+from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.reference import metamer
+from pipeline.foveation.settings import MetamerSettings
+from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.tile import mixed_bands
+from pipeline.textures.bake import bake
+from pipeline.textures.reference import Fragments, shade
+from pipeline.textures.surface_noise import surface_noise
+from stimuli.score.statistics import statistics_distance
+
+EDGE = 192
+PICTURES = {"text": text_page, "line art": line_art, "pale sky": pale_sky, "night": night}
+# Even probabilities of a normal distribution.
+NORMAL = norm.ppf((np.arange(4000) + 0.5) / 4000)
+
+
+def pools_of(edge):
+    return Pools(Flat(40).of(edge, edge), (edge / 2, edge / 2), Pooling())
+
+
+def luma_of(picture):
+    return ycbcr_from_rgb(picture).astype(np.float64)[..., 0]
+
+
+@pytest.mark.parametrize("base", [0.02, 0.3, 0.5, 0.93, 0.995])
+@pytest.mark.parametrize("deviation", [0.4, 0.1])
+def test_bound_noise_keeps_its_mean_and_stays_on_the_display(base, deviation):
+    """Wholly free and wholly bound it keeps it exactly; mixed, clipping takes a little."""
+    shown = bounded(np.full(4000, base), deviation * NORMAL, np.full(4000, deviation))
+    assert shown.min() >= 0
+    assert shown.max() <= 1
+    assert shown.mean() == pytest.approx(base, abs=2 / 255)
+    clipped = (base + deviation * NORMAL).clip(0, 1).mean()
+    assert abs(shown.mean() - base) <= abs(clipped - base) + 1e-6
+
+
+@pytest.mark.parametrize("luma", [0.08, 0.5, 0.85])
+@pytest.mark.parametrize("filled", [0.05, 0.4, 0.8])
+def test_the_slope_gives_the_variance_that_is_asked_for(luma, filled):
+    mean = norm.ppf(luma)
+    slope = slope_of(np.float64(filled), np.float64(luma), mean)
+    shown = ndtr(mean * np.sqrt(1 + slope**2) + slope * NORMAL)
+    assert shown.mean() == pytest.approx(luma, abs=1e-4)
+    assert shown.var() == pytest.approx(filled * luma * (1 - luma), rel=0.1)
+
+
+def test_noise_far_from_the_ends_is_what_it_was():
+    """By hand: .5 lies 2.5 deviations of .2 from either end."""
+    noise = 0.2 * NORMAL[1000:3000]
+    shown = bounded(np.full(2000, 0.5), noise, np.full(2000, 0.1999))
+    np.testing.assert_allclose(shown, 0.5 + noise, atol=1e-12)
+
+
+def test_chroma_gives_up_what_leaves_the_display_and_luma_stays():
+    """By hand: red is luma + 1.5748 Cr, so at luma .9 there is room for .1 / 1.5748 of Cr."""
+    shown = in_gamut(np.array([[0.9]]), np.array([[0.0, 0.2]]))
+    np.testing.assert_allclose(ycbcr_from_rgb(shown)[0], (0.9, 0.0, 0.1 / 1.5748), atol=1e-6)
+    kept = in_gamut(np.array([[0.5]]), np.array([[0.1, -0.1]]))
+    np.testing.assert_allclose(ycbcr_from_rgb(kept)[0], (0.5, 0.1, -0.1), atol=1e-6)
+
+
+def test_a_base_without_noise_stays_as_it_is(rng):
+    base, nothing = rng.random((9, 9, 3)), np.zeros((9, 9))
+    assert (added(base, np.zeros((9, 9, 3)), nothing) == base).all()
+
+
+def test_the_deviation_of_all_bands_is_that_of_their_sum(rng):
+    """Bands overlap: the sum of their squares is no variance."""
+    bands = mixed_bands(1, 5, 1)[:, :, 0].reshape(15, -1)
+    for _ in range(3):
+        weights = rng.random(15) * 0.5 ** (np.arange(15) // 3)
+        wanted = weights @ fitted_mixing(5).together @ weights
+        assert (weights @ bands).var() == pytest.approx(wanted, rel=0.1)
+    assert np.trace(fitted_mixing(5).together) > 16
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_metamers_of_print_skies_and_nights_keep_mean_and_statistics(name):
+    picture, pools = PICTURES[name](EDGE), pools_of(EDGE)
+    shown = metamer(picture, pools, MetamerSettings(), 1)
+    off = 255 * (luma_of(shown) - luma_of(picture))
+    assert abs(off.mean()) < 3
+    eccentricity = pools.eccentricity_deg()
+    for start, end in ((1.5, 4), (4, 8), (8, 13), (13, 20), (20, 30)):
+        assert abs(off[(eccentricity >= start) & (eccentricity < end)].mean()) < 6
+    assert statistics_distance(shown, picture) < 0.17
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_bound_noise_on_gpu_matches_reference(gl_context, name):
+    picture = PICTURES[name](128)
+    plain, drawn = (foveate(picture, (30, 50), seed=2, ctx=ctx) for ctx in (None, gl_context))
+    np.testing.assert_allclose(drawn, plain, atol=1 / 255)
+    assert np.abs(plain - picture).mean() > 0.01
+
+
+@pytest.mark.parametrize("name", ["text", "night"])
+def test_compressed_pictures_and_maps_keep_the_mean_on_both_twins(gl_context, name):
+    picture, gaze_px = PICTURES[name](EDGE), (EDGE / 2, EDGE / 2)
+    compressed = compress([picture], gaze_px, Settings(angles=96))
+    made = DecompressPass(gl_context, compressed)
+    pools = pools_of(EDGE)
+    maps = maps_of(picture, pools)
+    passes = DenoisePass(gl_context, pools.geometry, Pooling(), maps.levels)
+    base = decoded_base(compressed.bases[0], compressed.grid, compressed.codec)
+    for before, plain, drawn in (
+        (base, decompress(compressed, seed=1), made.apply(compressed, seed=1)),
+        (maps.base, metamer_of(maps, pools, 1), passes.apply(maps, gaze_px, seed=1)),
+    ):
+        np.testing.assert_allclose(drawn, plain, atol=1 / 255)
+        assert abs(luma_of(plain) - luma_of(picture)).max() > 0.3
+        assert 255 * abs(luma_of(plain).mean() - luma_of(before).mean()) < 2
+    made.release()
+    passes.release()
+
+
+@pytest.mark.parametrize("name", ["text", "night"])
+def test_surfaces_with_print_and_lamps_keep_their_mean(name):
+    baked = bake((255 * PICTURES[name](EDGE)).astype(np.uint8), wraps=False)
+    place = np.stack(np.meshgrid(*[np.arange(EDGE // 2) * 2 + 1.0] * 2), axis=-1)
+    one = np.ones(place.shape[:2])
+    shown = shade(baked, Fragments(place, one, 3.0 * one), surface_noise(1, baked.layout))
+    colour = shown.base + shown.noise
+    assert colour.min() > -1e-9
+    assert colour.max() < 1 + 1e-9
+    assert 255 * abs(luma_of(colour).mean() - luma_of(shown.base).mean()) < 3
+    assert luma_of(shown.noise).std() > 0.05
+
+
+def test_metamers_of_photographs_lose_nothing_by_the_bound():
+    picture = (data.astronaut()[:256, 130:386] / 255).astype(np.float32)
+    shown = metamer(picture, pools_of(256), MetamerSettings(), 1)
+    assert statistics_distance(shown, picture) < 0.15

@@ -1,0 +1,135 @@
+"""Outliers of measured depth: which are mended, how, and what thin things stay."""
+
+import numpy as np
+import pytest
+
+from pipeline.frame import SourceFrame
+from pipeline.warp.gpu import warp_frame
+from pipeline.warp.reference import warp
+from pipeline.warp.settings import WarpSettings
+from pipeline.warp.speckle import mends, outliers, taken
+
+SIZE = 40, 50
+WALL_M, NEAR_M = 5.0, 2.0
+
+
+def wall(depth_m=WALL_M) -> np.ndarray:
+    return np.full(SIZE, depth_m, np.float32)
+
+
+def mended(depth_m) -> np.ndarray:
+    return taken(depth_m, *mends(depth_m))
+
+
+@pytest.mark.parametrize("size_px", [(1, 1), (2, 2), (3, 3), (1, 3)])
+@pytest.mark.parametrize("outlier_m", [0.01, NEAR_M, 30.0, np.inf])
+def test_clumps_that_nothing_bears_out_take_the_depth_around_them(size_px, outlier_m):
+    depth = wall()
+    corner = [(0, 0), (38, 48)] if max(size_px) < 3 else []
+    for row, column in [(15, 20), (30, 7), *corner]:
+        depth[row : row + size_px[0], column : column + size_px[1]] = outlier_m
+
+    np.testing.assert_array_equal(mended(depth), wall())
+
+
+def spokes():
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    depth = wall()
+    for slope in (-2.3, -0.5, 0.0, 0.4, 1.0):
+        depth[np.abs(y - 20 - slope * (x - 25)) <= 0.5 * max(1, abs(slope))] = NEAR_M
+    depth[:, 40] = NEAR_M
+    return depth
+
+
+def grille(bar_px, gap_px):
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] % (bar_px + gap_px)
+    return np.where((x < bar_px) | (y < bar_px), np.float32(NEAR_M), np.float32(WALL_M))
+
+
+def dash():
+    depth = wall()
+    depth[20, 10:15] = NEAR_M
+    return depth
+
+
+def leaves():
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    depth = wall()
+    for row, column in ((8, 9), (9, 30), (28, 14), (30, 40)):
+        depth[((x - column) / 5.0) ** 2 + ((y - row) / 2.2) ** 2 < 1] = NEAR_M
+    return depth
+
+
+def slope():
+    return np.float32(1.5 + 2.0 * np.arange(SIZE[1])) * np.ones((SIZE[0], 1), np.float32)
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [spokes(), grille(1, 3), grille(1, 2), grille(2, 3), dash(), leaves(), slope()],
+    ids=["spokes", "wires", "mesh", "grille", "dash", "leaves", "slope"],
+)
+def test_thin_things_and_what_is_seen_between_them_stay(depth):
+    assert not outliers(depth).any()
+
+
+def test_the_circle_of_the_paper_stays(disc_over_plane):
+    assert not outliers(disc_over_plane.depth_m).any()
+
+
+def test_the_nearest_to_the_middle_of_what_is_around_is_taken():
+    """By hand: beside an edge, 22 of 45 pixels around the outlier are near and 23 are far."""
+    depth = wall()
+    depth[:, :25] = NEAR_M
+    depth[20, 24] = 40.0  # 7 x 4 less itself are near, 7 x 3 far: the median is near
+    depth[5, 25] = 40.0  # and here it is far
+
+    found = mended(depth)
+
+    assert found[20, 24] == NEAR_M
+    assert found[5, 25] == WALL_M
+
+
+def test_what_nothing_can_mend_stays():
+    depth = np.float32([[1.0, 9.0], [30.0, 3.0]])
+
+    assert len(mends(depth)[0]) == 0
+    np.testing.assert_array_equal(mended(depth), depth)
+
+
+def source(rng) -> tuple[SourceFrame, np.ndarray, np.ndarray]:
+    """A near block that moves by 9 px before a wall; one outlier beside it moves otherwise."""
+    clean = wall()
+    clean[10:30, 15:30] = NEAR_M
+    depth = clean.copy()
+    depth[20, 13] = 60.0
+    flow = np.zeros((*SIZE, 2), np.float32)
+    flow[..., 0] = np.where(clean == NEAR_M, 9, 0)
+    flow[20, 13] = (-7, 0)
+    colour = rng.random((*SIZE, 3), np.float32)
+    return SourceFrame(colour, depth), flow, clean
+
+
+def test_both_twins_warp_as_if_the_outlier_were_none(gl_context, rng):
+    frame, flow, clean = source(rng)
+    right = flow.copy()
+    right[20, 13] = 0
+    for twin in (warp, lambda *a, **k: warp_frame(gl_context, *a, **k)):
+        wanted = twin(SourceFrame(frame.colour, clean), right)
+        found = twin(frame, flow, settings=WarpSettings(depth_speckle=True))
+        bare = twin(frame, flow)
+        for name in ("colour", "depth_m", "hole", "flow_px"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+        assert (bare.depth_m != wanted.depth_m).any()
+
+
+def test_depth_in_the_target_is_mended_with_the_source(rng):
+    frame, flow, clean = source(rng)
+    flow[20, 13] = 0
+
+    found = warp(
+        frame, flow, target_depth_m=frame.depth_m / 2, settings=WarpSettings(depth_speckle=True)
+    )
+
+    wanted = warp(SourceFrame(frame.colour, clean), flow, target_depth_m=clean / 2)
+    np.testing.assert_array_equal(found.depth_m, wanted.depth_m)

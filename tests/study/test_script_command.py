@@ -1,0 +1,115 @@
+"""`protocol script`: a participant's plan, and the scripts of its trials."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from attack.kills import CASES, write_study
+from PIL import Image
+from typer.testing import CliRunner
+
+from protocols.load import load_study, shipped
+from protocols.phases import rgba_sha256
+from protocols.plan import Plan
+from protocols.publish import schema_path
+from protocols.script import TrialScript, example_scripts, trial_script
+from study_app.cli import app
+from study_app.preview import preview_page
+from study_app.simulate import Simulation
+
+
+def script(*words):
+    done = CliRunner().invoke(app, ["protocol", "script", *map(str, words)], catch_exceptions=False)
+    return done.exit_code, done.stdout, " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("name", ["demo", "beyond-blur-detection", "critical-scaling-halves"])
+def test_the_json_is_what_the_published_schemas_say_and_what_a_session_compiles(name):
+    code, out, _ = script(name, "--code", "P01", "--slot", 2, "--json")
+    assert code == 0
+    whole = json.loads(out)
+    for kind, found in (("plan", whole["plan"]), ("script", whole["scripts"][-1])):
+        jsonschema.validate(found, json.loads(schema_path(kind).read_text(encoding="utf-8")))
+    study, display = load_study(shipped("studies")[name])
+    plan = Plan.model_validate_json(json.dumps(whole["plan"]))
+    assert (plan.slot, plan.participant) == (2, "P01")
+    assert [one["trial"] for one in whole["scripts"]] == [trial.id for trial in plan.trials]
+    manifest = Simulation(study, display).shown
+    for trial, found in list(zip(plan.trials, whole["scripts"], strict=True))[::40]:
+        made = trial_script(study, display, manifest, trial, study.text.default_language)
+        assert TrialScript.model_validate_json(json.dumps(found)) == made
+
+
+def test_a_script_names_places_from_the_middle_whatever_the_screen():
+    """The same pitch and distance on a larger screen: all but words stays where it was."""
+    study, display = load_study(Path("demo"))
+    wide = display.model_copy(
+        update={
+            "width_px": display.width_px + 400,
+            "width_mm": display.width_mm * (display.width_px + 400) / display.width_px,
+        }
+    )
+    for small, large in zip(
+        example_scripts(study, display), example_scripts(study, wide), strict=True
+    ):
+        for one, other in zip(small.phases, large.phases, strict=True):
+            if one.question is None:
+                assert [entry.at for entry in one.show] == [entry.at for entry in other.show]
+
+
+def test_pictures_are_written_by_the_hash_of_their_pixels(tmp_path):
+    code, out, _ = script(
+        "demo", "--code", "P01", "--json", "--trial", "main-0000", "--pictures", tmp_path / "pics"
+    )
+    assert code == 0
+    (made,) = json.loads(out)["scripts"]
+    named = set(re.findall(r'"sha256": "(\w{64})"', json.dumps(made["phases"])))
+    written = {path.stem: path for path in (tmp_path / "pics").iterdir()}
+    assert set(written) == named
+    assert len(named) == 4  # the target, the question, two notices
+    for name, path in written.items():
+        pixels = np.asarray(Image.open(path))
+        assert pixels.shape[2] == 4
+        assert rgba_sha256(pixels.shape[1], pixels.shape[0], pixels.tobytes()) == name
+    assert '"words"' not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--code", "P01", "--trial", "main-99999"), "--trial: must be one of the plan"),
+        (("--code", "_P"), "a code must be letters, digits"),
+        (("--code", "P01", "--language", "fr"), "--language: must be one of en, de, ja (got 'fr')"),
+        (("--code", "P01", "--display", "fhd24-144hz"), "must be feasible on display"),
+    ],
+)
+def test_what_cannot_be_printed_is_one_message(words, said):
+    code, out, err = script("demo", *words)
+    assert (code, out) == (2, "")
+    assert said in err
+
+
+def test_an_adaptive_trial_has_a_script_once_it_is_chosen(tmp_path):
+    write_study(tmp_path, CASES["yes-no by QUEST+"])
+    words = (tmp_path / "study.toml", "--display", "fhd27-60hz", "--code", "P01")
+    code, out, err = script(*words, "--json")
+    assert code == 0, err
+    whole = json.loads(out)
+    open_ = [trial["id"] for trial in whole["plan"]["trials"] if not trial["stimuli"]]
+    assert len(open_) + len(whole["scripts"]) == len(whole["plan"]["trials"])
+    code, out, err = script(*words, "--trial", open_[0])
+    assert (code, out) == (2, "")
+    assert f"{open_[0]} is adaptive: what it shows follows from the answers" in err
+
+
+def test_the_preview_has_the_answer_screen_of_both_orders_of_keys():
+    study, display = load_study(Path("demo"))  # keys turn after every second slot
+    page = preview_page(study, display, most=1).html
+    assert {"answer-first-second", "answer-second-first"} <= set(
+        re.findall(r'data-page="([\w-]+)"', page)
+    )
