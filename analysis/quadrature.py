@@ -5,7 +5,7 @@ knows one, makes up maxima without bound. Sums over nodes do not.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +152,7 @@ def _even(sd: Floats) -> tuple[Floats, Floats]:
     return nodes, np.full(count, np.log((nodes[1] - nodes[0]) / np.sqrt(2.0 * np.pi)))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _hermite(count: int) -> tuple[Floats, Floats]:
     """Return nodes and log weights of the mean of a standard normal."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(count)
@@ -258,7 +258,7 @@ class _Integrated:
         return guess, expit(free[-2] + free[-1] * _hermite(LAPSE_NODES)[0])
 
     def __call__(self, theta: Floats) -> tuple[float, Floats]:
-        beta, sd, free = self.split(theta)
+        free = self.split(theta)[2]
         value, at = self._integrated(theta)
         weight = at.within * at.across[self.person_of_cell][:, :, None, :]
         weighted = weight[self.cell] * at.per_share

@@ -35,8 +35,9 @@ class Response:
         F: the logistic or the normal distribution, or 1 - 2^-exp(eta), which is Weibull's
         function of exp(eta).
     guess, lapse : float or None
-        A known lapse rate may be one of each trial, ndarray (trials,). None: fitted, as the logit of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of
-        lapses in Broderick et al. 2023).
+        A known lapse rate may be one of each trial, ndarray (trials,). None: fitted, as the logit
+        of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of lapses in Broderick et al.
+        2023).
     mirrored : bool
         1 - F(-eta) in place of F(eta): where a curve that is not symmetric falls with the level.
     """

@@ -196,9 +196,15 @@ def scale_text(one: SizeScale, settings: Settings) -> str:
             "Participants who answer unlike the others (family-wise rate"
             f" {leading(f'{settings.alpha:g}')}): {', '.join(one.observers.flagged)}."
         )
-    else:
+    elif not one.observers.turned:
         parts.append(
             "No participant answers unlike the others (family-wise rate"
             f" {leading(f'{settings.alpha:g}')})."
+        )
+    if one.observers.turned:
+        parts.append(
+            "Participants who answer the other way round (a test of its own, family-wise rate"
+            f" {leading(f'{settings.alpha:g}')}): {', '.join(one.observers.turned)}. Did they take"
+            " one answer for the other?"
         )
     return " ".join(parts)
