@@ -51,7 +51,7 @@ class PeopleFit:
     converged : bool
         False where no search found a proper maximum.
     guess, lapse : float
-        The lapse rate is the mean of the population.
+        The lapse rate is the mean of `lapses`.
     own : ndarray (participants, conditions)
         Mean deviation of eta given the answers; NaN where a participant saw nothing of one.
     lapses : ndarray (participants,)
@@ -121,7 +121,6 @@ def fit_people(
     covariance = np.eye(point.size)
     if proper:
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
-    guess, lapses = model.rates(rates)
     own, lapse_of = model.own(point)
     return PeopleFit(
         beta=beta,
@@ -129,8 +128,8 @@ def fit_people(
         covariance=covariance,
         log_likelihood=-value,
         converged=proper,
-        guess=guess,
-        lapse=float(np.exp(model.lapse_weights) @ lapses),
+        guess=model.rates(rates)[0],
+        lapse=float(lapse_of.mean()),
         own=own,
         lapses=lapse_of,
     )
