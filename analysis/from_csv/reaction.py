@@ -146,7 +146,7 @@ def _sentences(result: ReactionFound) -> tuple[str, ...]:
     if result.diffusion is not None:
         found += [
             f"EZ diffusion, {one.first} minus {one.second}: {one.difference:.3g} in {one.measure},"
-            f" {100 * one.level:g}% CI [{one.lower:.3g}, {one.upper:.3g}], t({one.df:.0f}) ="
+            f" {100 * one.level:g}% CI [{one.lower:.3g}, {one.upper:.3g}], t({one.df:.1f}) ="
             f" {one.difference / one.standard_error:.2f}, {p_text(one.p)}"
             f" ({p_number(one.p_adjusted)} Holm-adjusted)."
             for one in result.diffusion.contrasts

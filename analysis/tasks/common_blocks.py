@@ -79,6 +79,7 @@ def time_model_blocks(model: TimeModel | None, label: Callable[[str], str]) -> t
             ("participants", model.participant_sd),
             ("participants x conditions", model.interaction_sd),
             ("scenes", model.scene_sd),
+            ("scenes x conditions", model.scene_interaction_sd),
             ("the rest", model.residual_sd),
         )
         if sd is not None
@@ -98,7 +99,7 @@ def time_model_blocks(model: TimeModel | None, label: Callable[[str], str]) -> t
             ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
             ("Ratio", "strong", lambda one: number(one.ratio)),
             (level, "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: f"{one.df:g}"),
+            ("df", "", lambda one: number(one.df, 1)),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         ),

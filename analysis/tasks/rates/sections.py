@@ -407,7 +407,7 @@ def _thresholds(
             ),
         ),
         Paragraph(
-            f"Lapse rate {share(model.lapse)}, shared by all; thresholds differ between"
+            f"Mean lapse rate of participants {share(model.lapse)}; thresholds differ between"
             f" participants by SD {sd_digits(model.participant_sd)}"
             + (
                 f", of one participant between conditions by SD {sd_digits(model.interaction_sd)}"
@@ -415,6 +415,11 @@ def _thresholds(
                 else ""
             )
             + (f", between scenes by SD {sd_digits(model.scene_sd)}" if model.scene_sd else "")
+            + (
+                f", of one scene between conditions by SD {sd_digits(model.scene_interaction_sd)}"
+                if model.scene_interaction_sd
+                else ""
+            )
             + (" of the threshold's natural logarithm" if model.logarithmic else "")
             + ".",
             muted=True,
@@ -548,7 +553,8 @@ def _models(results: RateResults) -> tuple[Block, ...]:
             "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
             " independent, as papers print it; the second clusters its errors by"
             f" {' and '.join(groups)}; the third has"
-            f" {'them as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random intercepts,"
+            f" {'them as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random intercepts"
+            " and lets effects differ between them (t of participants - 1),"
             f" and so speaks of the typical {groups[0]}.",
             muted=True,
         ),

@@ -252,11 +252,12 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
             if results.thresholds.scene_sd:
                 effects.append("scenes")
             if len(results.thresholds.thresholds) > 1:
-                effects.append("participants x conditions")
+                effects += [f"{effect} x conditions" for effect in effects]
             text += (
                 " Thresholds in the population come from one mixed model of all trials, random"
-                f" over {', '.join(effects)} (Laplace approximation), with one lapse rate, drawn"
-                " towards small ones, for all."
+                f" over {', '.join(effects)}, with a lapse rate of each participant, drawn"
+                " towards small ones (adaptive quadrature over participants"
+                f"{', then Laplace approximation' if results.thresholds.scene_sd else ''})."
             )
         if results.critical:
             text += (
@@ -269,7 +270,7 @@ class RatesTask(TaskAnalysis[RateSettings, RateResults]):
                 f" Logistic models, {results.models.independent.formula}, are given with trials as"
                 f" independent, with standard errors clustered by {' and '.join(groups)}, and with"
                 f" {'both as crossed' if len(groups) > 1 else f'{groups[0]}s as'} random"
-                " intercepts."
+                " intercepts and effects that differ between them, by t of participants - 1."
             )
         corrected = ", Holm-adjusted" if settings.correction == "holm" else ", not adjusted"
         if len(results.comparisons) > 1:

@@ -96,10 +96,12 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         spread += f", participants x conditions SD = {sd_digits(model.interaction_sd)}"
     if model.scene_sd:
         spread += f", scenes SD = {sd_digits(model.scene_sd)}"
+    if model.scene_interaction_sd:
+        spread += f", scenes x conditions SD = {sd_digits(model.scene_interaction_sd)}"
     scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
-        f" together; guess rate {share(model.guess)}, lapse rate {leading(f'{model.lapse:.3f}')}):"
+        f" together; guess rate {share(model.guess)}, mean lapse rate {leading(f'{model.lapse:.3f}')}):"
         f" {'; '.join(parts)} ({spread}{scale})."
     )
 

@@ -86,7 +86,7 @@ def _ratings(results: RatingResults, settings: RatingSettings) -> tuple[Block, .
         ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
         (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
         (level, "n", lambda one: number_range(one.lower, one.upper)),
-        ("t(df)", "n", lambda one: f"({one.df:g})"),
+        ("t(df)", "n", lambda one: f"({one.df:.1f})"),
         ("p", "n", lambda one: p_number(one.p)),
         ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         ("Rated higher", "", lambda one: share(one.superiority)),

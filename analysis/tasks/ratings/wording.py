@@ -16,7 +16,7 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     unit = "SD" if model.link == "probit" else "logits"
     return (
         f"{one.first} was rated {one.difference:.2f} {unit} above {one.second},"
-        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.0f}),"
+        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.1f}),"
         f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
         f" {model.link} mixed model); one showing of it is rated higher with a chance of"
         f" {leading(f'{one.superiority:.2f}')}."
