@@ -4,8 +4,9 @@ With a guess rate a participant's likelihood has more than one hill, and Laplace
 knows one, makes up maxima without bound. Sums over nodes do not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ REACH = 4.5
 FARTHEST_APART = 0.9
 """Nodes, in eta; curves bend within 1."""
 LAPSE_NODES = 7
+
+MOST_ROWS = 2_000
+"""Looked at together, if no participant has more."""
+
 
 STARTS = (0.5, 1.5, 0.15)
 """Deviations of eta at which searches begin; the later ones where the first finds no maximum."""
@@ -104,13 +109,20 @@ def fit_people(
     invert the second derivative.
     """
     model = _Integrated.of(design, y, person, condition, response, steepest)
+    parts = model.parts()
+
+    def loss(theta: Floats) -> tuple[float, Floats]:
+        values, slopes = zip(*(part(theta) for part in parts), strict=True)
+        value, slope = model.prior(theta)
+        return sum(values) - value, np.sum(slopes, axis=0) - slope
+
     found = None
     for sd in STARTS:
         begin = np.concatenate([start, np.full(model.deviations, sd), model.start_rates()])
-        best = optimize.minimize(model, begin, jac=True, method="BFGS", options={"gtol": 1e-3})
-        point, hessian = newton_polish(model, np.asarray(best.x, dtype=np.float64))
+        best = optimize.minimize(loss, begin, jac=True, method="BFGS", options={"gtol": 1e-3})
+        point, hessian = newton_polish(loss, np.asarray(best.x, dtype=np.float64))
         proper = _proper(point, hessian)
-        value = model(point)[0]
+        value = loss(point)[0]
         if found is None or (proper, -value) > (found[0], -found[1]):
             found = proper, value, point, hessian
         if proper:
@@ -121,7 +133,9 @@ def fit_people(
     covariance = np.eye(point.size)
     if proper:
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
-    own, lapse_of = model.own(point)
+    own, lapse_of = (
+        np.concatenate(found) for found in zip(*(part.own(point) for part in parts), strict=True)
+    )
     return PeopleFit(
         beta=beta,
         sd=np.abs(sds),
@@ -202,7 +216,7 @@ class _Integrated:
     condition_of_cell: Codes
     response: Response
     steepest: Floats
-    deviations: int
+    conditions: int
 
     @classmethod
     def of(
@@ -229,8 +243,34 @@ class _Integrated:
             condition_of_cell=cells[:, 1],
             response=response,
             steepest=steepest,
-            deviations=2 if np.unique(what).size > 1 else 1,
+            conditions=int(what.max()) + 1,
         )
+
+    @property
+    def deviations(self) -> int:
+        return 2 if self.conditions > 1 else 1
+
+    def parts(self) -> "list[_Integrated]":
+        """Return the same of some participants each: so many rows as memory should hold at once."""
+        last = np.flatnonzero(np.diff(self.person, append=-1)) + 1
+        cuts = last[np.diff((last - 1) // MOST_ROWS, append=-1) != 0].tolist()
+        found = []
+        for low, high in pairwise([0, *cuts]):
+            person, cell = int(self.person[low]), int(self.cell[low])
+            cells = slice(cell, int(self.cell[high - 1]) + 1)
+            found.append(
+                replace(
+                    self,
+                    design=self.design[low:high],
+                    successes=self.successes[low:high],
+                    trials=self.trials[low:high],
+                    person=self.person[low:high] - person,
+                    cell=self.cell[low:high] - cell,
+                    person_of_cell=self.person_of_cell[cells] - person,
+                    condition_of_cell=self.condition_of_cell[cells],
+                )
+            )
+        return found
 
     @property
     def lapse_weights(self) -> Floats:
@@ -275,23 +315,22 @@ class _Integrated:
             left = -(weighted * at.rise[..., None]).sum(axis=(0, 1, 2)) * lapses * (1.0 - lapses)
             nodes = _hermite(LAPSE_NODES)[0]
             slope.append(np.array([left.sum(), left @ nodes]))
-        return value, -np.concatenate(slope) - self._prior(theta)[1]
+        return value, -np.concatenate(slope)
 
     def own(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return each participant's mean deviation in each condition, and mean lapse rate."""
         _, sd, free = self.split(theta)
         _, at = self._integrated(theta)
-        sd = np.abs(sd)
         people = self.person_of_cell
         deviation = (sd[0] * at.u)[people][:, :, None]
         if self.deviations > 1:
             deviation = deviation + sd[1] * at.v
         weight = at.within * at.across[people][:, :, None, :]
-        found = np.full((people.max() + 1, self.condition_of_cell.max() + 1), np.nan)
+        found = np.full((people.max() + 1, self.conditions), np.nan)
         found[people, self.condition_of_cell] = (weight.sum(axis=3) * deviation).sum(axis=(1, 2))
         return found, at.across.sum(axis=1) @ self.rates(free)[1]
 
-    def _prior(self, theta: Floats) -> tuple[float, Floats]:
+    def prior(self, theta: Floats) -> tuple[float, Floats]:
         """Return the log prior of steep curves, of fitted rates and of how lapses differ; slope."""
         beta, sd, free = self.split(theta)
         plain = free[: self.response.fitted]
@@ -312,8 +351,7 @@ class _Integrated:
         typical = np.exp(self.lapse_weights) @ lapses
         spread = self._mode(theta, (guess, float(typical)))
         spread = self._spread(self._summed(theta, spread, guess, np.array([typical]))[1])
-        value, at = self._summed(theta, spread, guess, lapses)
-        return value - self._prior(theta)[0], at
+        return self._summed(theta, spread, guess, lapses)
 
     def _summed(
         self, theta: Floats, spread: "_Spread", guess: float, lapses: Floats

@@ -203,9 +203,12 @@ UNBALANCED = {
 
 def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
     """Return model, name and design of each cell, and what judges a study of it."""
-    found: list[tuple[str, str, Design, Callable[..., Outcome]]] = [
-        ("thresholds", name, design, thresholds) for name, design in THRESHOLDS.items()
-    ]
+    found: list[tuple[str, str, Design, Callable[..., Outcome]]] = []
+    for name, seen in UNBALANCED.items():
+        for own in (0.43, 1.0):
+            design = Design(person=(0.63, 0.0), scene=(own, 0.0))
+            found.append(("share", f"{name}, scenes {own:g}", design, share(seen)))
+    found += [("thresholds", name, design, thresholds) for name, design in THRESHOLDS.items()]
     models: tuple[tuple[Callable[..., Outcome], tuple[float, float], tuple[float, ...]], ...] = (
         (times, (0.3, 0.1), (0.1, 0.2)),
         (ratings, (0.5, 0.3), (0.25, 0.5)),
@@ -218,10 +221,6 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 scene = (own, 0.0) if judge is graded else (0.3, own)
                 design = Design(people, scenes, repeats, person, scene)
                 found.append((judge.__name__, f"{size}, scene x condition {own:g}", design, judge))
-    for name, seen in UNBALANCED.items():
-        for own in (0.43, 1.0):
-            design = Design(person=(0.63, 0.0), scene=(own, 0.0))
-            found.append(("share", f"{name}, scenes {own:g}", design, share(seen)))
     return found
 
 
