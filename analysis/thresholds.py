@@ -263,7 +263,7 @@ def fit_thresholds(
                 f"thresholds of {told.first} and {told.second} are not compared: not identified by"
                 " these data"
             )
-    if not fit.converged:
+    if not fit.converged or not placed:
         sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
         shape=shape,
