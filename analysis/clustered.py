@@ -5,6 +5,7 @@ Trials of one participant, or of one scene, are more alike than others. Every fu
 the simulation of ten thousand studies is one call.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -350,15 +351,19 @@ def _two_way_variance(parts: Variances) -> tuple[Floats, Floats]:
     variance = np.where(variance < 1e-20, 0.0, variance)
     weight_p = np.maximum(parts.person, parts.cell)
     weight_s = np.maximum(parts.scene - np.where(few, 0.0, 0.5 * parts.cell), like_people)
-    df = two_way_df(np.stack([weight_p, weight_s]), np.stack([parts.person_df, parts.scene_df]))
+    df = two_way_df([weight_p, weight_s], [parts.person_df, parts.scene_df])
     return np.asarray(variance), np.where(variance > 0, df, parts.person_df)
 
 
-def two_way_df(weight: Floats, df: Floats) -> Floats:
-    """Return degrees of freedom between those of several ways (ways, ...), weighted by variance."""
+def two_way_df(weights: Sequence[Floats], degrees: Sequence[Floats]) -> Floats:
+    """Return degrees of freedom (...) between those of several ways, weighted by variance."""
+    squares = [np.asarray(weight) ** 2 for weight in weights]
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.where(df > 0, weight**2 / df, 0.0).sum(axis=0)
-        return np.asarray((weight**2).sum(axis=0) / spread)
+        spread = [
+            np.where(np.asarray(df) > 0, square / df, 0.0)
+            for square, df in zip(squares, degrees, strict=True)
+        ]
+        return np.asarray(sum(squares) / sum(spread))
 
 
 def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:

@@ -119,7 +119,7 @@ class Crossed:
         weights = np.array(parts) + rest * np.array([1.0, 0.5])[: len(parts)]
         if not weights.any():
             return degrees[0]
-        return float(two_way_df(weights, np.array(degrees)))
+        return float(two_way_df(list(weights), [np.asarray(df) for df in degrees]))
 
 
 def wald(

@@ -348,7 +348,6 @@ def test_an_effect_that_people_differ_in_is_not_found_by_the_mixed_model():
     assert row.p > 0.05
     assert row.ratio_p > 0.05
     assert beside.mixed.random_sd["participant x method"] > 0.5
-    assert row.p == pytest.approx(beside.clustered["method[T.b]"].p, abs=0.1)
 
 
 def test_people_who_differ_make_clustered_and_mixed_models_say_what_the_plain_one_cannot(rng):

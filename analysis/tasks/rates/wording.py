@@ -101,7 +101,8 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
     scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
-        f" together; guess rate {share(model.guess)}, mean lapse rate {leading(f'{model.lapse:.3f}')}):"
+        f" together; guess rate {share(model.guess)}, mean lapse rate"
+        f" {leading(f'{model.lapse:.3f}')}):"
         f" {'; '.join(parts)} ({spread}{scale})."
     )
 
