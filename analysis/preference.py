@@ -469,7 +469,7 @@ def _notes(
     elif scenes < FEW_SCENES:
         notes.append(
             f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
-            " reach far beyond them"
+            " reach far beyond them; more participants do not replace scenes"
         )
     if wins in (0, trials):
         notes.append(
