@@ -279,6 +279,8 @@ def preferences(
             )
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
+    if correction == "holm":
+        notes += _hopeless(max(cell.answers.participants for cell in cells), len(cells), alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,
@@ -437,6 +439,19 @@ def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tup
         cell.adjusted(float(p), float(equivalence), alpha)
         for cell, p, equivalence in zip(cells, *adjusted, strict=True)
     )
+
+
+def _hopeless(people: int, count: int, alpha: float) -> list[str]:
+    """Say that a family of comparisons is too large for so few participants."""
+    least = 2.0 * 0.5**people
+    if count < 2 or least >= alpha or count * least < alpha:
+        return []
+    needed = int(np.floor(np.log2(2.0 * count / alpha))) + 1
+    return [
+        f"none of {count} comparisons can be significant after Holm's adjustment: {people}"
+        f" participants show no p below {least:.2g}; that takes {needed} participants, or fewer"
+        " comparisons"
+    ]
 
 
 def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdict:
