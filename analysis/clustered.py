@@ -278,14 +278,15 @@ def weighted_df(shown: Floats) -> tuple[Floats, Floats]:
     w_g (b_g - mean), with w each cluster's share of the trials and the mean weighted likewise, has
     an expectation and a variance (b independent and normal, of one variance): the factor mends
     the one, and the degrees are twice its square by the other (Satterthwaite 1946; for clusters
-    Bell and McCaffrey 2002). One cluster alone has neither.
+    Bell and McCaffrey 2002). One cluster alone has no
+    factor (NaN), and 0 degrees.
     """
     share = shown / shown.sum(axis=-1, keepdims=True)
     m2, m3, m4, m5 = ((share**power).sum(axis=-1) for power in (2, 3, 4, 5))
     kept = np.where(m2 < 1.0 - SAME, m2 - 2.0 * m3 + m2**2, np.nan)
     squares = m2**4 - 4.0 * m2**2 * m3 + 4.0 * m2 * m4 + 2.0 * m3**2 - 4.0 * m5 + m4
-    alone = np.isnan(kept)
-    return np.where(alone, 1.0, m2 / kept), np.where(alone, 0.0, kept**2 / squares)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(m2 / kept), np.where(np.isnan(kept), 0.0, kept**2 / squares)
 
 
 def _variances(residual: Floats, shown: Floats, squared: Floats) -> Variances:
