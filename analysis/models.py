@@ -375,7 +375,8 @@ def _mixed(
             replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution, df))
             for place, row in enumerate(table)
         )
-    crossed = "crossed random" if len(groups) > 1 else "random"
+    several = {group.partition(" x ")[0] for group in groups}
+    crossed = "crossed random" if len(several) > 1 else "random"
     effects = f"{crossed} intercepts ({', '.join(groups)})"
     if slopes:
         effects += f", random slopes ({', '.join(names[len(groups) :])})"

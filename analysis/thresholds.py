@@ -24,6 +24,9 @@ Codes = NDArray[np.int64]
 
 FEW_PARTICIPANTS = 5
 
+OPEN_RANGES = 5.0
+"""A limit outside the levels shown by more than so many of their ranges bounds nothing."""
+
 NARROWEST = 0.9
 """Of the least gap between two levels: no answers at these tell a curve from a narrower one."""
 
@@ -49,14 +52,16 @@ class Threshold:
     def identified(self, levels: Sequence[float] = ()) -> bool:
         """Return whether the answers place it: with limits, not far outside the levels shown.
 
-        Far is further than the levels' range.
+        Far is further than the levels' range; of its limits, than `OPEN_RANGES` of these.
         """
         if self.lower is None or self.upper is None:
             return False
         if not levels:
             return True
         low, high = min(levels), max(levels)
-        return 2.0 * low - high <= self.value <= 2.0 * high - low
+        reach = OPEN_RANGES * (high - low)
+        bounded = low - reach <= self.lower and self.upper <= high + reach
+        return bounded and 2.0 * low - high <= self.value <= 2.0 * high - low
 
 
 @dataclass(frozen=True)
