@@ -222,7 +222,9 @@ def fit_thresholds(
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     place_of = centre - spread * fit.beta[: len(names)] / slopes
     gradient = _gradient(fit.beta, len(names), own_widths, fit.covariance.shape[0]) * spread
-    covariance = gradient @ fit.covariance @ gradient.T
+    # Likelihood takes deviations from a mean that it fitted: they come out too small.
+    people = len(places.participants)
+    covariance = gradient @ fit.covariance @ gradient.T * people / (people - 1.0)
     typical = float(np.mean(np.abs(slopes)))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
     crossed = Crossed.of(condition, groups, sd)

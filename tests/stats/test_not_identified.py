@@ -91,7 +91,7 @@ def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
 
     assert result.exit_code == 0, result.output
     assert re.search(r"ours +70 +3\.64", result.output)
-    assert re.search(r"plain +70 +2\.60 +-1\.008", result.output)
+    assert re.search(r"plain +70 +2\.60 +-1\.01 ", result.output)
     assert written["mean_rating"].tolist() == pytest.approx([3.642857, 2.6], abs=1e-5)
     assert (written[f"share_{scale.split(',')[2]}"] == 0).all()
 
