@@ -25,6 +25,12 @@ class Grid:
     person: NDArray[np.int64]
     scene: NDArray[np.int64]
 
+    @property
+    def several(self) -> dict[str, NDArray[np.int64]]:
+        """Which participant each trial is of, and which scene where there are several."""
+        found = {"participant": self.person}
+        return found | ({"scene": self.scene} if len(self.scenes) > 1 else {})
+
     def count(self, values: pd.Series) -> Floats:
         """Sum values (trials) into cells (participants, scenes)."""
         cells = np.zeros((len(self.participants), len(self.scenes)))

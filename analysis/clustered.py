@@ -5,6 +5,7 @@ Trials of one participant, or of one scene, are more alike than others. Every fu
 the simulation of ten thousand studies is one call.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,6 +28,11 @@ SAME = 1e-12
 
 FEW_SCENES = 5
 """Below this the test leans to the safe side, and still cannot be trusted; results say so."""
+
+LEAST_OF_SCENES = 0.1
+"""Variance between scenes, as a share of that between people, that so few scenes do not rule out.
+
+Divided by their degrees of freedom: with two scenes, many people alone never make p small."""
 
 
 @dataclass(frozen=True)
@@ -200,10 +206,8 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     shown = np.broadcast_to(shown, chosen.shape)
     total = shown.sum(axis=(-2, -1))
     share = chosen.sum(axis=(-2, -1)) / total
-    var_person, var_scene, var_cell, persons, scenes = _variances(
-        chosen - shown * share[..., None, None], shown, total**2
-    )
-    return combine(share, total, var_person, var_scene, var_cell, persons, scenes)
+    residual = chosen - shown * share[..., None, None]
+    return combine(share, total, _variances(residual, shown, total**2))
 
 
 def two_way_influence(
@@ -229,82 +233,138 @@ def two_way_influence(
     """
     influence = np.array(influence, dtype=np.float64)
     shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
-    variances = _variances(influence, shown, np.asarray(1.0))
-    variance, df = _two_way_variance(*variances)
+    parts = _variances(influence, shown, np.asarray(1.0))
+    variance, df = _two_way_variance(parts)
     return ClusteredEstimate(
         value=np.asarray(estimate, dtype=np.float64),
         standard_error=np.sqrt(np.maximum(variance, least)),
         df=np.asarray(df),
-        persons=variances[3],
+        persons=parts.persons,
     )
 
 
-def _variances(
-    residual: Floats, shown: Floats, squared: Floats
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Return variances between persons, scenes and within cells, and how many of each there are.
+@dataclass(frozen=True)
+class Variances:
+    """What `two_way` puts together (...): variances of a mean, and how well they are known.
 
-    `residual` (..., participants, scenes) is used up; `squared` divides its squares.
+    Attributes
+    ----------
+    person, scene, cell : ndarray
+        Between participants, between scenes (0 where there is one), within cells.
+    persons : ndarray
+    person_df, scene_df : ndarray
+        One less than how many there are, where all were seen equally often (`weighted_df`).
+    """
+
+    person: Floats
+    scene: Floats
+    cell: Floats
+    persons: Floats
+    person_df: Floats
+    scene_df: Floats
+
+
+def weighted_df(shown: Floats) -> tuple[Floats, Floats]:
+    """Return what a variance between clusters is multiplied by, and its degrees of freedom.
+
+    Parameters
+    ----------
+    shown : ndarray (..., clusters)
+        Trials of each; 0 of a cluster that is not there.
+
+    Notes
+    -----
+    Of G clusters that were seen equally often G / (G - 1), and G - 1. Else a sum of squares of
+    w_g (b_g - mean), with w each cluster's share of the trials and the mean weighted likewise, has
+    an expectation and a variance (b independent and normal, of one variance): the factor mends
+    the one, and the degrees are twice its square by the other (Satterthwaite 1946; for clusters
+    Bell and McCaffrey 2002). One cluster alone has no
+    factor (NaN), and 0 degrees.
+    """
+    share = shown / shown.sum(axis=-1, keepdims=True)
+    m2, m3, m4, m5 = ((share**power).sum(axis=-1) for power in (2, 3, 4, 5))
+    kept = np.where(m2 < 1.0 - SAME, m2 - 2.0 * m3 + m2**2, np.nan)
+    squares = m2**4 - 4.0 * m2**2 * m3 + 4.0 * m2 * m4 + 2.0 * m3**2 - 4.0 * m5 + m4
+    with np.errstate(invalid="ignore"):
+        return np.asarray(m2 / kept), np.where(np.isnan(kept), 0.0, kept**2 / squares)
+
+
+def _variances(residual: Floats, shown: Floats, squared: Floats) -> Variances:
+    """Return the variances of sums `residual` (..., participants, scenes), which is used up.
+
+    `squared` divides their squares.
     """
     by_person, by_scene = residual.sum(axis=-1), residual.sum(axis=-2)
     shown_person, shown_scene = shown.sum(axis=-1), shown.sum(axis=-2)
     persons = (shown_person > 0).sum(axis=-1).astype(np.float64)
     scenes = (shown_scene > 0).sum(axis=-1).astype(np.float64)
     cells = (shown > 0).sum(axis=(-2, -1)).astype(np.float64)
+    person_factor, person_df = weighted_df(shown_person)
+    scene_factor, scene_df = weighted_df(shown_scene)
+    # Few cells seen leave no residual of their own to speak of: what they hold is the most it is.
+    most = np.einsum("...ps,...ps->...", residual, residual) / squared
+    most = np.where(cells < persons * scenes, most, np.inf)
     person_shift = by_person / np.maximum(shown_person, 1.0)
     scene_shift = by_scene / np.maximum(shown_scene, 1.0)
     residual -= shown * (person_shift[..., :, None] + scene_shift[..., None, :])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        var_person = np.einsum("...p,...p->...", by_person, by_person) / squared
-        var_person *= persons / (persons - 1.0)
-        var_scene = np.einsum("...s,...s->...", by_scene, by_scene) / squared
-        var_scene = np.where(scenes > 1, var_scene * scenes / (scenes - 1.0), 0.0)
-        var_cell = np.einsum("...ps,...ps->...", residual, residual) / squared
-        var_cell *= cells / np.maximum(cells - persons - scenes + 1.0, 1.0)
-    return var_person, var_scene, var_cell, persons, scenes
+    several = scene_df > 0
+    var_person = np.einsum("...p,...p->...", by_person, by_person) / squared * person_factor
+    var_scene = np.einsum("...s,...s->...", by_scene, by_scene) / squared * scene_factor
+    var_cell = np.einsum("...ps,...ps->...", residual, residual) / squared
+    var_cell *= cells / np.maximum(cells - persons - scenes + 1.0, 1.0)
+    var_cell = np.minimum(var_cell, most)
+    return Variances(
+        person=var_person,
+        scene=np.where(several, var_scene, 0.0),
+        cell=np.where(several, var_cell, 0.0),
+        persons=persons,
+        person_df=person_df,
+        scene_df=scene_df,
+    )
 
 
-def combine(
-    share: Floats,
-    total: Floats,
-    var_person: Floats,
-    var_scene: Floats,
-    var_cell: Floats,
-    persons: Floats,
-    scenes: Floats,
-) -> ClusteredShare:
+def combine(share: Floats, total: Floats, parts: Variances) -> ClusteredShare:
     """Put the three variances of `two_way` together (also used by the power simulation)."""
-    variance, df = _two_way_variance(var_person, var_scene, var_cell, persons, scenes)
+    variance, df = _two_way_variance(parts)
     with np.errstate(divide="ignore", invalid="ignore"):
-        effective = np.where(variance > 0, share * (1.0 - share) / variance, persons)
+        effective = np.where(variance > 0, share * (1.0 - share) / variance, parts.persons)
     return ClusteredShare(
         share=np.asarray(share),
         standard_error=np.sqrt(variance),
         df=np.asarray(df),
         effective_n=np.minimum(effective, total),
         trials=np.asarray(total, dtype=np.float64),
-        persons=np.asarray(persons, dtype=np.float64),
+        persons=np.asarray(parts.persons, dtype=np.float64),
     )
 
 
-def _two_way_variance(
-    var_person: Floats, var_scene: Floats, var_cell: Floats, persons: Floats, scenes: Floats
-) -> tuple[Floats, Floats]:
+def _two_way_variance(parts: Variances) -> tuple[Floats, Floats]:
     """Return the two-way variance and its degrees of freedom."""
-    var_cell = np.where(scenes > 1, var_cell, 0.0)
-    few = (scenes > 1) & (scenes < FEW_SCENES)
-    # Two or three scenes that happen to agree say little: assume some variance between them.
-    assumed = np.where(few, 0.5 * var_cell / np.maximum(scenes - 1.0, 1.0), 0.0)
-    variance = np.maximum(var_person + var_scene - var_cell, var_person + assumed)
+    few = (parts.scene_df > 0) & (parts.scene_df < FEW_SCENES - 1.0)
+    # Two or three scenes that happen to agree say little: assume some variance between them,
+    # and, where many people leave no other doubt, a share of what there is between people.
+    free = np.maximum(parts.scene_df, 1.0)
+    like_people = LEAST_OF_SCENES * parts.person * parts.persons / (free * (free + 1.0))
+    like_people = np.where(few, like_people, 0.0)
+    assumed = np.maximum(np.where(few, 0.5 * parts.cell / free, 0.0), like_people)
+    variance = np.maximum(parts.person + parts.scene - parts.cell, parts.person + assumed)
     # Rounding leaves about 1e-33 where all answers agree.
     variance = np.where(variance < 1e-20, 0.0, variance)
-    weight_p = np.maximum(var_person, var_cell)
-    weight_s = np.maximum(var_scene - np.where(few, 0.0, 0.5 * var_cell), 0.0)
+    weight_p = np.maximum(parts.person, parts.cell)
+    weight_s = np.maximum(parts.scene - np.where(few, 0.0, 0.5 * parts.cell), like_people)
+    df = two_way_df([weight_p, weight_s], [parts.person_df, parts.scene_df])
+    return np.asarray(variance), np.where(variance > 0, df, parts.person_df)
+
+
+def two_way_df(weights: Sequence[Floats], degrees: Sequence[Floats]) -> Floats:
+    """Return degrees of freedom (...) between those of several ways, weighted by variance."""
+    squares = [np.asarray(weight) ** 2 for weight in weights]
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = weight_p**2 / (persons - 1.0)
-        spread = spread + np.where(scenes > 1, weight_s**2 / (scenes - 1.0), 0.0)
-        df = np.where(variance > 0, (weight_p**2 + weight_s**2) / spread, persons - 1.0)
-    return np.asarray(variance), np.asarray(df)
+        spread = [
+            np.where(np.asarray(df) > 0, square / df, 0.0)
+            for square, df in zip(squares, degrees, strict=True)
+        ]
+        return np.asarray(sum(squares) / sum(spread))
 
 
 def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Which conditions are compared with which, and Wald's comparisons of what was estimated."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm
+from analysis.clustered import holm, two_way_df, weighted_df
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
+Codes = NDArray[np.int64]
 Pair = tuple[str, str]
 MOST_CONDITIONS = 200
+
+IN_CONDITION = " x condition"
+"""After the name of a random effect: what a level adds to itself in one condition."""
 
 
 @dataclass(frozen=True)
@@ -71,22 +75,78 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     return [(name, reference) for name in known if name != reference]
 
 
+@dataclass(frozen=True)
+class Crossed:
+    """Who and what a mixed model's conditions were seen by, for degrees of freedom.
+
+    Attributes
+    ----------
+    shares : mapping of "participant" and, where there are several, "scene" to ndarray
+        (levels, conditions): which part of a condition's trials each level has.
+    sd : mapping
+        Deviations by name of the random effect: of both, and of both in one condition
+        (`IN_CONDITION` after the name).
+    """
+
+    shares: Mapping[str, Floats]
+    sd: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, condition: Codes, groups: Mapping[str, Codes], sd: Mapping[str, float]
+    ) -> "Crossed":
+        """Count trials; codes (trials,) from 0."""
+        shares = {}
+        for name, code in groups.items():
+            table = np.zeros((int(code.max()) + 1, int(condition.max()) + 1))
+            np.add.at(table, (code, condition), 1.0)
+            shares[name] = table / table.sum(axis=0)
+        return cls(shares, {name: float(np.nan_to_num(value)) for name, value in sd.items()})
+
+    def df(self, contrast: Floats, variance: float) -> float:
+        """Return the degrees of freedom of a contrast (conditions,) with this variance.
+
+        As of a share that is clustered by participants and scenes (`clustered.two_way_df`): what
+        is left of the variance counts for participants, and half of it for scenes.
+        """
+        parts, degrees = [], []
+        for name, share in self.shares.items():
+            apart = self.sd.get(name, 0.0) ** 2 * float(np.sum((share @ contrast) ** 2))
+            own = self.sd.get(name + IN_CONDITION, 0.0) ** 2
+            parts.append(apart + own * float(np.sum((share * contrast) ** 2)))
+            degrees.append(float(weighted_df(share @ np.abs(contrast))[1]))
+        rest = max(variance - sum(parts), 0.0)
+        weights = np.array(parts) + rest * np.array([1.0, 0.5])[: len(parts)]
+        if not weights.any():
+            return degrees[0]
+        return float(two_way_df(list(weights), [np.asarray(df) for df in degrees]))
+
+
 def wald(
     names: Sequence[str], pairs: Sequence[Pair], value: Floats, covariance: Floats, *,
-    df: int, level: float,
-) -> list[Gap]:  # fmt: skip
-    """Compare conditions by their values (names,) and the covariance of these."""
+    crossed: Crossed, level: float,
+) -> tuple[list[Gap], list[float]]:  # fmt: skip
+    """Compare conditions by their values (names,) and the covariance of these.
+
+    Beside the comparisons their degrees of freedom.
+    """
     if not pairs:
-        return []
+        return [], []
     place = {name: k for k, name in enumerate(names)}
     first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
+    units = np.eye(len(names))
     gap = value[first] - value[second]
     variance = covariance[first, first] + covariance[second, second]
-    error = np.sqrt((variance - 2.0 * covariance[first, second]).clip(min=1e-300))
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    variance = (variance - 2.0 * covariance[first, second]).clip(min=1e-300)
+    error = np.sqrt(variance)
+    df = [
+        crossed.df(units[one] - units[other], float(own))
+        for one, other, own in zip(first, second, variance, strict=True)
+    ]
+    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
     p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
     numbers = np.column_stack([gap, error, gap - reach, gap + reach, p, holm(p)])
-    return [Gap(*pair, *row) for pair, row in zip(pairs, numbers.tolist(), strict=True)]
+    return [Gap(*pair, *row) for pair, row in zip(pairs, numbers.tolist(), strict=True)], df
 
 
 def paired(gaps: Sequence[tuple[Pair, Floats]], level: float) -> list[tuple[Gap, int]]:

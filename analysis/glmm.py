@@ -12,7 +12,7 @@ from scipy.special import expit
 from analysis.logit import fit_logit
 from analysis.numeric import newton_polish
 from analysis.random_effects import Arrow, RandomEffects
-from analysis.response import LOGIT, Response
+from analysis.response import LOGIT, Rates, Response, steep_prior
 
 Floats = NDArray[np.float64]
 
@@ -110,6 +110,7 @@ def fit_crossed(
     slopes: Sequence[Floats | None] = (),
     start: Floats | None = None,
     rough: Floats | None = None,
+    steepest: Floats | None = None,
     errors: bool = True,
     counted: CountedTrials | None = None,
 ) -> CrossedFit:
@@ -131,6 +132,8 @@ def fit_crossed(
         Where the search begins; left out, at the coefficients of the logit model.
     rough : ndarray (parameters, parameters), optional
         About their covariance, for the first step of the search.
+    steepest : ndarray (coefficients,), optional
+        As of `quadrature.fit_people`.
     errors : bool
         Without them a fit is quick, and enough for a likelihood ratio.
     counted : CountedTrials, optional
@@ -143,11 +146,13 @@ def fit_crossed(
     negative log density and H its second derivative in b. The outer search runs over beta and sd
     (not its logarithm: at sd 0 the likelihood is even in sd, so a boundary fit keeps a proper
     second derivative). Its slope is exact, with the mode moving along (Kristensen et al. 2016,
-    section 2). Standard errors invert the second derivative in all parameters.
+    section 2). Standard errors invert the second derivative in all parameters. Where people guess
+    or lapse the log-likelihood of eta is no single hill, and H is the expected second derivative,
+    as in lme4.
     """
     if counted is None:
         counted = CountedTrials.of(design, y, groups, slopes)
-    model = _Laplace(design, counted, response)
+    model = _Laplace(design, counted, response, steepest)
     coefficients, factors = design.shape[1], len(groups)
     if start is None:
         first = fit_logit(model.design, model.successes, model.trials).beta
@@ -167,6 +172,7 @@ def fit_crossed(
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
     likelihood = -model(point)[0]
     guess, lapse = response.rates(point[coefficients + factors :])
+    lapse = float(np.mean(lapse))
     return CrossedFit(
         beta=point[:coefficients],
         beta_se=np.sqrt(np.diag(covariance)[:coefficients].clip(min=0.0)),
@@ -252,11 +258,18 @@ class _Laplace:
     It remembers the last mode of the random effects, where the next search begins.
     """
 
-    def __init__(self, design: Floats, counted: CountedTrials, response: Response) -> None:
+    def __init__(
+        self,
+        design: Floats,
+        counted: CountedTrials,
+        response: Response,
+        steepest: Floats | None = None,
+    ) -> None:
         self.design = np.asarray(design[counted.first], dtype=np.float64)
         self.trials, self.successes = counted.trials, counted.successes
         self.effects = counted.effects
-        self.response = response
+        self.response = response.of(counted.first)
+        self.steepest = np.full(design.shape[1], np.inf) if steepest is None else steepest
         self.mode = np.zeros(self.effects.size)
         self._ends = np.cumsum([design.shape[1], self.effects.factors])
 
@@ -312,13 +325,18 @@ class _Laplace:
             promised = float(slope @ step)
             b, done = b + step, largest < SMALL_STEP
         self.mode = b
+        bowl, curved = arrow, weight
+        if not self.response.concave:
+            # Guesses bend it so much that the curvature at one place makes up likelihood.
+            bowl, curved = self.effects.arrow(expected, scale), expected
         joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
-        value = 0.5 * float(b @ b) - joint + 0.5 * arrow.log_det - self.response.penalty(free)
-        return _Mode(value, b, scale, eta, gap, weight, rates, arrow)
+        value = 0.5 * float(b @ b) - joint + 0.5 * bowl.log_det - self.response.penalty(free)
+        value -= steep_prior(beta, self.steepest)[0]
+        return _Mode(value, b, scale, eta, gap, weight, rates, arrow, curved, bowl)
 
     def _slope(self, theta: Floats, at: "_Mode") -> Floats:
         """Return the slope in coefficients and deviations; the mode moves along with both."""
-        leverage, trace = self.effects.leverage(at.arrow, at.weight, at.scale)
+        leverage, trace = self.effects.leverage(at.bowl, at.curved, at.scale)
         force = 0.5 * leverage * self._bend(at)
         moved = at.arrow.solve(at.scale * self.effects.of_effects(force))
         pull = force - at.gap - at.weight * self.effects.on_trials(at.scale * moved)
@@ -326,14 +344,16 @@ class _Laplace:
         by_effect = by_effect + moved * self.effects.of_effects(at.gap)
         by_sd = trace + [part.sum() for part in self.effects.by_factor(by_effect)]
         sign = np.where(np.split(theta, self._ends)[1] < 0, -1.0, 1.0)
-        return np.concatenate([self.design.T @ pull, sign * by_sd])
+        prior = steep_prior(theta[: self.steepest.size], self.steepest)[1]
+        return np.concatenate([self.design.T @ pull - prior, sign * by_sd])
 
     def _bend(self, at: "_Mode") -> Floats:
-        """Return how fast each trial's weight grows with eta."""
+        """Return how fast each trial's weight in the determinant grows with eta."""
         if self.response.plain:
             return np.asarray(at.weight * (1.0 - 2.0 * expit(at.eta)))
+        which = 1 if self.response.concave else 2
         up, down = (
-            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[1]
+            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[which]
             for shift in (BEND_STEP, -BEND_STEP)
         )
         return np.asarray((up - down) / (2.0 * BEND_STEP))
@@ -341,7 +361,10 @@ class _Laplace:
 
 @dataclass(frozen=True)
 class _Mode:
-    """Minus the Laplace likelihood, the effects `b` at their mode, and the trials there."""
+    """Minus the Laplace likelihood, the effects `b` at their mode, and the trials there.
+
+    `bowl` is the curvature whose determinant counts, and `curved` the trials' part of it.
+    """
 
     value: float
     b: Floats
@@ -349,5 +372,7 @@ class _Mode:
     eta: Floats
     gap: Floats
     weight: Floats
-    rates: tuple[float, float]
+    rates: Rates
     arrow: Arrow
+    curved: Floats
+    bowl: Arrow

@@ -1,6 +1,7 @@
 """Models of trials by formula: logit GLM, robust and penalised, and the crossed GLMM."""
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,9 @@ from analysis.response import LOGIT, PROBIT, Response
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
 
+GROUPS = ("participant", "scene")
+CENTRED = " from its mean"
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -38,7 +42,8 @@ class Coefficient:
     p, lower, upper : float
         Of t or z; under Firth's penalty of its profile likelihood.
     ratio_p : float or None
-        Of a mixed model's likelihood ratio without this term, against chi-square.
+        Of a mixed model's likelihood ratio without this term: its root against t where there is
+        `df`, else the ratio against chi-square.
     """
 
     term: str
@@ -177,6 +182,7 @@ def glmm_logit(
     slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
+    df: float | None = None,
 ) -> ModelFit:
     """Fit a logit model with crossed random intercepts by the Laplace approximation.
 
@@ -186,12 +192,15 @@ def glmm_logit(
         For example ``("participant", "scene")``: one random intercept each, crossed.
     slopes : sequence of (column of numbers, group)
         Random slopes, each independent of all else: ``("signal", "participant")``.
+    df : float, optional
+        Of t, by which statistics and likelihood ratios are judged; left out, z and chi-square.
 
     Notes
     -----
     Same likelihood as lme4 and glmmTMB; standard errors from its full second derivative, as
-    glmmTMB's. Wald z: with about ten participants they are somewhat small. The likelihood ratio
-    stands beside (`Coefficient.ratio_p`).
+    glmmTMB's. By z, with about ten participants, p are somewhat small. The likelihood ratio
+    stands beside (`Coefficient.ratio_p`). A term whose effect differs between people, in a model
+    without a random effect that says so, is found far too often.
     """
     design, y, terms = matrices(formula, trials, reference)
     scaled, back = well_scaled(design)
@@ -200,7 +209,7 @@ def glmm_logit(
     if separated(scaled, y, np.ones_like(y)):
         return _without(_firth(formula, scaled, y, terms, level, found, back), hidden)
     fit, converged = _mixed(
-        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found
+        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found, df
     )
     if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
@@ -252,8 +261,9 @@ class ModelsBeside:
     """One formula, three ways to judge it.
 
     `independent` is what papers print and takes trials as independent; `clustered` has the same
-    estimates with robust standard errors; `mixed` has random intercepts, and so the effect on
-    the typical participant, which is larger than that on the average answer.
+    estimates with robust standard errors; `mixed` has random intercepts, and effects that differ
+    between people and between scenes, and so the effect on the typical participant, which is
+    larger than that on the average answer.
     """
 
     independent: ModelFit
@@ -270,17 +280,37 @@ def models_beside(
 ) -> ModelsBeside:
     """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
 
-    Groups are participants and scenes, where there are several; one of both must be.
+    Groups are participants and scenes, where there are several; one of both must be. In the mixed
+    model a column of names has deviations in each of its levels (participant x column), and a
+    column of numbers random slopes about its mean, wherever it varies within a group. It is judged
+    by t of participants - 1, as `paired_model` is.
     """
-    groups = ["participant", "scene"]
-    several = [c for c in groups if c in trials.columns and trials[c].nunique() > 1]
+    several = [c for c in GROUPS if c in trials.columns and trials[c].nunique() > 1]
     if not several:
-        raise ValueError(f"one of the columns {groups} must have two values at least")
+        raise ValueError(f"one of the columns {list(GROUPS)} must have two values at least")
+    table, groups, slopes = trials.copy(), list(several), []
+    for column in re.findall(r"\w+", formula.partition("~")[2]):
+        if column not in trials.columns:
+            continue
+        numbers = trials[column].dtype.kind in "iuf" and trials[column].nunique() > 2
+        for group in several:
+            name = f"{group} x {column}"
+            if name in table or trials.groupby(group)[column].nunique().max() < 2:
+                continue
+            if numbers:
+                table[column + CENTRED] = trials[column] - trials[column].mean()
+                slopes.append((column + CENTRED, group))
+            else:
+                table[name] = trials[group].astype(str) + "\0" + trials[column].astype(str)
+                groups.append(name)
     return ModelsBeside(
         independent=glm_logit(formula, trials, reference=reference, level=level),
-        clustered=glm_logit(formula, trials, cluster=several[:2], reference=reference, level=level),
-        mixed=glmm_logit(formula, trials, groups=several, reference=reference, level=level),
-    )
+        clustered=glm_logit(formula, trials, cluster=several, reference=reference, level=level),
+        mixed=glmm_logit(
+            formula, table, groups=groups, slopes=slopes, reference=reference, level=level,
+            df=float(trials[several[0]].nunique() - 1),
+        ),
+    )  # fmt: skip
 
 
 def _alike(hidden: Sequence[str]) -> tuple[str, ...]:
@@ -311,6 +341,7 @@ def _mixed(
     model: tuple[Floats, Floats, Sequence[str]],
     level: float,
     found: list[str],
+    df: float | None = None,
 ) -> tuple[ModelFit, bool]:
     design, y, terms = model
     codes = [group_codes(trials, column) for column in groups]
@@ -338,13 +369,14 @@ def _mixed(
         for column, deviation in zip(names, solution.sd, strict=True)
         if deviation < SINGULAR_SD
     ]
-    table = _table(terms, back @ solution.beta, errors, None, level)
+    table = _table(terms, back @ solution.beta, errors, df, level)
     if solution.converged:
         table = tuple(
-            replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution))
+            replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution, df))
             for place, row in enumerate(table)
         )
-    crossed = "crossed random" if len(groups) > 1 else "random"
+    several = {group.partition(" x ")[0] for group in groups}
+    crossed = "crossed random" if len(several) > 1 else "random"
     effects = f"{crossed} intercepts ({', '.join(groups)})"
     if slopes:
         effects += f", random slopes ({', '.join(names[len(groups) :])})"
@@ -368,13 +400,15 @@ def _ratio_p(
     times: Sequence[Floats | None],
     response: Response,
     solution: CrossedFit,
+    df: float | None,
 ) -> float:
     """Return p of the likelihood ratio against the model without one coefficient."""
     design, y, _ = model
     less, _ = well_scaled(np.delete(design, place, axis=1))
     one = np.eye(design.shape[1])[place]
     ratio = reduced_ratio(solution, one, place, less, y, codes, times, response)
-    return float(stats.chi2.sf(ratio, 1))
+    law = stats.norm() if df is None else stats.t(df)
+    return float(2.0 * law.sf(np.sqrt(ratio)))
 
 
 def _firth(

@@ -37,17 +37,28 @@ class ObserverCheck:
         distance from the median observer in robust deviations; larger is less alike.
     p : ndarray (observers,)
         Chance that the largest distance in a clean study of this shape is as large: family-wise.
+    agreement : ndarray (observers,)
+        How far the observer's answers lean with the scale of the others, in standard errors of
+        answers by coin; negative where they lean against it.
+    reversed_p : ndarray (observers,)
+        Chance that the least agreement in a clean study of this shape is as low: family-wise.
     spread : float
         Estimated standard deviation of scores between observers, which the simulation repeats.
     flagged : tuple of str
         Observers with p < alpha. Look at them; do not drop them unless the protocol says so.
+    turned : tuple of str
+        Observers who lean against the others, with reversed_p < alpha: did they take one answer
+        for the other?
     """
 
     observers: tuple[str, ...]
     distance: Floats
     p: Floats
+    agreement: Floats
+    reversed_p: Floats
     spread: float
     flagged: tuple[str, ...]
+    turned: tuple[str, ...]
     alpha: float
     warnings: tuple[str, ...]
 
@@ -75,38 +86,53 @@ def check_observers(
     trials, scale and spread between observers are simulated, and the largest distance in each
     gives the reference distribution (parametric bootstrap of the maximum). Observers of a clean
     study differ by a t law of few degrees of freedom, because people do; the spread is the one
-    whose simulated studies look as spread as this one (docs/decisions/0056).
+    whose simulated studies look as spread as this one (docs/decisions/0056). The same studies
+    judge who answers the other way round, which is a test of its own.
     """
     count, conditions = wins.shape[0], wins.shape[1]
     names = tuple(observers)
     if count < 4:
-        none = np.zeros(count)
-        return ObserverCheck(
-            names, none, np.ones(count), 0.0, (), alpha, ("fewer than four observers: no check",)
-        )
+        none, one = np.zeros(count), np.ones(count)
+        note = "fewer than four observers: no check"
+        return ObserverCheck(names, none, one, none, one, 0.0, (), (), alpha, (note,))
     first, second = pair_index(conditions)
     won, shown = wins[:, first, second], wins[:, first, second] + wins[:, second, first]
     spread, scores = _matched_spread(won, shown, conditions, model, rng)
-    distance = _apart(_distances(won, shown, conditions, model))
+    short, agreement = _judged(won, shown, conditions, model)
+    distance = _apart(short)
     studies = max(FEWEST_STUDIES, min(studies, MOST_OBSERVERS // count))
-    personal = scores + spread * _tastes(rng, (studies, count, conditions))
-    share = probability(personal[..., first] - personal[..., second], model)
-    clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
-    largest = _apart(_distances(clean, shown, conditions, model)).max(axis=-1)
+
+    def simulated(spread: float, scores: Floats) -> tuple[Floats, Floats]:
+        personal = scores + spread * _tastes(rng, (studies, count, conditions))
+        share = probability(personal[..., first] - personal[..., second], model)
+        clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
+        return _judged(clean, shown, conditions, model)
+
+    largest = _apart(simulated(spread, scores)[0]).max(axis=-1)
     p = (1 + (largest[:, None] >= distance).sum(axis=0)) / (studies + 1)
+    reversed_p = np.ones(count)
+    if float(agreement.min()) < 0.0:
+        # Who answers the other way round must not set how much people differ.
+        others = np.arange(count) != agreement.argmin()
+        rest = _matched_spread(won[others], shown[others], conditions, model, rng)
+        least = simulated(*rest)[1].min(axis=-1)
+        reversed_p = (1 + (least[:, None] <= agreement).sum(axis=0)) / (studies + 1)
     return ObserverCheck(
         observers=names,
         distance=distance,
         p=p,
+        agreement=agreement,
+        reversed_p=reversed_p,
         spread=spread,
         flagged=tuple(name for name, value in zip(names, p, strict=True) if value < alpha),
+        turned=tuple(name for name, value in zip(names, reversed_p, strict=True) if value < alpha),
         alpha=alpha,
         warnings=(),
     )
 
 
-def _distances(won: Floats, shown: Floats, conditions: int, model: Model) -> Floats:
-    """Return the standardised shortfall (..., observers) under leave-one-out scales."""
+def _judged(won: Floats, shown: Floats, conditions: int, model: Model) -> tuple[Floats, Floats]:
+    """Return standardised shortfall and agreement (..., observers) under leave-one-out scales."""
     rest_won = won.sum(axis=-2, keepdims=True) - won
     rest_shown = np.broadcast_to(shown.sum(axis=-2, keepdims=True) - shown, won.shape)
     scores = fit_scores(rest_won, rest_shown - rest_won, conditions, model, tolerance=1e-5)
@@ -117,7 +143,12 @@ def _distances(won: Floats, shown: Floats, conditions: int, model: Model) -> Flo
     found = (won * yes + (shown - won) * no).sum(axis=-1)
     expected = (shown * (share * yes + (1.0 - share) * no)).sum(axis=-1)
     variance = (shown * share * (1.0 - share) * (yes - no) ** 2).sum(axis=-1)
-    return np.asarray((expected - found) / np.sqrt(np.maximum(variance, 1e-9)))
+    leaning = ((won - 0.5 * shown) * difference).sum(axis=-1)
+    by_coin = 0.25 * (shown * difference**2).sum(axis=-1)
+    return (
+        np.asarray((expected - found) / np.sqrt(np.maximum(variance, 1e-9))),
+        np.asarray(leaning / np.sqrt(np.maximum(by_coin, 1e-9))),
+    )
 
 
 def _apart(distance: Floats) -> Floats:

@@ -11,7 +11,7 @@ from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import Pair, pairs_of, unidentified, wald
+from analysis.contrasts import IN_CONDITION, Crossed, Pair, pairs_of, unidentified, wald
 from analysis.numeric import numeric_hessian
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -98,7 +98,8 @@ class RatingModel:
         Between neighbouring categories in use, on the latent axis of the first condition; NaN
         where the ratings do not identify them.
     sd : mapping
-        Between participants, of a participant's deviation in a condition, between scenes.
+        Between participants and scenes, and of their deviations in a condition (`IN_CONDITION`
+        after the name).
     """
 
     link: OrdinalLink
@@ -250,9 +251,10 @@ def rating_model(
 
     Notes
     -----
-    Random are participants, a participant's deviation in a condition, and scenes where there are
-    several. Limits and tests: Wald, with t of participants - 1. Categories nobody chose have no
-    thresholds of their own, and keep their number in means.
+    Random are participants, scenes where there are several, and the deviations of both in a
+    condition. Limits and tests: Wald's, by t with degrees of freedom between those of participants
+    and of scenes (`contrasts.Crossed`). Categories nobody chose have no thresholds of their own,
+    and keep their number in means.
     """
     rows = checked(trials, ("rating",), by)
     texts = rows["rating"].map(_text)
@@ -272,18 +274,18 @@ def rating_model(
         )
     pairs = pairs_of(names, reference)
     design = _indicator(condition, len(names))[:, 1:]
-    effects = {
-        "participant": _indicator(places.person, people),
-        "participant x condition": _indicator(
-            np.unique(places.person * len(names) + condition, return_inverse=True)[1].ravel()
-        ),
+    groups = places.several
+    effects = {name: _indicator(code) for name, code in groups.items()} | {
+        name + IN_CONDITION: _indicator(
+            np.unique(code * len(names) + condition, return_inverse=True)[1].ravel()
+        )
+        for name, code in groups.items()
     }
-    if len(places.scenes) > 1:
-        effects["scene"] = _indicator(places.scene, len(places.scenes))
     fit = fit_cumulative(design, y, effects, link=link)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += _misfit(design, y, condition, link)
-    return _model(parts, pairs, _codes(texts, known), known, fit, people, link, level, notes)
+    crossed = Crossed.of(condition, groups, fit.sd)
+    return _model(parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes)
 
 
 def paired_ratings(
@@ -298,8 +300,8 @@ def paired_ratings(
     Parameters
     ----------
     decisions : DataFrame, one row per comparison
-        ``participant``, ``first``, ``second``, and ``rating``: a number, the larger the more the
-        first is better; 0 where neither is, such as -1, 0, 1.
+        ``participant``, optionally ``scene``, ``first``, ``second``, and ``rating``: a number, the
+        larger the more the first is better; 0 where neither is, such as -1, 0, 1.
 
     Raises
     ------
@@ -310,31 +312,37 @@ def paired_ratings(
     -----
     Agresti 1992 (Analysis of ordinal paired comparison data, Applied Statistics 41, 287-297): a
     cumulative-link model in the difference of two places. Random is a participant's liking of
-    each method. Thresholds that are not symmetric are a bias to one of the two places.
+    each method, and a scene's, where there are several. Thresholds that are not symmetric are a
+    bias to one of the two places. Limits and tests as of `rating_model`.
     """
     rows = checked(decisions, ("first", "second", "rating"))
     texts = rows["rating"].map(_text)
     used = _numbers(texts)
     y = _codes(texts, used)
     names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
-    people, person = np.unique(rows["participant"].astype(str), return_inverse=True)
-    if len(people) < 2 or len(names) < 2 or len(used) < 2:
+    places = grid(rows)
+    people = len(places.participants)
+    if people < 2 or len(names) < 2 or len(used) < 2:
         raise ValueError(
             "decisions must hold two participants, two methods and two different ratings at least"
-            f" (found {len(people)}, {len(names)} and {len(used)})"
+            f" (found {people}, {len(names)} and {len(used)})"
         )
     pairs = pairs_of(names, reference)
     place = {name: k for k, name in enumerate(names)}
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
     gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
-    own = np.zeros((len(rows), len(people) * len(names)))
-    for sign, side in zip((1.0, -1.0), sides, strict=True):
-        own[np.arange(len(rows)), person.ravel() * len(names) + side] += sign
-    own = own[:, np.any(own != 0.0, axis=0)]
-    fit = fit_cumulative(gap[:, 1:], y, {"participant x method": own}, link=link)
+    groups, effects = places.several, {}
+    for group, code in groups.items():
+        own = np.zeros((len(rows), (int(code.max()) + 1) * len(names)))
+        for sign, side in zip((1.0, -1.0), sides, strict=True):
+            own[np.arange(len(rows)), code * len(names) + side] += sign
+        effects[group + IN_CONDITION] = own[:, np.any(own != 0.0, axis=0)]
+    fit = fit_cumulative(gap[:, 1:], y, effects, link=link)
+    twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
+    crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
-    notes = _notes(fit, len(people), [])
-    return _model(parts, pairs, y, used, fit, len(people), link, level, notes)
+    notes = _notes(fit, people, [])
+    return _model(parts, pairs, y, used, fit, crossed, link, level, notes)
 
 
 def _model(
@@ -343,13 +351,13 @@ def _model(
     chosen: Whole,
     scale: Sequence[str],
     fit: CumulativeFit,
-    people: int,
+    crossed: Crossed,
     link: OrdinalLink,
     level: float,
     notes: Sequence[str],
 ) -> RatingModel:
-    df = people - 1
-    gaps = wald([name for name, _ in parts], pairs, *_places(fit), df=df, level=level)
+    names = [name for name, _ in parts]
+    gaps, df = wald(names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
@@ -359,7 +367,7 @@ def _model(
             float(theta) if _told(theta, error) else np.nan
             for theta, error in zip(fit.theta, errors, strict=True)
         ),
-        conditions=_rated(parts, chosen, scale, fit, df, level),
+        conditions=_rated(parts, chosen, scale, fit, crossed, level),
         contrasts=tuple(
             RatingDifference(
                 first=gap.first,
@@ -368,18 +376,18 @@ def _model(
                 lower=gap.lower,
                 upper=gap.upper,
                 level=level,
-                df=float(df),
+                df=gap_df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
                 superiority=superiority(gap.difference, link),
             )
-            for gap in gaps
+            for gap, gap_df in zip(gaps, df, strict=True)
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
         ratings=chosen.size,
-        participants=people,
+        participants=len(crossed.shares["participant"]),
         warnings=tuple(notes),
     )
 
@@ -484,12 +492,15 @@ def _rated(
     chosen: Whole,
     scale: Sequence[str],
     fit: CumulativeFit,
-    df: int,
+    crossed: Crossed,
     level: float,
 ) -> tuple[RatedCondition, ...]:
     value, covariance = _places(fit)
     error = np.sqrt(np.diag(covariance).clip(min=0))
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    from_first = np.eye(error.size)
+    from_first[1:, 0] = -1.0
+    df = [crossed.df(one, own**2) for one, own in zip(from_first, error, strict=True)]
+    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
     numbers = _scale_numbers(scale)
     found = []
     for k, (name, part) in enumerate(parts):

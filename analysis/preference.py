@@ -279,6 +279,8 @@ def preferences(
             )
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
+    if correction == "holm":
+        notes += _hopeless(max(cell.answers.participants for cell in cells), len(cells), alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,
@@ -439,6 +441,19 @@ def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tup
     )
 
 
+def _hopeless(people: int, count: int, alpha: float) -> list[str]:
+    """Say that a family of comparisons is too large for so few participants."""
+    least = 2.0 * 0.5**people
+    if count < 2 or least >= alpha or count * least < alpha:
+        return []
+    needed = int(np.floor(np.log2(2.0 * count / alpha))) + 1
+    return [
+        f"none of {count} comparisons can be significant after Holm's adjustment: {people}"
+        f" participants show no p below {least:.2g}; that takes {needed} participants, or fewer"
+        " comparisons"
+    ]
+
+
 def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdict:
     if p < alpha:
         return "preferred" if share > 0.5 else "rejected"
@@ -469,7 +484,7 @@ def _notes(
     elif scenes < FEW_SCENES:
         notes.append(
             f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
-            " reach far beyond them"
+            " reach far beyond them; more participants do not replace scenes"
         )
     if wins in (0, trials):
         notes.append(

@@ -26,6 +26,9 @@ SPREAD_MAX = 0.999
 LEAST_SPREAD = 1e-3
 """Below, the beta-binomial law is the binomial one to all digits that matter."""
 
+EVEN_FROM = 2.0
+"""Least gaps of two levels, from which on the prior of widths is even."""
+
 FAR = 12.0
 """Log density below the highest at which the grid may end."""
 
@@ -44,6 +47,10 @@ PLACED_BY_PRIOR = (
 )
 LIMITS_OF_PRIOR = (
     "the answers hardly place the threshold: its limits are those of the prior, and left out"
+)
+WIDTH_OF_LEVELS = (
+    "the width is near the gap between two levels: these bound it from above alone, and the lower"
+    " limit is that of a step"
 )
 
 
@@ -196,7 +203,8 @@ def psychometric_posterior(
     -----
     Priors of Schütt et al. 2016, on the axis of the fit: the threshold is even over the levels
     and falls as a cosine over half their range outside; the width is even from twice the least
-    gap of two levels to their range, and falls to 0 at that gap and at three times the range.
+    gap of two levels to their range, and falls to 0 at that gap and at three times the range. Where
+    the width's lower limit lies below twice the gap it is the prior's, and becomes that of a step.
     Coarse grids over all of this find where the posterior lies, a finer one integrates it.
 
     In 300 simulated runs each, 95 % limits of the threshold held it in .957 (7 levels x 20 trials),
@@ -252,6 +260,9 @@ def psychometric_posterior(
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     found = {name: [float(v) for v in one.quantile(tails)] for name, one in marginals.items()}
     place, width = found["threshold"], found["width"]
+    notes = _notes(marginals["threshold"], low, high, found["lapse"][0], found["spread"][0])
+    if width[1] < EVEN_FROM * gap:
+        width[1], notes = 0.0, (*notes, WIDTH_OF_LEVELS)
     if logarithmic:
         place, width = [float(np.exp(v)) for v in place], [float(np.exp(v)) for v in width]
     if falling:
@@ -268,7 +279,7 @@ def psychometric_posterior(
         marginals=marginals,
         level=level,
         trials=int(total.sum()),
-        warnings=_notes(marginals["threshold"], low, high, found["lapse"][0], found["spread"][0]),
+        warnings=notes,
     )
 
 
@@ -369,7 +380,8 @@ def _threshold_prior(place: Floats, low: float, high: float) -> Floats:
 
 
 def _width_prior(width: Floats, gap: float, span: float) -> Floats:
-    inner = 0.5 * (1.0 - np.cos(np.pi * np.clip((width - gap) / gap, 0.0, 1.0)))
+    rise = (width - gap) / ((EVEN_FROM - 1.0) * gap)
+    inner = 0.5 * (1.0 - np.cos(np.pi * np.clip(rise, 0.0, 1.0)))
     outer = 0.5 * (1.0 + np.cos(0.5 * np.pi * np.clip((width - span) / span, 0.0, 2.0)))
     return np.where(width > span, outer, inner)
 

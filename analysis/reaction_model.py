@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import pairs_of, wald
+from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
 from analysis.linear_mixed import fit_linear_mixed
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -55,8 +55,9 @@ class TimeModel:
         By condition, and between conditions.
     beta, beta_se : tuple of float
         Mean logarithm of each condition, in the order of `times`.
-    participant_sd, interaction_sd, scene_sd, residual_sd : float
-        Of ln s: between people, of a person's deviation in a condition, between scenes, the rest.
+    participant_sd, interaction_sd, scene_sd, scene_interaction_sd, residual_sd : float
+        Of ln s: between people, of a person's deviation in a condition, between scenes, of a
+        scene's deviation in a condition, the rest.
     log_likelihood : float
         Restricted (REML).
     """
@@ -68,6 +69,7 @@ class TimeModel:
     participant_sd: float
     interaction_sd: float
     scene_sd: float
+    scene_interaction_sd: float
     residual_sd: float
     log_likelihood: float
     level: float
@@ -83,7 +85,7 @@ def time_model(
     reference: str | None = None,
     level: float = 0.95,
 ) -> TimeModel:
-    """Fit ln(rt) = condition + participant + participant x condition + scene + rest.
+    """Fit ln(rt) = condition, random over participants and scenes, and both in a condition.
 
     Parameters
     ----------
@@ -100,9 +102,10 @@ def time_model(
 
     Notes
     -----
-    `linear_mixed.fit_linear_mixed`. Limits and tests are t with participants - 1 degrees of
-    freedom: so many people, and not so many answers, tell what holds for people. The participant x
-    condition deviation keeps one person's taste from passing for the condition's.
+    `linear_mixed.fit_linear_mixed`. Limits and tests are t with degrees of freedom between those
+    of participants and of scenes (`contrasts.Crossed`): so many people and scenes, and not so many
+    answers, tell what holds for others. The deviations of participants and scenes in a condition
+    keep one person's taste, and one scene's, from passing for the condition's.
     """
     rows = checked(trials, ("rt_s",), by)
     rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
@@ -116,11 +119,12 @@ def time_model(
     names = [name for name, _ in parts]
     pairs = pairs_of(names, reference)
     design = (condition[:, None] == np.arange(len(names))).astype(np.float64)
-    effects = {"participant": places.person}
+    groups = places.several
+    effects = dict(groups)
     if len(names) > 1:
-        effects["interaction"] = places.person * len(names) + condition
-    if len(places.scenes) > 1:
-        effects["scene"] = places.scene
+        effects |= {
+            name + IN_CONDITION: code * len(names) + condition for name, code in groups.items()
+        }
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
@@ -131,9 +135,11 @@ def time_model(
         for kind, name in (("participants", "participant"), ("scenes", "scene"))
         if name in sd and sd[name] < NO_SPREAD
     ]
-    df = people - 1
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df))
+    crossed = Crossed.of(condition, groups, sd)
     error = np.sqrt(np.diag(covariance))
+    df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
+    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
+    gaps = wald(names, pairs, beta, covariance, crossed=crossed, level=level)
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
@@ -141,8 +147,8 @@ def time_model(
             ConditionTime(
                 name,
                 float(np.exp(beta[k])),
-                float(np.exp(beta[k] - reach * error[k])),
-                float(np.exp(beta[k] + reach * error[k])),
+                float(np.exp(beta[k] - reach[k])),
+                float(np.exp(beta[k] + reach[k])),
                 len(part),
             )
             for k, (name, part) in enumerate(parts)
@@ -155,17 +161,18 @@ def time_model(
                 lower=float(np.exp(gap.lower)),
                 upper=float(np.exp(gap.upper)),
                 level=level,
-                df=float(df),
+                df=gap_df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
             )
-            for gap in wald(names, pairs, beta, covariance, df=df, level=level)
+            for gap, gap_df in zip(*gaps, strict=True)
         ),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
         participant_sd=sd["participant"],
-        interaction_sd=sd.get("interaction", 0.0),
+        interaction_sd=sd.get("participant" + IN_CONDITION, 0.0),
         scene_sd=sd.get("scene", 0.0),
+        scene_interaction_sd=sd.get("scene" + IN_CONDITION, 0.0),
         residual_sd=fit.residual_sd,
         log_likelihood=fit.log_likelihood,
         level=level,

@@ -9,6 +9,8 @@ from scipy.special import expit, log_expit, logit, ndtr, ndtri
 
 Floats = NDArray[np.float64]
 Link = Literal["logit", "probit", "weibull"]
+Rates = tuple[float, float | Floats]
+"""Guess rate, and lapse rate: one, or of each row."""
 
 RATE_PRIOR = (2.0, 50.0)
 """Beta law that fitted lapse and guess rates are drawn to: mode .02, 95 % below .09."""
@@ -33,15 +35,16 @@ class Response:
         F: the logistic or the normal distribution, or 1 - 2^-exp(eta), which is Weibull's
         function of exp(eta).
     guess, lapse : float or None
-        None: fitted, as the logit of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of
-        lapses in Broderick et al. 2023).
+        A known lapse rate may be one of each trial, ndarray (trials,). None: fitted, as the logit
+        of a rate drawn towards `RATE_PRIOR` (a penalty; the prior of lapses in Broderick et al.
+        2023).
     mirrored : bool
         1 - F(-eta) in place of F(eta): where a curve that is not symmetric falls with the level.
     """
 
     link: Link = "logit"
     guess: float | None = 0.0
-    lapse: float | None = 0.0
+    lapse: float | Floats | None = 0.0
     mirrored: bool = False
 
     @property
@@ -50,11 +53,21 @@ class Response:
         return (self.guess is None) + (self.lapse is None)
 
     @property
+    def concave(self) -> bool:
+        """Whether nobody guesses or lapses: then the log-likelihood of eta has one hill."""
+        return self.guess == 0.0 and self.lapse is not None and not np.any(self.lapse)
+
+    @property
     def plain(self) -> bool:
         """Whether this is an ordinary logit model."""
-        return self.link == "logit" and self.guess == 0.0 and self.lapse == 0.0
+        return self.link == "logit" and self.concave
 
-    def rates(self, free: Floats) -> tuple[float, float]:
+    def of(self, trials: NDArray[np.int64]) -> "Response":
+        """Return the response of these trials alone."""
+        one = self.lapse is None or np.ndim(self.lapse) == 0
+        return self if one else replace(self, lapse=np.asarray(self.lapse)[trials])
+
+    def rates(self, free: Floats) -> Rates:
         """Return guess and lapse rate from the logits of those that are fitted."""
         left = list(expit(free))
         guess = self.guess if self.guess is not None else 0.5 * float(left.pop(0))
@@ -70,9 +83,14 @@ class Response:
         a, b = RATE_PRIOR
         return float(np.sum(a * log_expit(free) + b * log_expit(-free)))
 
-    def share(self, eta: Floats, rates: tuple[float, float]) -> Floats:
+    def penalty_slope(self, free: Floats) -> Floats:
+        """Return the slope of `penalty`."""
+        a, b = RATE_PRIOR
+        return np.asarray(a - (a + b) * expit(free))
+
+    def share(self, eta: Floats, rates: Rates) -> Floats:
         """Return p."""
-        return np.asarray(rates[0] + (1.0 - rates[0] - rates[1]) * self._rise(eta)[0])
+        return np.asarray(rates[0] + (1.0 - rates[0] - rates[1]) * self.rise(eta)[0])
 
     def eta(self, rise: float) -> float:
         """Return where F has this value."""
@@ -84,9 +102,7 @@ class Response:
             return float(ndtri(rise))
         return float(np.log(-np.log1p(-rise) / LOG_2))
 
-    def log_likelihood(
-        self, eta: Floats, successes: Floats, trials: Floats, rates: tuple[float, float]
-    ) -> float:
+    def log_likelihood(self, eta: Floats, successes: Floats, trials: Floats, rates: Rates) -> float:
         """Return the log-likelihood without binomial coefficients."""
         if self.plain:
             joint = successes @ log_expit(eta) + (trials - successes) @ log_expit(-eta)
@@ -95,7 +111,7 @@ class Response:
         return float(successes @ np.log(share) + (trials - successes) @ np.log1p(-share))
 
     def slope(
-        self, eta: Floats, successes: Floats, trials: Floats, rates: tuple[float, float]
+        self, eta: Floats, successes: Floats, trials: Floats, rates: Rates
     ) -> tuple[Floats, Floats, Floats]:
         """Return the slope in eta, and minus the observed and the expected curvature."""
         if self.plain:
@@ -103,7 +119,7 @@ class Response:
             weight = trials * share * (1.0 - share)
             return successes - trials * share, weight, weight
         span = 1.0 - rates[0] - rates[1]
-        _, first, second = self._rise(eta)
+        _, first, second = self.rise(eta)
         share = self._bounded(eta, rates)
         first, second = span * first, span * second
         gap = (successes - trials * share) / (share * (1.0 - share))
@@ -111,13 +127,13 @@ class Response:
         expected = trials * first**2 / (share * (1.0 - share))
         return gap * first, bend * first**2 - gap * second, expected
 
-    def _bounded(self, eta: Floats, rates: tuple[float, float]) -> Floats:
+    def _bounded(self, eta: Floats, rates: Rates) -> Floats:
         return np.clip(self.share(eta, rates), 1e-12, 1.0 - 1e-12)
 
-    def _rise(self, eta: Floats) -> tuple[Floats, Floats, Floats]:
+    def rise(self, eta: Floats) -> tuple[Floats, Floats, Floats]:
         """Return F and its first two derivatives."""
         if self.mirrored:
-            rise, first, second = replace(self, mirrored=False)._rise(-eta)
+            rise, first, second = replace(self, mirrored=False).rise(-eta)
             return 1.0 - rise, first, -second
         if self.link == "logit":
             rise = expit(eta)
@@ -129,6 +145,16 @@ class Response:
         power = LOG_2 * np.exp(np.minimum(eta, 50.0))
         left = np.exp(-power)
         return -np.expm1(-power), power * left, power * left * (1.0 - power)
+
+
+def steep_prior(beta: Floats, steepest: Floats) -> tuple[float, Floats]:
+    """Return the log prior of coefficients that answers cannot tell from larger ones; its slope.
+
+    Answers at the same few levels do not say how steep a curve is that rises between two of them:
+    the prior says nothing far below `steepest` (coefficients,), and little else beyond.
+    """
+    part = beta / steepest
+    return -0.5 * float(np.sum(part**6)), -3.0 * part**5 / steepest
 
 
 LOGIT = Response()

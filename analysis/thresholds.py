@@ -1,7 +1,7 @@
 """Thresholds by condition with participants (and scenes) as random: one model of all trials."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import Gap, pairs_of, wald
-from analysis.glmm import CrossedFit, fit_crossed
+from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.glmm import fit_crossed
 from analysis.psychometric import LINKS, SKEWED
+from analysis.quadrature import STARTS, PeopleFit, fit_people
 from analysis.rates import Difference
 from analysis.response import Response, axis_of
 from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
@@ -19,7 +20,15 @@ from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 
+Codes = NDArray[np.int64]
+
 FEW_PARTICIPANTS = 5
+
+OPEN_RANGES = 5.0
+"""A limit outside the levels shown by more than so many of their ranges bounds nothing."""
+
+NARROWEST = 0.9
+"""Of the least gap between two levels: no answers at these tell a curve from a narrower one."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +52,16 @@ class Threshold:
     def identified(self, levels: Sequence[float] = ()) -> bool:
         """Return whether the answers place it: with limits, not far outside the levels shown.
 
-        Far is further than the levels' range.
+        Far is further than the levels' range; of its limits, than `OPEN_RANGES` of these.
         """
         if self.lower is None or self.upper is None:
             return False
         if not levels:
             return True
         low, high = min(levels), max(levels)
-        return 2.0 * low - high <= self.value <= 2.0 * high - low
+        reach = OPEN_RANGES * (high - low)
+        bounded = low - reach <= self.lower and self.upper <= high + reach
+        return bounded and 2.0 * low - high <= self.value <= 2.0 * high - low
 
 
 @dataclass(frozen=True)
@@ -62,11 +73,13 @@ class ThresholdModel:
     thresholds : tuple of Threshold
     contrasts : tuple of Difference
         Differences of thresholds; of their natural logarithms where levels are logarithmic.
-    guess, lapse : float
+    guess : float
         Shared by all.
-    participant_sd, interaction_sd, scene_sd : float
+    lapse : float
+        Mean of the participants; where it is fitted each has an own one.
+    participant_sd, interaction_sd, scene_sd, scene_interaction_sd : float
         Of thresholds (of their logarithms): between participants, of a participant's deviation
-        in one condition (0 with a single condition), between scenes (0 without).
+        in one condition (0 with a single condition), and both of scenes (0 without).
     """
 
     shape: Shape
@@ -79,6 +92,7 @@ class ThresholdModel:
     participant_sd: float
     interaction_sd: float
     scene_sd: float
+    scene_interaction_sd: float
     log_likelihood: float
     level: float
     trials: int
@@ -129,7 +143,7 @@ def fit_thresholds(
     trials : DataFrame, one row per decided trial
         ``participant``, `level_column` (a number), `correct` (0/1), the columns `by`.
     guess, lapse : float or None
-        Shared rates; None fits one, drawn towards small rates (`response.RATE_PRIOR`).
+        Rates that are known; None fits them, drawn towards small ones (`response.RATE_PRIOR`).
     falling : bool
         Performance falls with the level. It matters for ``gumbel`` and ``weibull``, whose falling
         function is 1 - S, as the adaptive rules have it; the slope is free all the same.
@@ -153,10 +167,12 @@ def fit_thresholds(
     -----
     p = guess + (1 - guess - lapse) F(eta), eta = (x - threshold) / scale, where the threshold is
     the condition's mean plus a participant's deviation, plus the deviation of that participant
-    in that condition, plus a scene's: a mixed model with random intercepts, fitted by Laplace's
-    method (`glmm.fit_crossed`). Limits and tests: delta method on its covariance with t of
-    participants - 1, because so many people and not so many trials tell the mean. A model
-    without the participant x condition deviation would call differences too often.
+    in that condition. Participants, and their lapse rates, are integrated out by quadrature
+    (`quadrature.fit_people`). With scenes the same deviations of scenes are added, and all are
+    integrated out by Laplace's method (`glmm.fit_crossed`), at each participant's lapse rate of
+    the model without scenes. Limits and tests: delta method, by t with degrees of freedom of
+    participants, and between these and those of scenes (`contrasts.Crossed`), because so many
+    people and scenes, and not so many trials, tell the mean.
     """
     rows = checked(trials, (level_column, correct), by)
     raw = pd.to_numeric(rows[level_column], errors="coerce").to_numpy(dtype=np.float64)
@@ -183,32 +199,41 @@ def fit_thresholds(
     scaled = (x - centre) / spread
     steep = place * scaled[:, None] if own_widths else scaled[:, None]
     design = np.column_stack([place, steep])
-    person = places.person
-    groups, kinds = [person], ["participant"]
-    if len(names) > 1:
-        pair = np.unique(person * len(names) + condition, return_inverse=True)[1]
-        groups.append(pair.astype(np.int64))
-        kinds.append("interaction")
-    if scenes and len(places.scenes) > 1:
-        groups.append(places.scene)
-        kinds.append("scene")
     response = Response(LINKS[shape], guess, lapse, falling and shape in SKEWED)
     y = rows[correct].to_numpy(dtype=np.float64)
+    gap = float(np.diff(np.unique(scaled)).min())
+    steepest = np.full(design.shape[1], np.inf)
+    steepest[len(names) :] = _span(response) / (NARROWEST * gap)
     start = _pooled(design, y, response)
-    fit = fit_crossed(design, y, groups, response=response, start=start)
+    person = places.person
+    fit = fit_people(
+        design, y, person, condition, response=response, start=start, steepest=steepest
+    )
+    groups = places.several if scenes else {"participant": person}
+    over_scenes = None
+    if len(groups) > 1:
+        over_scenes = _over_scenes(fit, design, y, groups, condition, response, steepest)
+        fit = over_scenes or fit
+    kinds = _kinds(groups, len(names))
     slopes = np.broadcast_to(fit.beta[len(names) :], len(names))
     notes = _notes(fit, slopes, len(places.participants))
+    if len(groups) > 1 and over_scenes is None and fit.converged:
+        groups = {"participant": person}
+        notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     place_of = centre - spread * fit.beta[: len(names)] / slopes
     gradient = _gradient(fit.beta, len(names), own_widths, fit.covariance.shape[0]) * spread
-    covariance = gradient @ fit.covariance @ gradient.T
-    df = len(places.participants) - 1
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * np.sqrt(np.diag(covariance).clip(min=0))
-    ends = (place_of - reach, place_of + reach) if fit.converged else None
+    # Likelihood takes deviations from a mean that it fitted: they come out too small.
+    people = len(places.participants)
+    covariance = gradient @ fit.covariance @ gradient.T * people / (people - 1.0)
     typical = float(np.mean(np.abs(slopes)))
-    sd = {kind: float(value) * spread / typical for kind, value in zip(kinds, fit.sd, strict=True)}
+    sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
+    crossed = Crossed.of(condition, groups, sd)
+    error = np.sqrt(np.diag(covariance).clip(min=0))
+    df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
+    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
+    ends = (place_of - reach, place_of + reach) if fit.converged else None
     back = np.exp if logarithmic else np.asarray
     widths = _span(response) * spread / slopes
-    own = _individual(fit, groups, kinds, condition, len(places.participants), len(names))
     fitted = tuple(
         Threshold(
             condition=name,
@@ -217,9 +242,9 @@ def fit_thresholds(
             upper=None if ends is None else float(back(ends[1][k])),
             width=float(np.sign(widths[k]) * np.exp(abs(widths[k])) if logarithmic else widths[k]),
             individual={
-                who: float(back(place_of[k] - spread * own[i, k] / slopes[k]))
+                who: float(back(place_of[k] - spread * fit.own[i, k] / slopes[k]))
                 for i, who in enumerate(places.participants)
-                if np.isfinite(own[i, k])
+                if np.isfinite(fit.own[i, k])
             },
         )
         for k, name in enumerate(names)
@@ -234,35 +259,31 @@ def fit_thresholds(
     shown = [float(value) for value in rows[level_column].unique()]
     found = tuple(one if one.identified(shown) else _unplaced(one.condition) for one in fitted)
     placed = {one.condition for one in found if not np.isnan(one.value)}
-    told: list[Gap] = []
-    untold: list[Gap] = []
-    for gap in wald(names, pairs, place_of, covariance, df=df, level=level):
-        (told if {gap.first, gap.second} <= placed else untold).append(gap)
-    notes += [
-        f"thresholds of {gap.first} and {gap.second} are not compared: not identified by these data"
-        for gap in untold
-    ]
-    if not fit.converged:
+    contrasts = []
+    gaps = wald(names, pairs, place_of, covariance, crossed=crossed, level=level)
+    for told, told_df in zip(*gaps, strict=True):
+        if {told.first, told.second} <= placed:
+            measure = "ln threshold" if logarithmic else "threshold"
+            contrasts.append(Difference(measure=measure, level=level, df=told_df, **vars(told)))
+        else:
+            notes.append(
+                f"thresholds of {told.first} and {told.second} are not compared: not identified by"
+                " these data"
+            )
+    if not fit.converged or not placed:
         sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
         shape=shape,
         falling=falling,
         logarithmic=logarithmic,
         thresholds=found,
-        contrasts=tuple(
-            Difference(
-                measure="ln threshold" if logarithmic else "threshold",
-                level=level,
-                df=float(df),
-                **vars(gap),
-            )
-            for gap in told
-        ),
+        contrasts=tuple(contrasts),
         guess=fit.guess,
         lapse=fit.lapse,
         participant_sd=sd["participant"],
-        interaction_sd=sd.get("interaction", 0.0),
+        interaction_sd=sd.get("participant" + IN_CONDITION, 0.0),
         scene_sd=sd.get("scene", 0.0),
+        scene_interaction_sd=sd.get("scene" + IN_CONDITION, 0.0),
         log_likelihood=fit.log_likelihood,
         level=level,
         trials=len(rows),
@@ -307,24 +328,60 @@ def _gradient(beta: Floats, count: int, own_widths: bool, size: int) -> Floats:
     return gradient
 
 
-def _individual(
-    fit: CrossedFit,
-    groups: Sequence[NDArray[np.int64]],
-    kinds: Sequence[str],
-    condition: NDArray[np.int64],
-    people: int,
-    count: int,
-) -> Floats:
-    """Return each participant's deviation of eta in each condition; NaN where not shown."""
-    own = np.full((people, count), np.nan)
-    shift = fit.random[0][groups[0]]
-    if "interaction" in kinds:
-        shift = shift + fit.random[1][groups[1]]
-    own[groups[0], condition] = shift
-    return own
+def _kinds(groups: Mapping[str, Codes], conditions: int) -> list[str]:
+    """Return the random effects: of each group, and of each in one condition."""
+    return [
+        name + where
+        for name in groups
+        for where in (("", IN_CONDITION) if conditions > 1 else ("",))
+    ]
 
 
-def _notes(fit: CrossedFit, slopes: Floats, people: int) -> list[str]:
+def _over_scenes(
+    people: PeopleFit,
+    design: Floats,
+    y: Floats,
+    groups: Mapping[str, Codes],
+    condition: Codes,
+    response: Response,
+    steepest: Floats,
+) -> PeopleFit | None:
+    """Return the model with scenes, too; None where no search finds a maximum."""
+    person = groups["participant"]
+    count = people.own.shape[1]
+    codes = []
+    for kind in _kinds(groups, count):
+        code = groups[kind.removesuffix(IN_CONDITION)]
+        if kind.endswith(IN_CONDITION):
+            code = np.unique(code * count + condition, return_inverse=True)[1].ravel()
+        codes.append(code.astype(np.int64))
+    if response.lapse is None:
+        response = replace(response, lapse=people.lapses[person])
+    for sd in STARTS:
+        deviations = np.concatenate([np.maximum(people.sd, 0.1), np.full(people.sd.size, sd)])
+        begin = np.concatenate([people.beta, deviations, response.start()])
+        fit = fit_crossed(design, y, codes, response=response, start=begin, steepest=steepest)
+        if fit.converged:
+            break
+    else:
+        return None
+    own = np.full(people.own.shape, np.nan)
+    own[person, condition] = fit.random[0][person]
+    if count > 1:
+        own[person, condition] += fit.random[1][codes[1]]
+    return replace(
+        people,
+        beta=fit.beta,
+        sd=fit.sd,
+        covariance=fit.covariance,
+        log_likelihood=fit.log_likelihood,
+        converged=True,
+        guess=fit.guess,
+        own=own,
+    )
+
+
+def _notes(fit: PeopleFit, slopes: Floats, people: int) -> list[str]:
     notes = []
     if not fit.converged:
         notes.append("the model has no proper maximum: thresholds have no numbers")

@@ -291,15 +291,16 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             one.condition: partial(found.average, one.condition) for one in each if one.individual
         }
         spread = f"differ between participants by SD {sd_digits(found.participant_sd)}"
-        effects = "participants"
-        if found.scene_sd:
-            effects += ", scenes"
+        random = ["participants", *(["scenes"] if found.scene_sd else [])]
+        effects = ", ".join([*random, *(f"{one} x conditions" for one in random if several)])
         if several:
-            effects += ", participants x conditions"
             between = sd_digits(found.interaction_sd)
             spread += f", of one participant between conditions by SD {between}"
         if found.scene_sd:
             spread += f", between scenes by SD {sd_digits(found.scene_sd)}"
+        if found.scene_interaction_sd:
+            between = sd_digits(found.scene_interaction_sd)
+            spread += f", of one scene between conditions by SD {between}"
         if found.logarithmic:
             spread += " of the threshold's natural logarithm"
         own = sorted({who for one in each for who in one.individual})
@@ -354,7 +355,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     ],
                 ),
                 Paragraph(
-                    f"Lapse rate {share(found.lapse)}, shared by all; thresholds {spread}.",
+                    f"Mean lapse rate of participants {share(found.lapse)}; thresholds {spread}.",
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
@@ -367,8 +368,9 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
-                f" {effects} (Laplace approximation), with one lapse rate, drawn towards small"
-                " ones, for all."
+                f" {effects}, with a lapse rate of each participant, drawn towards small ones"
+                " (adaptive quadrature over participants"
+                f"{', then Laplace approximation' if found.scene_sd else ''})."
             ),
             tables={
                 "thresholds.csv": pd.DataFrame(lines),
@@ -401,10 +403,13 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         spread += f", participants x conditions SD = {sd_digits(model.interaction_sd)}"
     if model.scene_sd:
         spread += f", scenes SD = {sd_digits(model.scene_sd)}"
+    if model.scene_interaction_sd:
+        spread += f", scenes x conditions SD = {sd_digits(model.scene_interaction_sd)}"
     scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
-        f" together; guess rate {share(model.guess)}, lapse rate {leading(f'{model.lapse:.3f}')}):"
+        f" together; guess rate {share(model.guess)}, mean lapse rate"
+        f" {leading(f'{model.lapse:.3f}')}):"
         f" {'; '.join(parts)} ({spread}{scale})."
     )
 

@@ -84,8 +84,9 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
                     " independent, as papers print it; the second clusters its errors by"
                     f" {' and '.join(groups)}; the third has"
-                    f" {'them ' * (len(groups) > 1)}{random} random intercepts, and so speaks of"
-                    f" the typical {groups[0]}.",
+                    f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
+                    " differ between them (t of participants - 1), and so speaks of the typical"
+                    f" {groups[0]}.",
                     muted=True,
                 ),
                 Cautions(
@@ -101,7 +102,8 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
             methods=(
                 f"Logistic models, {formula}, are given with trials as independent, with standard"
                 f" errors clustered by {' and '.join(groups)}, and with"
-                f" {'both ' * (len(groups) > 1)}{random} random intercepts."
+                f" {'both ' * (len(groups) > 1)}{random} random intercepts and effects that differ"
+                " between them, by t of participants - 1."
             ),
             tables={
                 "models.csv": pd.DataFrame([{"errors": name, **vars(c)} for name, _, c in terms])

@@ -284,8 +284,15 @@ def _checks(one: SizeScale, plan: Settings) -> Iterator[str]:
         )
     rate = f"unlike the others (family-wise rate {leading(f'{plan.alpha:g}')})"
     flagged = ", ".join(one.observers.flagged)
-    yield (
-        f"Participants who answer {rate}: {flagged}."
-        if flagged
-        else f"No participant answers {rate}."
-    )
+    if flagged or not one.observers.turned:
+        yield (
+            f"Participants who answer {rate}: {flagged}."
+            if flagged
+            else f"No participant answers {rate}."
+        )
+    if one.observers.turned:
+        turned = ", ".join(one.observers.turned)
+        yield (
+            "Participants who answer the other way round (a test of its own, family-wise rate"
+            f" {leading(f'{plan.alpha:g}')}): {turned}. Did they take one answer for the other?"
+        )

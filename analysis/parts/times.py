@@ -129,6 +129,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
         "participants": model.participant_sd,
         "participants x conditions": model.interaction_sd,
         "scenes": model.scene_sd,
+        "scenes x conditions": model.scene_interaction_sd,
         "the rest": model.residual_sd,
     }
     spread = ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items())
@@ -147,7 +148,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
             ("Ratio", "strong", lambda one: number(one.ratio)),
             (level, "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: f"{one.df:g}"),
+            ("df", "", lambda one: number(one.df, 1)),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
@@ -190,7 +191,7 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
             ("Of", "l", lambda one: one.measure),
             ("Difference", "strong", lambda one: number(one.difference)),
             ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: f"{one.df:g}"),
+            ("df", "", lambda one: number(one.df, 1)),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
@@ -221,7 +222,7 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             continue
         yield (
             f"Answers to {first} took {ratio.ratio:.2f} times as long as those to {second},"
-            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}], t({ratio.df:.0f}),"
+            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}], t({ratio.df:.1f}),"
             f" {p_text(ratio.p)} ({p_number(ratio.p_adjusted)} Holm-adjusted; log-normal mixed"
             " model)."
         )
@@ -229,7 +230,7 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         yield (
             f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}: {gap.difference:.3g} in"
             f" {gap.measure}, {100 * gap.level:g}% CI [{gap.lower:.3g}, {gap.upper:.3g}],"
-            f" t({gap.df:.0f}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
+            f" t({gap.df:.1f}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
             f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
         )
 
@@ -240,15 +241,17 @@ def _methods(found: Times) -> Iterator[str]:
         " the participants' medians, taken on the logarithm, with t limits."
     )
     if found.model is not None:
-        effects = ["participants"]
+        effects = ["participants", *(["scenes"] if found.model.scene_sd else [])]
         if len(found.model.times) > 1:
-            effects.append("participants x conditions")
-        if found.model.scene_sd:
-            effects.append("scenes")
+            effects += [f"{effect} x conditions" for effect in effects]
+        law = (
+            "degrees of freedom between those of participants and of scenes"
+            if found.model.scene_sd
+            else "participants - 1 degrees of freedom"
+        )
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(effects)}; tests are t with participants - 1 degrees of freedom,"
-            " Holm-adjusted."
+            f" {', '.join(effects)}; tests are t with {law}, Holm-adjusted."
         )
     if found.diffusion is not None:
         yield (

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.special import log_expit
+from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
 from analysis.clustered import equivalence_p
@@ -327,6 +327,27 @@ def test_simulated_observers_of_table_1_give_its_coefficients_and_errors(rng, pr
     assert errors.max() < 0.15
     np.testing.assert_allclose(errors.mean(0), [0.138, 0.131, 0.129, 0.127, 0.141], atol=0.003)
     np.testing.assert_allclose(found.mean(0), PRINTED, atol=4 * 0.14 / np.sqrt(len(fits)))
+
+
+def test_an_effect_that_people_differ_in_is_not_found_by_the_mixed_model():
+    """Intercepts alone judge the answers of nine people as if their effects were one."""
+    own = np.array([2.4, 2.2, 1.8, 1.2, 1.0, 0.6, -0.9, -1.0, -1.3])
+    rows = pd.DataFrame(
+        [(p, c) for p in range(9) for c in range(2) for _ in range(30)],
+        columns=["participant", "method"],
+    )
+    chance = expit(0.5 + own[rows["participant"]] * (rows["method"] - 0.5))
+    rows["correct"] = (np.tile(np.arange(30) + 0.5, 18) / 30 < chance).astype(int)
+    rows["method"] = rows["method"].map({0: "a", 1: "b"})
+    intercepts = glmm_logit("logit(correct) ~ 1 + method", rows, groups=("participant",))
+    beside = models_beside("logit(correct) ~ 1 + method", rows)
+    row = beside.mixed["method[T.b]"]
+
+    assert intercepts["method[T.b]"].p < 0.01
+    assert row.df == 8
+    assert row.p > 0.05
+    assert row.ratio_p > 0.05
+    assert beside.mixed.random_sd["participant x method"] > 0.5
 
 
 def test_people_who_differ_make_clustered_and_mixed_models_say_what_the_plain_one_cannot(rng):

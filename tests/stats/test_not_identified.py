@@ -43,7 +43,10 @@ def run(*arguments: object) -> Result:
 
 @pytest.fixture(scope="module")
 def words() -> pd.DataFrame:
-    """A five-point scale whose middle nobody used; R's clmm places plain 0.992 below ours."""
+    """A five-point scale whose middle nobody used; plain is placed 1.008 below ours.
+
+    R's clmm gives 0.992 with scenes, and without what a method gains in a scene.
+    """
     g = np.random.default_rng(9)
     rows = []
     for person in range(14):
@@ -89,7 +92,7 @@ def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
 
     assert result.exit_code == 0, result.output
     assert re.search(r"ours +70 .* 3\.64 ", result.output)
-    assert re.search(r"plain +70 +-0\.99 .* 2\.60 ", result.output)
+    assert re.search(r"plain +70 +-1\.01 .* 2\.60 ", result.output)
     assert written["mean_rating"].tolist() == pytest.approx([3.642857, 2.6], abs=1e-5)
     assert (written[f"share_{scale.split(',')[2]}"] == 0).all()
 

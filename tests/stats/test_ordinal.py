@@ -212,3 +212,35 @@ def test_mistakes_get_one_message(rated, tmp_path, change, arguments, said):
 
     assert result.exit_code == 2, result.output
     assert said in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("kind", ["ratings", "pairs"])
+def test_a_condition_that_differs_by_scene_is_judged_by_scenes(rng, kind):
+    """b is liked in three scenes of four: so are all answers of people, but no further scene's."""
+    rows = pd.DataFrame(
+        [(p, s, c) for p in range(12) for s in range(4) for c in "ab" for _ in range(3)],
+        columns=["participant", "scene", "cond"],
+    )
+    liked = np.array([2.0, 1.2, 0.4, -0.9])[rows["scene"]] * (rows["cond"] == "b")
+    sign = 1
+    if kind == "pairs":
+        sign = np.where(rows["cond"] == "b", 1, -1)
+        liked = np.array([2.0, 1.2, 0.4, -0.9])[rows["scene"]]
+        other = rows["cond"].map({"a": "b", "b": "a"})
+        rows = rows.assign(first=rows["cond"], second=other)
+    latent = sign * liked + rng.standard_normal(len(rows))
+    rows["rating"] = np.digitize(latent, [-1.0, -0.3, 0.3, 1.0]) - 2
+
+    def fitted(table):
+        if kind == "pairs":
+            return paired_ratings(table).contrasts[0], paired_ratings(table).sd
+        model = rating_model(table, ("cond",))
+        return model.contrasts[0], model.sd
+
+    (one, sd), (without, _) = fitted(rows), fitted(rows.drop(columns="scene"))
+
+    assert sd["scene x condition"] > 0.3
+    assert without.df == pytest.approx(11)
+    assert without.p < 0.02
+    assert one.df < 5
+    assert one.p > 0.1

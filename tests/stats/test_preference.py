@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -341,3 +342,26 @@ def test_six_verdicts_of_equivalence_at_the_boundary_err_no_more_than_one_should
 
     assert np.mean((p < 0.05).any(axis=1)) > 0.12
     assert np.mean((holm(p) < 0.05).any(axis=1)) <= 0.06 + slack
+
+
+@pytest.mark.parametrize(("people", "count"), [(6, 2), (8, 7)])
+def test_a_family_too_large_for_its_participants_says_so_and_how_many_it_takes(people, count):
+    """All agree: the least p that so many people can show, times the number of comparisons."""
+
+    def table(people):
+        names = [f"m{k:02}" for k in range(count + 1)]
+        rows = [
+            (f"P{who}", f"S{scene}", "10", "none", name, "none")
+            for who in range(people) for name in names[:count] for scene in range(5)
+        ]  # fmt: skip
+        columns = ["participant", "scene", "size", "first", "second", "chosen"]
+        pairings = [("none", name) for name in names[:count]]
+        return preferences(pd.DataFrame(rows, columns=columns), pairings=pairings, sizes=["10"])
+
+    (note,) = table(people).warnings
+    needed = int(re.search(r"that takes (\d+) participants", note)[1])
+
+    assert min(cell.test.p_adjusted for cell in table(people).cells) >= 0.05
+    assert min(cell.test.p_adjusted for cell in table(needed).cells) < 0.05
+    assert min(cell.test.p_adjusted for cell in table(needed - 1).cells) >= 0.05
+    assert table(needed).warnings == ()

@@ -175,3 +175,16 @@ def test_fits_on_two_axes_are_not_compared():
 
     with pytest.raises(ValueError, match="same axis"):
         compare_thresholds({"a": plain, "b": logarithmic})
+
+
+def test_a_width_near_the_gap_between_levels_has_no_lower_limit_of_the_prior():
+    """The prior holds no width below the gap: limits of steep curves held the truth in .63."""
+    x = np.arange(-3.0, 4.0)
+    steep = psychometric_posterior(
+        x, np.array([20, 20, 20, 20, 40, 40, 40]) * 1.0, np.full(7, 40.0)
+    )
+    flat = psychometric_posterior(x, np.array([20, 22, 25, 30, 35, 38, 40]) * 1.0, np.full(7, 40.0))
+
+    assert steep.width.lower == 0.0
+    assert 1.0 < steep.width.upper < 4.0
+    assert flat.width.lower > 2.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from typer.testing import CliRunner
 
 from analysis.contrasts import MOST_CONDITIONS, pairs_of
@@ -157,7 +158,50 @@ def test_ratios_are_of_typical_times_and_turn_with_the_baseline(times):
         assert one.ratio == pytest.approx(typical[one.first] / typical["a"])
         assert one.lower < one.ratio < one.upper
         assert (one.lower > 1.0) == (one.p < 0.05)
-        assert one.df == 8
+        assert 5 < one.df <= 8  # between those of scenes and of participants
+
+
+def test_a_condition_that_differs_by_scene_has_the_variance_of_scenes_in_its_ratio(rng):
+    """Balanced: V(difference) = 2 (MS_pc + MS_sc - MS_psc) / (p s r), as in Clark's quasi-F."""
+    people, scenes, repeats = 10, 6, 2
+    rows = pd.DataFrame(
+        [(p, s, c) for p in range(people) for s in range(scenes) for c in range(2)
+         for _ in range(repeats)],
+        columns=["participant", "scene", "cond"],
+    )  # fmt: skip
+    person, scene, cond = (rows[name].to_numpy() for name in rows)
+    y = rng.normal(0, 0.3, people)[person] + rng.normal(0, 0.25, (people, 2))[person, cond]
+    y += rng.normal(0, 0.2, scenes)[scene] + rng.normal(0, 0.25, (scenes, 2))[scene, cond]
+    y += rng.normal(0, 0.2, y.size)
+    model = time_model(rows.assign(rt_s=np.exp(y)), ("cond",))
+    cells = y.reshape(people, scenes, 2, repeats).mean(axis=3)
+    gap = cells[:, :, 1] - cells[:, :, 0]
+    mean, by_person, by_scene = gap.mean(), gap.mean(axis=1), gap.mean(axis=0)
+    rest = gap - by_person[:, None] - by_scene[None, :] + mean
+    between_people = ((by_person - mean) ** 2).sum() / (people - 1) / people
+    between_scenes = ((by_scene - mean) ** 2).sum() / (scenes - 1) / scenes
+    # What people and scenes share in one condition is not in the model: its rest is of trials.
+    parts = y.reshape(people, scenes, 2, repeats)
+    trial = np.sum((parts - parts.mean(axis=3, keepdims=True)) ** 2)
+    within = np.sum(rest**2) / 2 * repeats
+    free = people * scenes * 2 * (repeats - 1) + (people - 1) * (scenes - 1)
+    shared = 0.5 * sum(_rest_of_sums(cells)) * repeats
+    free += (people - 1) * (scenes - 1)
+    residual = (trial + within + shared) / free
+    error = np.sqrt(between_people + between_scenes - 2 * residual / (people * scenes * repeats))
+    (ratio,) = model.ratios
+    found = (np.log(ratio.upper) - np.log(ratio.lower)) / 2 / stats.t.ppf(0.975, ratio.df)
+
+    assert found == pytest.approx(error, rel=0.01)
+    assert model.scene_interaction_sd > 0.1
+    assert 5 < ratio.df < 14
+
+
+def _rest_of_sums(cells):
+    """Squares of what is left of the conditions' sum beside people and scenes."""
+    both = cells.sum(axis=2)
+    rest = both - both.mean(axis=1, keepdims=True) - both.mean(axis=0, keepdims=True) + both.mean()
+    return (rest**2).ravel()
 
 
 @pytest.mark.slow

@@ -6,10 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_trials import TaskDesign, simulate_identification
+from scipy.special import ndtr
 
 from analysis.models import glmm_logit
+from analysis.quadrature import fit_people
+from analysis.response import Response
 from analysis.thresholds import fit_thresholds
 from protocols.adaptive.psychometric import probability
+
+STEEP = (0, 3, 4)
+"""Of studies that the model of participants by Laplace's method gave no thresholds of."""
 
 LEVELS = list(np.linspace(-3, 3, 7))
 
@@ -31,8 +37,89 @@ def test_without_guesses_and_lapses_it_is_the_logit_mixed_model(rng):
 
     assert model["all"].value == pytest.approx(-glmm["Intercept"].estimate / slope, abs=1e-4)
     assert model["all"].width == pytest.approx(2 * np.log(19) / slope, abs=1e-3)
-    assert model.log_likelihood == pytest.approx(glmm.log_likelihood, abs=1e-5)
+    assert model.log_likelihood == pytest.approx(glmm.log_likelihood, abs=1e-3)
     assert model.participant_sd == pytest.approx(glmm.random_sd["participant"] / slope, abs=1e-3)
+
+
+def test_the_likelihood_is_the_integral_over_what_people_differ_by(rng):
+    """Against plain sums over 201 x 201 values of the two deviations; its slope is 0 there."""
+    rows = study(rng, people=4, repeats=6)
+    person = rows["participant"].astype("category").cat.codes.to_numpy(np.int64)
+    condition = rows["method"].astype("category").cat.codes.to_numpy(np.int64)
+    y = rows["correct"].to_numpy(float)
+    level = rows["level"].to_numpy(float)
+    design = np.column_stack([condition == 0, condition == 1, level]).astype(float)
+    response = Response("probit", 0.5, 0.02)
+    fit = fit_people(
+        design, y, person, condition, response=response, start=np.array([0.0, 0.0, 1.0]),
+        steepest=np.full(3, np.inf),
+    )  # fmt: skip
+    grid = np.linspace(-7, 7, 201)
+    weight = np.exp(-0.5 * grid**2) * (grid[1] - grid[0]) / np.sqrt(2 * np.pi)
+
+    def summed(beta, sd):
+        apart = sd[0] * grid[:, None] + sd[1] * grid
+        right = rows.groupby([person, condition, "level"])["correct"].agg(["sum", "size"])
+        inner = {}
+        for (who, what, place), (hits, shown) in right.iterrows():
+            share = 0.5 + 0.48 * ndtr(beta[what] + beta[2] * place + apart)
+            answers = hits * np.log(share) + (shown - hits) * np.log1p(-share)
+            inner[who, what] = inner.get((who, what), 0.0) + answers
+        one = [
+            np.exp(inner[who, 0]) @ weight * (np.exp(inner[who, 1]) @ weight) for who in range(4)
+        ]
+        return float(np.sum(np.log(np.array(one) @ weight)))
+
+    assert fit.log_likelihood == pytest.approx(summed(fit.beta, fit.sd), abs=1e-4)
+    for step in (0.05, -0.05):
+        assert summed(fit.beta + np.array([0, 0, step]), fit.sd) < fit.log_likelihood
+        assert summed(fit.beta, fit.sd + np.array([step, 0])) <= fit.log_likelihood + 1e-4
+
+
+@pytest.mark.parametrize("seed", STEEP)
+def test_steep_curves_have_thresholds_with_limits(seed):
+    """Laplace's method found no maximum here: with a guess rate it makes up likelihood."""
+    rows = study(np.random.default_rng(seed), people=10, repeats=6, width=1.0, participant_sd=0.8)
+    model = fit_thresholds(rows, "level", ("method",))
+
+    assert len(model.contrasts) == 1
+    for one in model.thresholds:
+        assert one.lower is not None
+        assert one.upper is not None
+        assert one.lower < one.value < one.upper
+        assert one.upper - one.lower < 3.0
+
+
+def test_a_participant_who_lapses_is_told_from_one_whose_threshold_is_high(rng):
+    steady = study(rng, {"a": -1.0}, people=9, repeats=40, lapse=0.01)
+    absent = study(rng, {"a": -1.0}, people=1, repeats=40, lapse=0.2, participant_sd=0.0)
+    rows = pd.concat([steady, absent.assign(participant="P999")])
+    shared = fit_thresholds(rows, "level", lapse=0.01)
+    own = fit_thresholds(rows, "level")
+
+    assert shared["all"].individual["P999"] > -0.6
+    assert own["all"].individual["P999"] < shared["all"].individual["P999"] - 0.2
+    assert own.lapse == pytest.approx(0.03, abs=0.02)
+
+
+@pytest.mark.parametrize("of_scenes", [0.0, 1.0])
+def test_a_condition_that_differs_by_scene_is_judged_by_scenes(rng, of_scenes):
+    """Few degrees of freedom where scenes decide; those of people where they do not matter."""
+    rows = simulate_identification(
+        TaskDesign(12, 4, 2), {"a": 0.0, "b": 0.0}, rng, levels=LEVELS, width=3.0,
+        participant_sd=0.6, interaction_sd=0.3,
+    )  # fmt: skip
+    scene = rows["scene"].astype("category").cat.codes
+    rows["level"] += of_scenes * np.array([-1.5, -0.5, 0.5, 1.5])[scene] * (rows["method"] == "b")
+    (gap,) = fit_thresholds(rows, "level", ("method",), scenes=True).contrasts
+    (without,) = fit_thresholds(rows, "level", ("method",)).contrasts
+
+    assert without.df == pytest.approx(11)
+    if of_scenes:
+        assert gap.df < 6
+        assert gap.upper - gap.lower > 2 * (without.upper - without.lower)
+    else:
+        assert gap.df > 6
 
 
 def test_thresholds_deviations_and_lapses_are_recovered(rng):

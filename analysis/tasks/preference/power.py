@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from analysis.clustered import ClusteredShare, combine, holm
+from analysis.clustered import ClusteredShare, Variances, combine, holm
 from analysis.plans.preference import Comparison, Settings
 from analysis.power import (
     Power,
@@ -322,19 +322,17 @@ def _prefix(
     var_person = (row_squares - mean_square) / trials**2 * people / (people - 1.0)
     if one_way or scenes == 1:
         var_scene = var_cell = np.zeros_like(var_person)
-        scene_count = np.ones_like(people)
     else:
         var_scene = (column_squares - total**2 / scenes) / trials**2 * scenes / (scenes - 1.0)
         residual = cell_squares - row_squares / scenes - column_squares / people
         residual += mean_square / scenes
         var_cell = residual / trials**2 * people * scenes / ((people - 1.0) * (scenes - 1.0))
-        scene_count = np.full_like(people, float(scenes))
-    return combine(
-        total / trials,
-        trials,
-        np.maximum(var_person, 0.0),
-        np.maximum(var_scene, 0.0),
-        np.maximum(var_cell, 0.0),
-        people,
-        scene_count,
+    parts = Variances(
+        person=np.maximum(var_person, 0.0),
+        scene=np.maximum(var_scene, 0.0),
+        cell=np.maximum(var_cell, 0.0),
+        persons=people,
+        person_df=people - 1.0,
+        scene_df=np.full_like(people, 0.0 if one_way else scenes - 1.0),
     )
+    return combine(total / trials, trials, parts)

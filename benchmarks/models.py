@@ -1,0 +1,258 @@
+"""Error rates of the mixed models and of unbalanced designs: `python -m benchmarks.models`.
+
+No condition has an effect on the typical participant and scene, but conditions differ by scene.
+Each table counts p below .05 and 95 % limits that hold the truth. ``--studies`` of each cell.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from analysis.clustered import two_way
+from analysis.models import models_beside
+from analysis.ordinal import paired_ratings, rating_model
+from analysis.psychometric import sigmoid
+from analysis.reaction_model import time_model
+from analysis.thresholds import fit_thresholds
+from benchmarks.output import file_to_write, write_record
+from protocols.revision import code_revision
+
+Floats = NDArray[np.float64]
+Outcome = tuple[float, bool] | None
+"""p of a comparison, and whether its limits hold 0; None where there is no result."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A study: its size, and the deviations of people and of scenes, in all and in one condition.
+
+    The unit of deviations is the model's: of levels, of ln s, of the noise of one rating, logits.
+    `lapse` is the least rate of lapses, `lapse_more` the mean of what people add to it.
+    """
+
+    people: int = 10
+    scenes: int = 1
+    repeats: int = 6
+    person: tuple[float, float] = (0.6, 0.3)
+    scene: tuple[float, float] = (0.0, 0.0)
+    conditions: int = 2
+    levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
+    width: float = 3.0
+    guess: float = 0.5
+    lapse: float = 0.02
+    lapse_more: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Rates over studies of one design; `without` counts studies without a result."""
+
+    model: str
+    name: str
+    studies: int
+    false_positives: float
+    coverage: float
+    without: int
+    cpu_s: float
+    design: Design = field(repr=False)
+
+
+THRESHOLDS = {
+    "10 people x 7 levels x 6": Design(),
+    "20 repeats": Design(repeats=20),
+    "40 people, 2 repeats": Design(people=40, repeats=2),
+    "curves steeper than people differ": Design(width=1.0, person=(0.8, 0.4)),
+    "steeper yet": Design(width=0.6, person=(1.0, 0.5)),
+    "3 levels": Design(levels=(-2.0, 0.0, 2.0), repeats=10),
+    "people's lapses differ": Design(people=20, repeats=8, lapse_more=0.06),
+    "4 alternatives": Design(guess=0.25),
+    "yes-no": Design(guess=0.0),
+    "3 conditions, 12 people": Design(people=12, repeats=8, conditions=3),
+    "6 scenes": Design(scenes=6, repeats=1, scene=(0.4, 0.0)),
+    "6 scenes, x condition": Design(scenes=6, repeats=1, scene=(0.4, 0.3)),
+}
+
+SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
+
+
+def _crossed(design: Design, rng: np.random.Generator, *more: int) -> tuple[pd.DataFrame, Floats]:
+    """Return the trials of a study, and what people and scenes add to each."""
+    counts = (design.people, design.scenes, design.conditions, design.repeats, *more)
+    axes = np.meshgrid(*(np.arange(count) for count in counts), indexing="ij")
+    person, scene, condition, *_ = places = [axis.ravel() for axis in axes]
+    shift = np.zeros(person.size)
+    for code, (all_of_it, own) in ((person, design.person), (scene, design.scene)):
+        count = int(code.max()) + 1
+        shift += rng.normal(0.0, all_of_it, count)[code]
+        shift += rng.normal(0.0, own, (count, design.conditions))[code, condition]
+    table = pd.DataFrame(
+        {"participant": person.astype(str), "method": np.array(list("abc"))[condition]}
+    )
+    if design.scenes > 1:
+        table["scene"] = scene.astype(str)
+    return table.assign(last=places[-1]), shift
+
+
+def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of thresholds."""
+    table, shift = _crossed(design, rng, len(design.levels))
+    more = rng.exponential(design.lapse_more, design.people) if design.lapse_more else 0.0
+    lapses = np.broadcast_to(np.minimum(design.lapse + more, 0.4), design.people)
+    lapse = lapses[table["participant"].astype(int)]
+    level = np.array(design.levels)[table["last"]]
+    rise = sigmoid(level - shift, 0.0, design.width, "gauss")
+    right = rng.random(level.size) < design.guess + (1.0 - design.guess - lapse) * rise
+    table = table.assign(level=level, correct=right.astype(int))
+    model = fit_thresholds(
+        table, "level", ("method",), guess=design.guess, scenes=design.scenes > 1
+    )
+    one = model.thresholds[0]
+    if one.lower is None or one.upper is None or not model.contrasts:
+        return None
+    return model.contrasts[0].p, one.lower <= 0.0 <= one.upper
+
+
+def times(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of reaction times."""
+    table, shift = _crossed(design, rng)
+    table["rt_s"] = np.exp(shift + rng.normal(0.0, 0.35, shift.size))
+    one = time_model(table, ("method",)).ratios[0]
+    return one.p, one.lower <= 1.0 <= one.upper
+
+
+def ratings(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of ratings."""
+    table, shift = _crossed(design, rng)
+    latent = shift + rng.standard_normal(shift.size)
+    table["rating"] = np.digitize(latent, [-1.2, -0.4, 0.4, 1.2])
+    one = rating_model(table, ("method",)).contrasts[0]
+    return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
+
+
+def graded(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of graded pairs of two methods."""
+    table, shift = _crossed(replace(design, conditions=1), rng)
+    other = _crossed(replace(design, conditions=1), rng)[1]
+    latent = shift - other + rng.standard_normal(shift.size)
+    table["rating"] = np.digitize(latent, [-1.0, -0.3, 0.3, 1.0]) - 2
+    turned = rng.random(shift.size) < 0.5
+    table["first"], table["second"] = np.where(turned, ["b"], ["a"]), np.where(turned, "a", "b")
+    table["rating"] = np.where(turned, -table["rating"], table["rating"])
+    one = paired_ratings(table).contrasts[0]
+    return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
+
+
+def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of right answers by its mixed model."""
+    table, shift = _crossed(design, rng)
+    table["correct"] = (rng.random(shift.size) < expit(0.8 + shift)).astype(int)
+    one = models_beside("logit(correct) ~ 1 + method", table).mixed.coefficients[1]
+    return one.p, one.lower <= 0.0 <= one.upper
+
+
+def share(seen: Callable[[np.random.Generator], Floats]) -> Callable[..., Outcome]:
+    """Return what simulates and judges a share of cells (participants, scenes) so often seen."""
+
+    def judged(design: Design, rng: np.random.Generator) -> Outcome:
+        shown = seen(rng)
+        people, scenes = shown.shape
+        logit = rng.normal(0.0, design.person[0], (people, 1))
+        logit = logit + rng.normal(0.0, design.scene[0], (1, scenes))
+        found = two_way(rng.binomial(shown.astype(int), expit(logit)).astype(float), shown)
+        lower, upper = found.limits()
+        return float(found.p_value()), bool(lower <= 0.5 <= upper)
+
+    return judged
+
+
+def _often(people: int, scenes: int, repeats: int, first: int) -> Callable[..., Floats]:
+    """Return how often each scene is seen: the first so many times as often as the others."""
+    weights = np.full((people, scenes), float(repeats))
+    weights[:, 0] *= first
+    return lambda _rng: weights.copy()
+
+
+def _some(people: int, scenes: int, of_them: int, repeats: int) -> Callable[..., Floats]:
+    """Return how often each scene is seen where each person sees some of them."""
+
+    def seen(rng: np.random.Generator) -> Floats:
+        order = rng.permuted(np.tile(np.arange(scenes), (people, 1)), axis=1)
+        return np.where(order < of_them, float(repeats), 0.0)
+
+    return seen
+
+
+UNBALANCED = {
+    "11x6, one scene ten times": _often(11, 6, 1, 10),
+    "20x12, one scene ten times": _often(20, 12, 1, 10),
+    "30 people see 2 of 20": _some(30, 20, 2, 4),
+    "60 people see 2 of 20": _some(60, 20, 2, 2),
+    **{f"{people}x{count}x2": _often(people, count, 2, 1)
+       for people in (40, 200) for count in (2, 3)},
+}  # fmt: skip
+
+
+def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
+    """Return model, name and design of each cell, and what judges a study of it."""
+    found: list[tuple[str, str, Design, Callable[..., Outcome]]] = []
+    for name, seen in UNBALANCED.items():
+        for own in (0.43, 1.0):
+            design = Design(person=(0.63, 0.0), scene=(own, 0.0))
+            found.append(("share", f"{name}, scenes {own:g}", design, share(seen)))
+    found += [("thresholds", name, design, thresholds) for name, design in THRESHOLDS.items()]
+    models: tuple[tuple[Callable[..., Outcome], tuple[float, float], tuple[float, ...]], ...] = (
+        (times, (0.3, 0.1), (0.1, 0.2)),
+        (ratings, (0.5, 0.3), (0.25, 0.5)),
+        (graded, (0.4, 0.0), (0.25, 0.5)),
+        (right_answers, (0.6, 0.7), (0.0, 0.5)),
+    )
+    for size, (people, scenes, repeats) in SIZES.items():
+        for judge, person, deviations in models:
+            for own in deviations:
+                scene = (own, 0.0) if judge is graded else (0.3, own)
+                design = Design(people, scenes, repeats, person, scene)
+                found.append((judge.__name__, f"{size}, scene x condition {own:g}", design, judge))
+    return found
+
+
+def main(argv: list[str]) -> int:
+    """Print rates; with ``--json FILE`` also write them."""
+    parser = argparse.ArgumentParser(prog="benchmarks.models", description=__doc__)
+    parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
+    parser.add_argument("--studies", type=int, default=500, help="simulated in each cell")
+    parser.add_argument("--only", metavar="MODEL", help="such as thresholds")
+    arguments = parser.parse_args(argv)
+    rows: list[Cell] = []
+    for number, (model, name, design, judge) in enumerate(cells()):
+        if arguments.only not in (None, model):
+            continue
+        rng = np.random.default_rng(number)
+        # Shares take no time.
+        studies = arguments.studies * (40 if model == "share" else 1)
+        began = time.process_time()
+        outcomes = [judge(design, rng) for _ in range(studies)]
+        spent = (time.process_time() - began) / studies
+        known = [one for one in outcomes if one is not None]
+        false_positives = float(np.mean([p < 0.05 for p, _ in known]))
+        coverage = float(np.mean([held for _, held in known]))
+        without = studies - len(known)
+        rows.append(Cell(model, name, studies, false_positives, coverage, without, spent, design))
+        print(f"{model:14} {name:44} {studies:6} p<.05 {false_positives:.3f}"
+              f" held {coverage:.3f} without {without} {spent:.2f} s", flush=True)  # fmt: skip
+        if arguments.json:
+            told = [vars(row) | {"design": vars(row.design)} for row in rows]
+            write_record(arguments.json, {"revision": code_revision(), "cells": told})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
