@@ -112,7 +112,7 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
         f"{one.first} was rated {one.difference:.2f} {_unit(model)} above {one.second},"
-        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({one.df:.1f}),"
+        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({round(one.df, 1):g}),"
         f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
         f" {model.link} mixed model); one showing of it is rated higher with a chance of"
         f" {leading(f'{one.superiority:.2f}')}."
@@ -131,7 +131,7 @@ def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
 def _methods(found: Ratings, plan: RatingSettings) -> str:
     model = found.model
     kind = "graded comparisons of pairs" if plan.by is None else "ordered ratings"
-    df = sorted({f"{one.df:.1f}" for one in model.contrasts}, key=float)
+    df = sorted({f"{round(one.df, 1):g}" for one in model.contrasts}, key=float)
     law = f"t of {' to '.join(dict.fromkeys((df[0], df[-1])))}"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
     return (
@@ -175,7 +175,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
         ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
         (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
         (level, "n", lambda one: number_range(one.lower, one.upper)),
-        ("t(df)", "n", lambda one: f"({one.df:.1f})"),
+        ("t(df)", "n", lambda one: f"({round(one.df, 1):g})"),
         ("p", "n", lambda one: p_number(one.p)),
         ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         ("Rated higher", "", lambda one: share(one.superiority)),

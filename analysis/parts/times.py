@@ -148,7 +148,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
             ("Ratio", "strong", lambda one: number(one.ratio)),
             (level, "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: number(one.df, 1)),
+            ("df", "", lambda one: f"{round(one.df, 1):g}"),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
@@ -191,7 +191,7 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
             ("Of", "l", lambda one: one.measure),
             ("Difference", "strong", lambda one: number(one.difference)),
             ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: number(one.df, 1)),
+            ("df", "", lambda one: f"{round(one.df, 1):g}"),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
@@ -222,15 +222,15 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             continue
         yield (
             f"Answers to {first} took {ratio.ratio:.2f} times as long as those to {second},"
-            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}], t({ratio.df:.1f}),"
-            f" {p_text(ratio.p)} ({p_number(ratio.p_adjusted)} Holm-adjusted; log-normal mixed"
+            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}],"
+            f" t({round(ratio.df, 1):g}), {p_text(ratio.p)} ({p_number(ratio.p_adjusted)} Holm-adjusted; log-normal mixed"
             " model)."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
         yield (
             f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}: {gap.difference:.3g} in"
             f" {gap.measure}, {100 * gap.level:g}% CI [{gap.lower:.3g}, {gap.upper:.3g}],"
-            f" t({gap.df:.1f}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
+            f" t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
             f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
         )
 
