@@ -223,8 +223,8 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         yield (
             f"Answers to {first} took {ratio.ratio:.2f} times as long as those to {second},"
             f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}],"
-            f" t({round(ratio.df, 1):g}), {p_text(ratio.p)} ({p_number(ratio.p_adjusted)} Holm-adjusted; log-normal mixed"
-            " model)."
+            f" t({round(ratio.df, 1):g}), {p_text(ratio.p)} ({p_number(ratio.p_adjusted)}"
+            " Holm-adjusted; log-normal mixed model)."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
         yield (

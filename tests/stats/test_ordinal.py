@@ -178,8 +178,8 @@ def test_the_command_tells_and_writes(rated, tmp_path):
     assert result.exit_code == 0, result.output
     assert "405 ratings of 9 participants" in result.output
     assert "c was rated 0.94 SD above a" in result.output
-    assert list(pd.read_csv(out / "ratings.csv")["condition"]) == ["a", "b", "c"]
-    assert (out / "ratings-1-column.pdf").is_file()
+    assert list(pd.read_csv(out / "tables" / "ratings.csv")["condition"]) == ["a", "b", "c"]
+    assert (out / "figures" / "ratings-1-column.pdf").is_file()
 
 
 def test_the_command_takes_pairs(tmp_path):
@@ -188,8 +188,8 @@ def test_the_command_takes_pairs(tmp_path):
     result = run("ratings", file, "--out", out)
 
     assert result.exit_code == 0, result.output
-    assert "96 graded comparisons of 4 participants" in result.output
-    assert "share_0" not in pd.read_csv(out / "ratings.csv")
+    assert "96 ratings of 4 participants · pairs, graded" in result.output
+    assert "share_0" not in pd.read_csv(out / "tables" / "ratings.csv")
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_the_command_takes_pairs(tmp_path):
         ({"rating": "good"}, ("--by", "cond"), "line 2: rating must be a number"),
         ({"rating": "goood"}, ("--by", "cond", "--scale", "bad,good"), "did you mean 'good'"),
         ({}, ("--by", "cond", "--scale", "bad"), "two different ratings"),
-        ({}, ("--by", "cond", "--baseline", "d"), "reference must be one of"),
+        ({}, ("--by", "cond", "--baseline", "d"), "--baseline d: must be one of"),
         ({"participant": "P1"}, ("--by", "cond"), "two participants"),
         ({"first": "a", "second": "a"}, (), "line 2: first and second must differ"),
         ({}, ("--by", "cond", "--link", "logt"), "did you mean 'logit'"),
