@@ -21,6 +21,7 @@ from protocols.session_schema import (
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
+from protocols.tasks.registry import TASKS
 
 
 def cross_check(sections: Mapping[str, object]) -> list[Problem]:
@@ -188,6 +189,15 @@ def _task_rules(
         yield Problem(
             "analysis.kind",
             f"must be {get_args(wanted)[0]!r} for the task {task.kind!r} (got {analysis.kind!r})",
+        )
+    if task.confidence is not None and task.decides:
+        yield from task.confidence.problems(response, text)
+    elif task.confidence is not None:
+        having = ", ".join(kind for kind, known in TASKS.items() if known.decides)
+        yield Problem(
+            "task.confidence",
+            f"must be left out for the task {task.kind!r}, whose answers are no decisions that one"
+            f" can be sure of; tasks that may have it: {having}",
         )
     if not isinstance(design, Design):
         return

@@ -575,6 +575,7 @@ class Scripts:
         whole = partial(whole_frames, self.display)
         own = study.task.phases(study.pool, self.display)
         after = study.task.phases_after(study.pool, self.display)
+        sure = study.task.confidence
         for given in (own, after):
             if not (
                 isinstance(given, tuple | list) and all(isinstance(p, phases.Phase) for p in given)
@@ -583,6 +584,7 @@ class Scripts:
                     "task: phases must be a tuple of protocols.phases.Phase (got"
                     f" {given!r:.80}); return such a tuple"
                 )
+        after = (*((sure.phase(),) if sure else ()), *after)
         for phase in (*own, *after):
             if phase.name in _COMMON or [one.name for one in (*own, *after)].count(phase.name) > 1:
                 raise _wrong(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -43,6 +43,8 @@ class RightOrWrong(Task):
     """Adaptive levels. Default: constant stimuli, every level equally often."""
     catch: CatchTrials | None = None
     """Catch trials. Default: none."""
+
+    decides: ClassVar[bool] = True
 
     @property
     def adaptation(self) -> Adaptive | None:

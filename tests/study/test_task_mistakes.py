@@ -78,10 +78,11 @@ def mistakes(tmp_path):
         ("yes-no", 'kind = "detection"', 'kind = "abx"',
          "analysis.kind: must be 'detection' for the task 'yes-no' (got 'abx')"),
         ("yes-no", "stimulus_s = 0.5", "stimulus_s = 0.5\ngap_s = 0.5",
-         "task.gap_s: unknown key; known keys: kind, stimulus_s, adaptive, catch, signal"),
+         "task.gap_s: unknown key; known keys: kind, stimulus_s, confidence, adaptive, catch,"
+         " signal"),
         ("two-interval", "gap_s = 0.5", "separation_deg = 7.0",
-         "task.separation_deg: unknown key; known keys: kind, stimulus_s, compare, pairings,"
-         " catch, sampling, gap_s"),
+         "task.separation_deg: unknown key; known keys: kind, stimulus_s, confidence, compare,"
+         " pairings, catch, sampling, gap_s"),
         ("identification", 'named_by = "gap"', 'named_by = "gaps"',
          "task.named_by: must name a column of the stimuli (stroke, gap, contrast) (got 'gaps');"
          " did you mean 'gap'?"),
