@@ -211,11 +211,18 @@ def _task_rules(
     practice = design.practice
     if practice is None:
         return
-    if practice.judged and isinstance(task, PairTask) and task.catch is None:
+    if practice.judged and (
+        not task.decides or (isinstance(task, PairTask) and task.catch is None)
+    ):
         key = "feedback" if practice.feedback else "criterion_share"
         yield Problem(
             f"design.practice.{key}",
-            "needs a known right answer: give task.catch, whose pair practice then shows",
+            "needs a known right answer: "
+            + (
+                "give task.catch, whose pair practice then shows"
+                if task.decides
+                else f"leave it out, for the task {task.kind!r} has none"
+            ),
         )
     if practice.feedback and isinstance(text, TextSection):
         for language, texts in text.languages.items():

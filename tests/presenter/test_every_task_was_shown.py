@@ -90,6 +90,15 @@ CASES = {
         "gap_s = 0.1\nstimulus_s = 0.2\nbar_deg = 0.4",
         ("left", "right"), 'kind = "which-half"', practice=PRACTICE,
     ),
+    "rating": Case(
+        'kind = "rating"\nscale = ["bad", "fair", "good"]\nstimulus_s = 0.2',
+        ("bad", "fair", "good"), 'kind = "ratings"',
+    ),
+    "rating after a standard": Case(
+        'kind = "rating"\nscale = ["bad", "fair", "good"]\ngap_s = 0.1\nstimulus_s = 0.2\n'
+        'standard = { method = "one", level = 1 }',
+        ("bad", "fair", "good"), 'kind = "ratings"\nby = "level"',
+    ),
     "adaptive": Case(
         'kind = "yes-no"\nsignal = { method = ["two"] }\nstimulus_s = 0.2\n'
         'adaptive = { rule = "up-down", trials = 6, column = "level", start = 2.0,'
@@ -101,7 +110,7 @@ SURE = '\nconfidence = { steps = 3, question = { en = "Sure?" }, keys = [["7"], 
 CASES |= {
     f"{name}, confidence": replace(case, task=case.task + SURE)
     for name, case in CASES.items()
-    if name != "adaptive"
+    if name != "adaptive" and "rating" not in name
 }
 
 

@@ -1,4 +1,4 @@
-"""The analysis of ordered ratings, kind `ratings`: of tables, until a study shows ratings."""
+"""The analysis of ordered ratings, kind `ratings`."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,12 @@ from analysis.tasks.base import (
 from analysis.tasks.blocks import Block, ReportFigure, Section
 from analysis.tasks.common_figures import reaction_figure
 from analysis.tasks.ratings.sections import clearest, decisive_p, lead, sections
-from analysis.tasks.ratings.settings import RatingSettings, RatingsOptions, settings_of
+from analysis.tasks.ratings.settings import (
+    RatingSettings,
+    RatingsOptions,
+    from_protocol,
+    settings_of,
+)
 from analysis.tasks.ratings.study import RatingResults, analyse, category, fitted
 from analysis.tasks.ratings.wording import apa_rating, rating_tables
 from protocols.columns import Column, decided
@@ -39,9 +44,9 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
     kind: ClassVar[str] = "ratings"
     options: ClassVar[type[TableOptions]] = RatingsOptions
 
-    def settings(self, _study: StudyProtocol) -> NoReturn:
-        """Refuse a protocol: no study shows ratings yet."""
-        raise StudyError("analysis.kind: ratings come from tables only; no study shows them yet")
+    def settings(self, study: StudyProtocol) -> RatingSettings:
+        """Return the settings that a protocol fixes."""
+        return from_protocol(study)
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RatingSettings:
         """Return what the options say."""
@@ -205,9 +210,12 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
 
     # Power.
 
-    def assumptions(self, study: StudyProtocol) -> NoReturn:
-        """Refuse a protocol."""
-        self.settings(study)
+    def assumptions(self, _study: StudyProtocol) -> NoReturn:
+        """Refuse: nobody simulates ratings yet."""
+        raise StudyError(
+            "analysis.kind: the power of 'ratings' cannot be simulated; plan by a pilot, whose"
+            " report gives the limits of every difference"
+        )
 
     def power(
         self,
@@ -218,8 +226,8 @@ class Ratings(TaskAnalysis[RatingSettings, RatingResults]):
         studies: int | None = None,  # noqa: ARG002
         progress: Counted | None = None,  # noqa: ARG002
     ) -> NoReturn:
-        """Refuse a protocol."""
-        self.settings(study)
+        """Refuse, as `assumptions` does."""
+        self.assumptions(study)
 
 
 def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
