@@ -110,7 +110,8 @@ class Rating(Standards):
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key."""
-        return super().durations() | ({} if self.standard is None else {"gap_s": self.gap_s})
+        own = {} if self.standard is None else {"gap_s": self.gap_s}
+        return {**super().durations(), **own}
 
     def shown_s(self, pool: Pool) -> float:
         """Return the length of what is shown, the gap included."""

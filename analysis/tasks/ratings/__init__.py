@@ -12,7 +12,7 @@ from analysis.plots import learning_plot, sized
 from analysis.plots.ratings import ratings_plot
 from analysis.report.wording import leading
 from analysis.tables.ratings import read_ratings, scale_of
-from analysis.tables.table import RATING_COLUMNS, Source
+from analysis.tables.table import Source
 from analysis.tasks.base import (
     Counted,
     Estimate,
@@ -34,6 +34,7 @@ from analysis.tasks.ratings.wording import apa_rating, rating_tables
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
+from protocols.tasks.rating import RATING_COLUMNS
 
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
