@@ -243,8 +243,11 @@ class Task(Grown):
     # The tables.
 
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
-        """Return the columns of a table that say what was shown."""
-        raise NotImplementedError
+        """Return the columns of a table that say what was shown: those of the stimuli."""
+        return tuple(
+            Column(name, "value", "", "Column of the stimuli's conditions")
+            for name in pool.stimuli.columns()
+        )
 
     def answer_columns(self) -> tuple[Column, ...]:
         """Return the columns of a table that say what was answered."""

@@ -166,11 +166,7 @@ class Compared(Standards, RightOrWrong):
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and what they were compared with."""
         return (
-            *(
-                Column(name, "value", "", "Column of the stimuli's conditions")
-                for name in pool.stimuli.columns()
-                if name != self.compare
-            ),
+            *(column for column in super().condition_columns(pool) if column.name != self.compare),
             *(
                 Column(name, "text", "", "What it was compared with: the standard, or another")
                 for name in self.own_columns()

@@ -126,13 +126,6 @@ class Rating(Standards):
         where = ", ".join(f"{column} {value}" for column, value in self.standard.items())
         return f"its standard ({where}), blank {self.gap_s:g} s, {shown}"
 
-    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
-        """Return the columns of the stimuli."""
-        return tuple(
-            Column(name, "value", "", "Column of the stimuli's conditions")
-            for name in pool.stimuli.columns()
-        )
-
     def answer_columns(self) -> tuple[Column, ...]:
         """Return the rating, and its step."""
         return (*RATING_COLUMNS, Column("step", "integer", "", "Its place on the scale, from 1"))

@@ -127,10 +127,3 @@ class SingleStimulus(RightOrWrong):
     def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
         return f"one stimulus ({self.single_s(pool):g} s), answer"
-
-    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
-        """Return the columns of the stimuli."""
-        return tuple(
-            Column(name, "value", "", "Column of the stimuli's conditions")
-            for name in pool.stimuli.columns()
-        )
