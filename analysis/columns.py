@@ -51,12 +51,12 @@ SESSION_COLUMNS = (
 
 def attempt_columns(study: StudyProtocol) -> tuple[Column, ...]:
     """Return the columns of the table of attempts."""
-    return attempted(study.task.condition_columns(study.pool), study.task.answer_columns())
+    return attempted(study.task.condition_columns(study.pool), study.task.all_answer_columns())
 
 
 def decision_columns(study: StudyProtocol) -> tuple[Column, ...]:
     """Return the columns of the table of decisions."""
-    return decided(study.task.condition_columns(study.pool), study.task.answer_columns())
+    return decided(study.task.condition_columns(study.pool), study.task.all_answer_columns())
 
 
 def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.DataFrame:

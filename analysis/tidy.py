@@ -251,7 +251,7 @@ def _session_row(
 
 def _common(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
     place = None if attempt.answer is None else attempt.answers.index(attempt.answer)
-    return study.task.row(attempt) | {
+    return study.task.whole_row(attempt) | {
         "trial": attempt.trial,
         "kind": attempt.role,
         "block": attempt.block,

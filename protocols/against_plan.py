@@ -14,6 +14,7 @@ from protocols.errors import StudyError
 from protocols.journal import Attempt, SessionStart
 from protocols.plan import Plan, PlannedTrial, planned_trials
 from protocols.schema import StudyProtocol
+from protocols.session_schema import POINTER
 
 _ROUND_S = 2e-6
 """Stamps are rounded to microseconds."""
@@ -99,9 +100,9 @@ def _answered(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
     """Compare the answer with the key that stands for it."""
     if attempt.answer is None:
         return
-    keys = protocol.response.keys
+    keys, pointed = protocol.response.keys, protocol.response.pointer and attempt.key == POINTER
     place = attempt.answers.index(attempt.answer)
-    if len(keys) == len(attempt.answers) and attempt.key not in keys[place]:
+    if len(keys) == len(attempt.answers) and not pointed and attempt.key not in keys[place]:
         yield (
             f"answer {attempt.answer!r} must come from one of its keys ({', '.join(keys[place])})"
             f" (got {attempt.key})"

@@ -21,6 +21,7 @@ from protocols.session_schema import (
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
+from protocols.tasks.registry import TASKS
 
 
 def cross_check(sections: Mapping[str, object]) -> list[Problem]:
@@ -189,6 +190,15 @@ def _task_rules(
             "analysis.kind",
             f"must be {get_args(wanted)[0]!r} for the task {task.kind!r} (got {analysis.kind!r})",
         )
+    if task.confidence is not None and task.decides:
+        yield from task.confidence.problems(response, text)
+    elif task.confidence is not None:
+        having = ", ".join(kind for kind, known in TASKS.items() if known.decides)
+        yield Problem(
+            "task.confidence",
+            f"must be left out for the task {task.kind!r}, whose answers are no decisions that one"
+            f" can be sure of; tasks that may have it: {having}",
+        )
     if not isinstance(design, Design):
         return
     if design.side != "fixed" and (task.sided or len(answers) > 2):
@@ -201,11 +211,18 @@ def _task_rules(
     practice = design.practice
     if practice is None:
         return
-    if practice.judged and isinstance(task, PairTask) and task.catch is None:
+    if practice.judged and (
+        not task.decides or (isinstance(task, PairTask) and task.catch is None)
+    ):
         key = "feedback" if practice.feedback else "criterion_share"
         yield Problem(
             f"design.practice.{key}",
-            "needs a known right answer: give task.catch, whose pair practice then shows",
+            "needs a known right answer: "
+            + (
+                "give task.catch, whose pair practice then shows"
+                if task.decides
+                else f"leave it out, for the task {task.kind!r} has none"
+            ),
         )
     if practice.feedback and isinstance(text, TextSection):
         for language, texts in text.languages.items():

@@ -83,10 +83,11 @@ def clip_memory_bytes(protocol: StudyProtocol, display: Display) -> int:
 
 
 def session_duration_s(protocol: StudyProtocol, trials: int) -> float:
-    """Return an estimate of how long `trials` take, breaks included, answers in 1.5 s."""
+    """Return an estimate of how long `trials` take, breaks included, each answer in 1.5 s."""
     timing = protocol.trial
     shown_s = protocol.task.shown_s(protocol.pool)
-    trial_s = timing.fixation_s + shown_s + ASSUMED_RT_S + timing.iti_s
+    answers_s = ASSUMED_RT_S * (1 if protocol.task.confidence is None else 2)
+    trial_s = timing.fixation_s + shown_s + answers_s + timing.iti_s
     return trials * trial_s + (protocol.design.blocks - 1) * protocol.design.break_s
 
 

@@ -41,6 +41,7 @@ PARTS: dict[str, tuple[str, str]] = {
     "identification": ("files", "pictures"),
     "abx": ("files", "pictures"),
     "which-half": ("files", "pictures"),
+    "rating": ("files", "pictures"),
 }
 """Tasks that a new study may have: the recipe that each starts from, and its folder of inputs."""
 PICTURES = {
@@ -48,6 +49,7 @@ PICTURES = {
     "identification": "Here: thick and thin rings with a gap on one of four sides.",
     "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
     "which-half": "Here: fine and coarse textures, sharp (the standard) and blurred.",
+    "rating": "Here: fine and coarse textures, sharp and blurred.",
 }
 CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75}
 """Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even
@@ -61,6 +63,10 @@ _INPUTS = {
     "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
     "files": "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
     "| `pictures/` | the files: some to start from, to be replaced by yours |",
+}
+_POWER = {
+    "warped-clips": "metamerlab analysis power study.toml --rate 0.65",
+    "rating": "# Power of ratings cannot be simulated yet: plan by a pilot.",
 }
 _HEADER = re.compile(r"(#\? )?\[\[?([\w.]+)\]\]?$")
 _KEY = re.compile(r"(#\? )?(\w+) = ")
@@ -127,7 +133,7 @@ def study_files(
         "TASK": task,
         "INPUTS": _INPUTS[recipe],
         "CATCH_MIN_SHARE": CATCH_MIN_SHARE[recipe],
-        "POWER": " --rate 0.65" if recipe == "warped-clips" else "",
+        "POWER": _POWER.get(task, _POWER.get(recipe, "metamerlab analysis power study.toml")),
     }
 
     def made(file: str, model: type[BaseModel] | None = None) -> str:

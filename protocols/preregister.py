@@ -240,7 +240,13 @@ def _question(protocol: StudyProtocol) -> str:
     answers = " / ".join(texts.answers[name] for name in protocol.task.answers())
     said = f'The question: "{texts.question}" Answers: {answers}.'
     right = protocol.task.right_answer()
-    return f"{said} {right}" if right else said
+    said = f"{said} {right}" if right else said
+    sure = protocol.task.confidence
+    if sure is None:
+        return said
+    language = protocol.text.default_language
+    steps = " / ".join(sure.labelled(language))
+    return f'{said} Then, without time limit: "{sure.question[language]}" Answers: {steps}.'
 
 
 def _procedure(protocol: StudyProtocol, display: Display) -> Section:

@@ -206,7 +206,7 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
 def _taken_columns(study: StudyProtocol) -> list[Problem]:
     """Return a problem for every column of the stimuli that tables have already."""
     task = study.task
-    columns = (*task.condition_columns(study.pool), *task.answer_columns())
+    columns = (*task.condition_columns(study.pool), *task.all_answer_columns())
     counts = Counter([*COMMON_COLUMNS, *(column.name for column in columns)])
     return [
         Problem(

@@ -29,7 +29,7 @@ from protocols.manifest import Manifest
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
-from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, Keys
+from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
 from protocols.units import Count, Hertz, LanguageCode, Model, Name, Pixels, Positive, Sha256, Text
 from protocols.viewing import Viewing
@@ -179,6 +179,8 @@ class Question(Model):
     """From left to right."""
     keys: tuple[tuple[Text, ...], ...]
     """A list of keys per answer."""
+    pointer: bool = False
+    """A click or touch gives an answer too: each has a column of the screen, equally wide."""
 
     @model_validator(mode="after")
     def _can_be_answered(self) -> Question:
@@ -206,8 +208,14 @@ class Question(Model):
                 found[key] = answer
         return self
 
-    def answer_of(self, key: str) -> str | None:
-        """Return the answer that a key gives; None where it gives none."""
+    def answer_of(self, key: str, at: float = 0.0) -> str | None:
+        """Return the answer that a key gives; None where it gives none.
+
+        `at` is where the pointer pressed, as a share of the screen's width, from the left.
+        """
+        if key == POINTER:
+            place = min(max(int(at * len(self.answers)), 0), len(self.answers) - 1)
+            return self.answers[place] if self.pointer else None
         found = (a for a, keys in zip(self.answers, self.keys, strict=True) if key in keys)
         return next(found, None)
 
@@ -575,6 +583,7 @@ class Scripts:
         whole = partial(whole_frames, self.display)
         own = study.task.phases(study.pool, self.display)
         after = study.task.phases_after(study.pool, self.display)
+        sure = study.task.confidence
         for given in (own, after):
             if not (
                 isinstance(given, tuple | list) and all(isinstance(p, phases.Phase) for p in given)
@@ -583,6 +592,7 @@ class Scripts:
                     "task: phases must be a tuple of protocols.phases.Phase (got"
                     f" {given!r:.80}); return such a tuple"
                 )
+        after = (*((sure.phase(),) if sure else ()), *after)
         for phase in (*own, *after):
             if phase.name in _COMMON or [one.name for one in (*own, *after)].count(phase.name) > 1:
                 raise _wrong(
@@ -655,7 +665,12 @@ class Scripts:
         try:
             question = None
             if asks is not None:
-                question = Question(name=asks.name, answers=asks.answers, keys=asks.keys)
+                question = Question(
+                    name=asks.name,
+                    answers=asks.answers,
+                    keys=asks.keys,
+                    pointer=self.study.response.pointer,
+                )
             return ScriptPhase(
                 name=phase.name,
                 frames=phase.frames,

@@ -174,8 +174,14 @@ KeyName = Annotated[str, StringConstraints(pattern=KEY_PATTERN)]
 Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]
 
 
-class Response(Model):
-    """Keys and time-out."""
+POINTER = "pointer"
+"""What a journal calls the key of an answer that was clicked or touched."""
+
+
+class Response(Grown):
+    """Keys, pointer and time-out."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("pointer",)
 
     keys: Annotated[tuple[Keys, ...], Field(min_length=2)] = (("left",), ("right",))
     """A list of keys per answer, from left to right. Any key of a list gives its answer."""
@@ -187,6 +193,9 @@ class Response(Model):
     """Ask whether to stop. The session can be resumed."""
     timeout_s: Seconds | None = None
     """A later answer makes the attempt void. Default: no limit."""
+    pointer: bool = False
+    """Answers may also be clicked, or touched, in the column of their label. The cursor is shown
+    while a question is."""
 
     def actions(self) -> dict[str, tuple[str, ...]]:
         """Return the keys of every action, by its place in the section."""

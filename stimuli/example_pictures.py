@@ -93,6 +93,7 @@ EXAMPLES = {
     "identification": rings,
     "abx": blurred_textures,
     "which-half": blurred_textures,
+    "rating": blurred_textures,
 }
 """By task."""
 

@@ -171,7 +171,7 @@ def _read_keys(
             interrupt = interrupt or "paused"
         elif answer is None and press.t_s >= onset_s and not state.over:
             question = script.phases[state.phase].question
-            answer = question.answer_of(press.key) if question else None
+            answer = question.answer_of(press.key, press.at) if question else None
             if question and answer is not None:
                 log.given[question.name] = Given(answer, press, onset_s)
     disturbance = stage.disturbed() if interrupt is None else ""

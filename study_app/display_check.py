@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from protocols.journal import DisplayReport, UtcTime
 from protocols.revision import code_revision, package_version
 from protocols.units import Count, Hertz, Model, Name, Seconds, SecondsOrNone, Sha256
 from study_app.pacing import cannot_keep_up
+from study_app.recorder import write_new
 from study_app.vsync import Intervals, judge, summarise
 from study_app.window import Window
 
@@ -141,21 +141,7 @@ def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
     stem = f"{check.display}-{check.at.translate({ord(c): None for c in ':-.'})}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for extra in ("", *(f"-{number}" for number in range(2, 1000))):
-            path = folder / f"{stem}{extra}.json"
-            try:
-                file = path.open("xb")
-                break
-            except FileExistsError:
-                continue
-        try:
-            with file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError:
-            path.unlink(missing_ok=True)
-            raise
+        path = write_new(folder / stem, ".json", data)
     except OSError as error:
         raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
     return DisplayReport(file=f"{REPORTS}/{path.name}", sha256=sha256_bytes(data))

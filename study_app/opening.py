@@ -85,6 +85,7 @@ def begin(
             SessionStart(
                 **recorder.stamps(),
                 study=protocol.study.name,
+                task=protocol.task.kind,
                 participant=participant,
                 slot=slot,
                 language=language,

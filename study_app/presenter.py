@@ -184,10 +184,12 @@ class Presenter:
         """Draw, flip, and return the flip's stamp and number."""
         if picture.rests:
             self._between_stimuli(picture)
-        if picture.phase.question:  # keys are taken as they come
+        question = picture.phase.question
+        if self._protocol.response.pointer:
+            self._window.show_cursor(question is not None)
+        if question:  # keys are taken as they come
             self._window.pump_until(self._last_s + _POLL_SHARE / self._refresh_hz)
         shown = self._flip(lambda: self._draw(picture))
-        question = picture.phase.question
         if question and self._asked and (press := self._asked.press(question, shown.t_s)):
             self._answer = press
         return shown

@@ -179,23 +179,7 @@ class Recorder:
             If the disk refuses; no part of the file is left.
         """
         try:
-            for number in range(1, 1000):
-                path = self.folder / f"{stem}{f'-{number}' if number > 1 else ''}{suffix}"
-                path.parent.mkdir(exist_ok=True)
-                try:
-                    file = path.open("xb")
-                    break
-                except FileExistsError:
-                    continue
-            try:
-                with file:
-                    file.write(data)
-                    file.flush()
-                    if self.waits_for_disk:
-                        os.fsync(file.fileno())
-            except OSError:
-                path.unlink(missing_ok=True)
-                raise
+            path = write_new(self.folder / stem, suffix, data, waits=self.waits_for_disk)
         except OSError as error:
             raise DiskError(
                 f"{self.folder}: the disk refused a write ({error.strerror}); everything up to"
@@ -226,6 +210,31 @@ class Recorder:
 def utc_now() -> str:
     """Return the wall clock, UTC."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
+
+
+def write_new(stem: Path, suffix: str, data: bytes, *, waits: bool = True) -> Path:
+    """Write a file under a name that is free, with a number where another has it; return its path.
+
+    With `waits` it is on the disk when this returns. No part of it is left where that fails.
+    """
+    stem.parent.mkdir(exist_ok=True)
+    for number in range(1, 1000):
+        path = stem.with_name(f"{stem.name}{f'-{number}' if number > 1 else ''}{suffix}")
+        try:
+            file = path.open("xb")
+            break
+        except FileExistsError:
+            continue
+    try:
+        with file:
+            file.write(data)
+            file.flush()
+            if waits:
+                os.fsync(file.fileno())
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+    return path
 
 
 def lock_journal(descriptor: int, path: Path) -> None:

@@ -230,7 +230,7 @@ def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSou
         dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
         return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
     if options.gaze.startswith("mouse"):
-        window.show_cursor()
+        window.show_cursor(True, stays=True)
     return open_gaze(options.gaze, Desk(display, window.now, window.cursor_px, refresh_hz))
 
 

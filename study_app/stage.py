@@ -19,9 +19,11 @@ class KeyPress(NamedTuple):
     """One key that went down."""
 
     key: str
-    """Named as in `protocols.session_schema.KeyName`."""
+    """Named as in `protocols.session_schema`: a `KeyName`, or `POINTER`."""
     t_s: float
     """On the stage's clock."""
+    at: float = 0.0
+    """Of the pointer: share of the screen's width, from the left."""
 
 
 class Shown(NamedTuple):

@@ -139,9 +139,9 @@ class VirtualStage:
         self._pending.clear()
         self._faults = self._on_prepare(trial, attempt)
 
-    def press(self, key: str, t_s: float) -> None:
-        """Let a key go down at a time of the clock."""
-        self._pending.append(KeyPress(key, t_s))
+    def press(self, key: str, t_s: float, at: float = 0.0) -> None:
+        """Let a key go down at a time of the clock, or the pointer at a share of the width."""
+        self._pending.append(KeyPress(key, t_s, at))
 
     def expect(self, trial: PlannedTrial) -> None:
         """Nothing to load."""

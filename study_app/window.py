@@ -19,6 +19,7 @@ from pipeline.errors import GLUnavailableError
 from pipeline.gl.context import adopt_context
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.session_schema import POINTER
 from study_app.gamepad import Gamepad
 from study_app.keys import key_name
 from study_app.monitor import check_mode, choose_monitor, plain_text
@@ -127,7 +128,9 @@ class Window:
         glfw.set_window_focus_callback(self._handle, self._on_focus)
         glfw.set_window_close_callback(self._handle, self._on_close)
         glfw.set_framebuffer_size_callback(self._handle, self._on_size)
+        glfw.set_mouse_button_callback(self._handle, self._on_button)
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
+        self._cursor_shown = self._cursor_stays = False
         self._gamepad = Gamepad(glfw)
         self.take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
@@ -248,9 +251,13 @@ class Window:
         x, y = glfw.get_cursor_pos(self._handle)
         return float(x), float(y)
 
-    def show_cursor(self) -> None:
-        """Show the mouse: it stands in for an eye."""
-        glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_NORMAL)
+    def show_cursor(self, shown: bool, *, stays: bool = False) -> None:
+        """Show the mouse or hide it; once it `stays`, as where it stands in for an eye, it does."""
+        self._cursor_stays |= stays
+        if (shown := shown or self._cursor_stays) != self._cursor_shown:
+            mode = glfw.CURSOR_NORMAL if shown else glfw.CURSOR_HIDDEN
+            glfw.set_input_mode(self._handle, glfw.CURSOR, mode)
+            self._cursor_shown = shown
 
     def _await_full_screen(self) -> None:
         """Let the window manager make the window cover the screen; it may show a frame before."""
@@ -288,6 +295,11 @@ class Window:
             self._typed.append("\b")  # in its place among the characters
         if action == glfw.PRESS and (name := key_name(glfw, key, scancode)):
             self.press(name)
+
+    def _on_button(self, _window: Any, button: int, action: int, _mods: int) -> None:
+        if action == glfw.PRESS and button == glfw.MOUSE_BUTTON_LEFT:
+            at = self.cursor_px()[0] / self.display.width_px
+            self._presses.append(KeyPress(POINTER, self.now(), at))
 
     def _on_char(self, _window: Any, codepoint: int) -> None:
         self._typed.append(chr(codepoint))

@@ -15,6 +15,7 @@ from protocols.journal import (
     Pause,
     SessionEnd,
 )
+from protocols.tasks.confidence import CONFIDENCE
 
 _KINDS = (
     ("session-start", "The program was started for this session"),
@@ -28,13 +29,14 @@ _KINDS = (
     ("note", "Something the operator or the program wanted remembered"),
     ("fixate", "The dot waits for gaze"),
     ("respond", "The answer is awaited"),
+    (CONFIDENCE, "How sure of the answer is asked"),
     ("feedback", "Practice says whether the answer was right"),
 )
 _COLUMNS = (
     FileColumn("onset", "Seconds since the program opened the journal in this run", "s"),
     FileColumn("duration", "How long it lasted; n/a for a moment", "s"),
     FileColumn("trial_type", "What happened"),
-    FileColumn("response_time", "From the onset of the answer phase to the key press", "s"),
+    FileColumn("response_time", "From the onset of a question to the key press", "s"),
     FileColumn("trial", "Trial of the plan"),
     FileColumn("attempt", "1 for the first attempt at this trial"),
     FileColumn("position", "Number of this attempt in the session, from 0"),
@@ -106,6 +108,9 @@ def _attempt(attempt: Attempt) -> list[dict[str, object]]:
             }
         if phase.phase == "respond":
             row["response_time"] = attempt.rt_s
+        for given in attempt.further:
+            if given.question == phase.phase:
+                row["response_time"] = given.rt_s
         rows.append(row)
     return rows
 

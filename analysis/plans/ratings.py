@@ -12,7 +12,10 @@ from analysis.parts import Plan
 from analysis.tables.ratings import scale_of
 from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
+from protocols.tasks.rates import name_of
+from protocols.tasks.rating import Rating, RatingsAnalysis
 
 
 class RatingsOptions(TableOptions):
@@ -62,6 +65,33 @@ class RatingSettings(Plan):
     def columns(self) -> tuple[str, ...]:
         """The columns that hold conditions."""
         return ("first", "second") if self.by is None else (self.by,)
+
+
+def from_protocol(study: StudyProtocol) -> RatingSettings:
+    """Return the settings that a protocol fixes.
+
+    Raises
+    ------
+    StudyError
+        If it is no study of ratings.
+    """
+    analysis, task = study.analysis, study.task
+    if not (isinstance(analysis, RatingsAnalysis) and isinstance(task, Rating)):
+        raise StudyError(
+            f"analysis.kind: must be 'ratings' with the task 'rating' (got {analysis.kind!r} with"
+            f" {task.kind!r})"
+        )
+    return RatingSettings(
+        study=study.study.name,
+        title=study.study.title,
+        by=analysis.by,
+        baseline=None if analysis.baseline is None else name_of(analysis.baseline),
+        scale=task.scale,
+        link=analysis.link,
+        correction=analysis.correction,
+        alpha=analysis.alpha,
+        protocol_sha256=study.sha256,
+    )
 
 
 def settings_of(decisions: pd.DataFrame, name: str, options: RatingsOptions) -> RatingSettings:

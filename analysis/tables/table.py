@@ -23,10 +23,11 @@ from analysis.tables.words import (
     missing,
     plain,
 )
-from protocols.columns import COMMON_COLUMNS, Column, attempted, decided
+from protocols.columns import COMMON_COLUMNS, attempted, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
+from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS
 
 LARGEST_WHOLE = 2**53
@@ -36,7 +37,6 @@ _MANY = 5
 """Where so many answers are wrong, a person gave some of them."""
 BY_IMPORT = "metamerlab analysis import TABLE "
 """How a command without --map and --where is told columns and rows."""
-RATING_COLUMNS = (Column("rating", "value", "", "The rating given", ("score", "response")),)
 OURS = {
     column.name: column
     for column in (

@@ -40,7 +40,7 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
 )
 
 TABLE_TASKS = ("ratings", "reaction", "psychometric")
-"""Tasks that no study shows yet, by the kind of their analysis: their data come as tables."""
+"""Kinds of analysis by which tables may name a task, as well as by the task's own name."""
 
 
 def analysis_of(kind: str) -> AnyAnalysis:

@@ -1,7 +1,7 @@
-"""The analysis of ordered ratings, kind `ratings`: of tables, until a study shows ratings."""
+"""The analysis of ordered ratings, kind `ratings`."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import pandas as pd
 
@@ -9,11 +9,14 @@ from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingSettings, RatingsOptions, settings_of
+from analysis.plans.ratings import RatingSettings, RatingsOptions, from_protocol, settings_of
 from analysis.tables.ratings import read_ratings, scale_of
-from analysis.tables.table import RATING_COLUMNS, Source
+from analysis.tables.table import Source
 from analysis.tasks.base import TableOptions, TaskAnalysis
 from protocols.columns import Column, decided
+from protocols.errors import StudyError
+from protocols.schema import StudyProtocol
+from protocols.tasks.rating import RATING_COLUMNS
 
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
@@ -25,6 +28,10 @@ class Ratings(TaskAnalysis[RatingSettings]):
     task: ClassVar[str] = "ratings"
     parts: ClassVar[tuple[AnyPart, ...]] = (RatingsPart(), StepLearning(), TimesPart())
     options: ClassVar[type[TableOptions]] = RatingsOptions
+
+    def settings(self, study: StudyProtocol) -> RatingSettings:
+        """Return the settings that a protocol fixes."""
+        return from_protocol(study)
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RatingSettings:
         """Return what the options say."""
@@ -60,6 +67,13 @@ class Ratings(TaskAnalysis[RatingSettings]):
     def counted(self, settings: RatingSettings) -> str:
         """Return what is rated."""
         return "pairs, graded" if settings.by is None else f"ratings by {settings.by}"
+
+    def assumptions(self, _study: StudyProtocol) -> NoReturn:
+        """Refuse: nobody simulates ratings yet."""
+        raise StudyError(
+            "analysis.kind: the power of 'ratings' cannot be simulated; plan by a pilot, whose"
+            " report gives the limits of every difference"
+        )
 
 
 def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:

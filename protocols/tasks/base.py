@@ -23,6 +23,7 @@ from protocols.phases import Clip, Fixation, Image, Phase
 from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
+from protocols.tasks.confidence import COLUMNS, Confidence
 from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
 
 
@@ -149,19 +150,25 @@ class CatchTrials(Model):
     """Condition in which the answer is obvious, such as `{ eccentricity_deg = 5.0 }`."""
 
 
-class Task(Model):
+class Task(Grown):
     """What a participant does in a trial, and which conditions there are."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("confidence",)
 
     kind: str
     """What a participant does; 'metamerlab new-study --help' names the tasks."""
     stimulus_s: Seconds | None = None
     """How long a still is shown. Clips are shown once, whole."""
+    confidence: Confidence | None = None
+    """How sure participants are, asked after each answer. Default: not asked."""
 
     analysis: ClassVar[type[Analysis]]
     """The kind of analysis that goes with it."""
     sided: ClassVar[bool] = False
     """Whether the answers name sides of the screen, so that keys never swap."""
     stimuli_per_trial: ClassVar[int] = 1
+    decides: ClassVar[bool] = False
+    """Whether an answer is a decision, right or wrong or a preference: one can be sure of it."""
 
     # The design.
 
@@ -198,7 +205,7 @@ class Task(Model):
         raise NotImplementedError
 
     def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
-        """Return what is shown and asked after the answer, before feedback."""
+        """Return what is shown and asked after answer and confidence, before feedback."""
         return ()
 
     def durations(self) -> Mapping[str, float]:
@@ -236,8 +243,11 @@ class Task(Model):
     # The tables.
 
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
-        """Return the columns of a table that say what was shown."""
-        raise NotImplementedError
+        """Return the columns of a table that say what was shown: those of the stimuli."""
+        return tuple(
+            Column(name, "value", "", "Column of the stimuli's conditions")
+            for name in pool.stimuli.columns()
+        )
 
     def answer_columns(self) -> tuple[Column, ...]:
         """Return the columns of a table that say what was answered."""
@@ -246,6 +256,14 @@ class Task(Model):
     def row(self, attempt: Attempt) -> dict[str, object]:
         """Return what an attempt says in the columns of condition and answer."""
         raise NotImplementedError
+
+    def all_answer_columns(self) -> tuple[Column, ...]:
+        """Return the columns of the answer, and of how sure it was where that is asked."""
+        return (*self.answer_columns(), *(COLUMNS if self.confidence else ()))
+
+    def whole_row(self, attempt: Attempt) -> dict[str, object]:
+        """Return what an attempt says in the columns of condition, answer and confidence."""
+        return {**self.row(attempt), **(self.confidence.row(attempt) if self.confidence else {})}
 
     def arranged_columns(self, pool: Pool) -> frozenset[str]:
         """Return the columns of a table that tell how a condition was arranged.

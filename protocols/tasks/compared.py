@@ -12,7 +12,7 @@ from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
-from protocols.tasks.base import Arrangement, Cell, matches
+from protocols.tasks.base import Arrangement, Cell, Task, matches
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Condition, Name, Scalar, Seconds
 
@@ -26,14 +26,59 @@ class Pair(NamedTuple):
     other: tuple[str, str]
 
 
-class Compared(RightOrWrong):
-    """Two stimuli differ; the answer says where, or which of them came again."""
+class Standards(Task):
+    """Stimuli may have a standard, with which they are compared."""
 
     standard: dict[Name, Scalar] | None = None
     """What every other stimulus of its scene is compared with, such as `{ method = "reference"
     }`."""
     matched: tuple[Name, ...] = ("scene",)
     """Columns in which a stimulus and its standard agree."""
+
+    def is_standard(self, stimulus: Stimulus) -> bool:
+        """Return whether others are compared with this stimulus."""
+        return self.standard is not None and matches(stimulus.condition, self.standard)
+
+    def key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
+        """Return what a stimulus and its standard have in common."""
+        return tuple(stimulus.condition.get(name) for name in self.matched)
+
+    def standards(self, pool: Pool) -> dict[tuple[Scalar | None, ...], list[str]]:
+        """Return the names of the standards by what they have in common with their stimuli."""
+        found: dict[tuple[Scalar | None, ...], list[str]] = {}
+        for stimulus in pool.stimuli.pool():
+            if self.is_standard(stimulus):
+                found.setdefault(self.key(stimulus), []).append(stimulus.name)
+        return found
+
+    def standard_problems(self, pool: Pool) -> Iterator[Problem]:
+        """Yield a problem where a stimulus has no standard, or more than one."""
+        if self.standard is None:
+            return
+        yield from pool.check_where("task.standard", self.standard)
+        yield from pool.check_columns("task.matched", self.matched)
+        standards = self.standards(pool)
+        for key, names in standards.items():
+            if len(names) > 1:
+                said = ", ".join(f"{c} = {v}" for c, v in zip(self.matched, key, strict=True))
+                yield Problem(
+                    "task.matched",
+                    f"there must be one standard where {said} (got {' and '.join(names[:3])});"
+                    " name the column in which they differ too",
+                )
+        for stimulus in pool.stimuli.pool():
+            if not self.is_standard(stimulus) and self.key(stimulus) not in standards:
+                yield Problem(
+                    "task.matched",
+                    "every stimulus must have a standard that agrees with it in"
+                    f" {', '.join(self.matched)} (there is none for {stimulus.name!r})",
+                )
+                return
+
+
+class Compared(Standards, RightOrWrong):
+    """Two stimuli differ; the answer says where, or which of them came again."""
+
     compare: Name | None = None
     """Compare stimuli that differ in this column only, such as `seed`. With a standard too, both
     comparisons are made, and the column `against` tells them apart (`standard`, `another`)."""
@@ -88,26 +133,18 @@ class Compared(RightOrWrong):
                 yield scene, condition, ANOTHER, [Pair(*pair)]
 
     def _against_standard(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
-        stimuli, where = pool.stimuli.pool(), self.standard or {}
-        standards = {self._key(s): s for s in stimuli if matches(s.condition, where)}
+        standards = self.standards(pool)
         found: dict[object, tuple[str, Condition, list[Pair]]] = {}
-        for stimulus in stimuli:
-            standard = standards.get(self._key(stimulus))
-            if (
-                stimulus.scene not in pool.scenes
-                or standard is None
-                or matches(stimulus.condition, where)
-            ):
+        for stimulus in pool.stimuli.pool():
+            standard = standards.get(self.key(stimulus))
+            if stimulus.scene not in pool.scenes or not standard or self.is_standard(stimulus):
                 continue
             told = {k: v for k, v in stimulus.condition.items() if k != self.compare}
-            pair = Pair((STANDARD, standard.name), ("comparison", stimulus.name))
+            pair = Pair((STANDARD, standard[-1]), ("comparison", stimulus.name))
             same = stimulus.name if self.compare is None else tuple(told.items())
             found.setdefault(same, (stimulus.scene, told, []))[2].append(pair)
         for scene, condition, pairs in found.values():
             yield scene, condition, STANDARD, pairs
-
-    def _key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
-        return tuple(stimulus.condition.get(name) for name in self.matched)
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key."""
@@ -129,11 +166,7 @@ class Compared(RightOrWrong):
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
         """Return the columns of the stimuli, and what they were compared with."""
         return (
-            *(
-                Column(name, "value", "", "Column of the stimuli's conditions")
-                for name in pool.stimuli.columns()
-                if name != self.compare
-            ),
+            *(column for column in super().condition_columns(pool) if column.name != self.compare),
             *(
                 Column(name, "text", "", "What it was compared with: the standard, or another")
                 for name in self.own_columns()
@@ -145,33 +178,6 @@ class Compared(RightOrWrong):
         yield from super().problems(pool)
         if self.standard is None and self.compare is None:
             yield Problem("task", "must have standard, compare or both")
-        if self.standard is not None:
-            yield from pool.check_where("task.standard", self.standard)
-            yield from pool.check_columns("task.matched", self.matched)
-            yield from self._standard_problems(pool)
+        yield from self.standard_problems(pool)
         if self.compare is not None:
             yield from pool.check_columns("task.compare", (self.compare,))
-
-    def _standard_problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield a problem where a stimulus has no standard, or more than one."""
-        stimuli, where = pool.stimuli.pool(), self.standard or {}
-        standards: dict[tuple[Scalar | None, ...], list[str]] = {}
-        for stimulus in stimuli:
-            if matches(stimulus.condition, where):
-                standards.setdefault(self._key(stimulus), []).append(stimulus.name)
-        for key, names in standards.items():
-            if len(names) > 1:
-                said = ", ".join(f"{c} = {v}" for c, v in zip(self.matched, key, strict=True))
-                yield Problem(
-                    "task.matched",
-                    f"there must be one standard where {said} (got {' and '.join(names[:3])});"
-                    " name the column in which they differ too",
-                )
-        for stimulus in stimuli:
-            if not matches(stimulus.condition, where) and self._key(stimulus) not in standards:
-                yield Problem(
-                    "task.matched",
-                    "every stimulus must have a standard that agrees with it in"
-                    f" {', '.join(self.matched)} (there is none for {stimulus.name!r})",
-                )
-                return

@@ -216,6 +216,7 @@ class PairTask(Task):
 
     analysis: ClassVar[type[Analysis]] = PreferenceAnalysis
     stimuli_per_trial: ClassVar[int] = 2
+    decides: ClassVar[bool] = True
 
     def paired(self, pool: Pool) -> tuple[tuple[str, str], ...]:
         """Return the compared pairs, each once."""

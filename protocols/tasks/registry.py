@@ -6,6 +6,7 @@ from protocols.plugins import based_on, registered
 from protocols.tasks.abx import Abx
 from protocols.tasks.base import Task
 from protocols.tasks.identification import Identification
+from protocols.tasks.rating import Rating
 from protocols.tasks.two_alternative import TwoAlternative
 from protocols.tasks.two_interval import TwoInterval
 from protocols.tasks.which_half import WhichHalf
@@ -20,6 +21,7 @@ TASKS: dict[str, type[Task]] = registered(
         "identification": Identification,
         "abx": Abx,
         "which-half": WhichHalf,
+        "rating": Rating,
     },
     "name a class based on protocols.tasks.base.Task, whose kind is the entry's name",
     based_on(Task),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -43,6 +43,8 @@ class RightOrWrong(Task):
     """Adaptive levels. Default: constant stimuli, every level equally often."""
     catch: CatchTrials | None = None
     """Catch trials. Default: none."""
+
+    decides: ClassVar[bool] = True
 
     @property
     def adaptation(self) -> Adaptive | None:
@@ -125,10 +127,3 @@ class SingleStimulus(RightOrWrong):
     def description(self, pool: Pool) -> str:
         """Return a trial in a sentence."""
         return f"one stimulus ({self.single_s(pool):g} s), answer"
-
-    def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
-        """Return the columns of the stimuli."""
-        return tuple(
-            Column(name, "value", "", "Column of the stimuli's conditions")
-            for name in pool.stimuli.columns()
-        )

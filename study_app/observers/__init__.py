@@ -8,6 +8,7 @@ from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
 from protocols.schema import StudyProtocol
 from study_app.observers.base import ArtificialObserver, ObserverModel, rng_of
+from study_app.observers.rating import RatingModel
 from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
 from study_app.observers.two_interval import DEFAULT_UTILITIES, PreferenceModel
 
@@ -22,6 +23,7 @@ OBSERVERS: Mapping[str, Maker] = registered(
         "identification": SensitivityModel.of,
         "abx": DifferenceModel.of,
         "which-half": DifferenceModel.of,
+        "rating": RatingModel.of,
     },
     "name a function from a study to an observer model",
     taking(1),

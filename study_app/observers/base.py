@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,10 @@ from protocols.hashing import Json, canonical_json
 from protocols.plan import PlannedTrial
 from protocols.script import Question
 from protocols.session_schema import Response
+from protocols.tasks.confidence import CONFIDENCE
 from study_app.stage import Page, PageResult
+
+NORMAL = NormalDist()
 
 
 class Decision(NamedTuple):
@@ -25,6 +29,16 @@ class Decision(NamedTuple):
     answer: str
     hardness: float
     """0: plain; 1: a guess. Hard decisions take longer."""
+    evidence: float | None = None
+    """Distance of the decision variable from the criterion, in standard deviations of its noise.
+    None: it follows from the hardness, as -ln(hardness)."""
+
+    @property
+    def distance(self) -> float:
+        """The evidence for the answer, at least 0."""
+        if self.evidence is not None:
+            return abs(self.evidence)
+        return -math.log(max(self.hardness, 1e-9))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,12 +53,22 @@ class ObserverModel:
     """Standard deviation of its logarithm."""
     rt_hard_s: float = 0.5
     """How much longer a guess takes."""
+    confidence_noise: float = 0.3
+    """Standard deviation, in that of the decision variable, of what blurs confidence."""
 
     def decide(
         self, trial: PlannedTrial, seed: int, participant: str, rng: np.random.Generator
     ) -> Decision:
         """Return the answer of a participant; `rng` belongs to this attempt alone."""
         raise NotImplementedError
+
+    def confidence(self, decision: Decision, steps: int, rng: np.random.Generator) -> int:
+        """Return the step, from 0, that an answer's evidence and noise reach.
+
+        Criteria are such that who only guesses, and without noise, gives each step equally often.
+        """
+        felt = abs(decision.distance + self.confidence_noise * float(rng.normal()))
+        return min(steps - 1, int(steps * (2 * NORMAL.cdf(felt) - 1)))
 
 
 class ArtificialObserver:
@@ -68,10 +92,14 @@ class ArtificialObserver:
     def answer_further(
         self, question: Question, trial: PlannedTrial, attempt: int
     ) -> tuple[str, float]:
-        """Return the key and the reaction time of an answer by chance."""
-        rng = rng_of(self._seed, "answer", self._participant, trial.id, attempt, question.name)
-        keys = question.keys[int(rng.integers(len(question.keys)))]
-        model = self._model
+        """Return the key and the reaction time: confidence by the model, all else by chance."""
+        purpose = self._seed, "answer", self._participant, trial.id, attempt
+        rng, model = rng_of(*purpose, question.name), self._model
+        place = int(rng.integers(len(question.keys)))
+        if question.name == CONFIDENCE:
+            decision = model.decide(trial, self._seed, self._participant, rng_of(*purpose))
+            place = model.confidence(decision, len(question.keys), rng)
+        keys = question.keys[place]
         return keys[0], model.rt_median_s * math.exp(float(rng.normal()) * model.rt_sigma)
 
     def turn_page(self, page: Page) -> PageResult:
@@ -86,6 +114,12 @@ class ArtificialObserver:
         if page.name == "question":
             answer = page.choices[0] if page.choices else "simulated"
         return PageResult(keys[0], answer, max(2.0, page.least_s))
+
+
+def evidence_of(probability: float, draw: float) -> float:
+    """Return the normal decision variable that exceeds 0 where a draw is below a probability."""
+    high, low = (min(max(p, 1e-9), 1 - 1e-9) for p in (probability, draw))
+    return NORMAL.inv_cdf(high) - NORMAL.inv_cdf(low)
 
 
 def rng_of(*parts: Json) -> np.random.Generator:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from statistics import NormalDist
 from typing import Self
 
 import numpy as np
@@ -13,7 +12,13 @@ import numpy as np
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import RatesAnalysis, value_of
-from study_app.observers.base import Decision, ObserverModel, deviation
+from study_app.observers.base import (
+    NORMAL,
+    Decision,
+    ObserverModel,
+    deviation,
+    evidence_of,
+)
 
 PLAIN = 10.0
 """Sensitivity to catch trials: only lapses miss them."""
@@ -97,7 +102,7 @@ class SensitivityModel(ObserverModel):
         if blind:
             answer = trial.answers[int(rng.integers(len(trial.answers)))]
         guess = 1 / len(self.alternatives)
-        return Decision(answer, 1 - abs(right - guess) / (1 - guess))
+        return Decision(answer, 1 - abs(right - guess) / (1 - guess), evidence_of(right, draw))
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ class DetectionModel(SensitivityModel):
         answer = "yes" if evidence > 0 else "no"
         if rng.uniform() < self.lapse:
             answer = trial.answers[int(rng.integers(2))]
-        return Decision(answer, math.exp(-abs(evidence)))
+        return Decision(answer, math.exp(-abs(evidence)), evidence)
 
 
 @dataclass(frozen=True)
@@ -164,6 +169,6 @@ class DifferenceModel(SensitivityModel):
 
     def right_probability(self, sensitivity: float) -> float:
         """Return ``F(d / a) F(d / b) + F(-d / a) F(-d / b)`` (Macmillan and Creelman 2005)."""
-        normal, d_prime = NormalDist().cdf, max(0.0, sensitivity)
+        normal, d_prime = NORMAL.cdf, max(0.0, sensitivity)
         a, b = (d_prime / width for width in self.deviations)
         return normal(a) * normal(b) + normal(-a) * normal(-b)

@@ -15,7 +15,7 @@ import numpy as np
 
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
-from study_app.observers.base import Decision, ObserverModel, deviation
+from study_app.observers.base import Decision, ObserverModel, deviation, evidence_of
 
 DEFAULT_UTILITIES: Mapping[str, float] = {
     "reference": 2.5,
@@ -70,8 +70,12 @@ class PreferenceModel(ObserverModel):
             str(trial.condition[first]),
             str(trial.condition[second]),
         )
-        picks_first = bool(rng.uniform() < probability)
-        return Decision(first if picks_first else second, 1 - abs(2 * probability - 1))
+        draw = rng.uniform()
+        return Decision(
+            first if draw < probability else second,
+            1 - abs(2 * probability - 1),
+            evidence_of(probability, draw),
+        )
 
     def _utility(self, seed: int, participant: str, scene: str, method: str) -> float:
         # Each of the two methods of a pair brings half of the pair's variance.

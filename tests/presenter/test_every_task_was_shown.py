@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -90,6 +90,15 @@ CASES = {
         "gap_s = 0.1\nstimulus_s = 0.2\nbar_deg = 0.4",
         ("left", "right"), 'kind = "which-half"', practice=PRACTICE,
     ),
+    "rating": Case(
+        'kind = "rating"\nscale = ["bad", "fair", "good"]\nstimulus_s = 0.2',
+        ("bad", "fair", "good"), 'kind = "ratings"',
+    ),
+    "rating after a standard": Case(
+        'kind = "rating"\nscale = ["bad", "fair", "good"]\ngap_s = 0.1\nstimulus_s = 0.2\n'
+        'standard = { method = "one", level = 1 }',
+        ("bad", "fair", "good"), 'kind = "ratings"\nby = "level"',
+    ),
     "adaptive": Case(
         'kind = "yes-no"\nsignal = { method = ["two"] }\nstimulus_s = 0.2\n'
         'adaptive = { rule = "up-down", trials = 6, column = "level", start = 2.0,'
@@ -97,6 +106,12 @@ CASES = {
         ("yes", "no"), 'kind = "detection"\nlevel = "level"',
     ),
 }  # fmt: skip
+SURE = '\nconfidence = { steps = 3, question = { en = "Sure?" }, keys = [["7"], ["8"], ["9"]] }'
+CASES |= {
+    f"{name}, confidence": replace(case, task=case.task + SURE)
+    for name, case in CASES.items()
+    if name != "adaptive" and "rating" not in name
+}
 
 
 @pytest.fixture
@@ -167,6 +182,9 @@ def test_another_process_sees_every_logged_flip_with_the_hashed_frames(screen, m
     assert len(shown) >= (frames * each if case.video else 1)
     for attempt in completed:
         assert all(s.frames_shown == frames for s in attempt.stimuli), attempt.trial
+    for attempt in completed:
+        assert [one.key in "789" for one in attempt.further] == [True] * ("confidence" in name)
+        assert ("confidence" in name) == any(p.phase == "confidence" for p in attempt.phases)
     feedback = [a for a in completed if any(p.phase == "feedback" for p in a.phases)]
     assert [a.role for a in feedback] == ["practice"] * (2 if case.practice else 0)
     if "adaptive" in case.task:
@@ -280,7 +298,7 @@ def test_window_painter_and_preview_show_the_same_pixels(screen, make_study, tmp
                 ours = played(data, drawn["show"], by_name, script.size_px)
                 assert np.abs(ours.astype(int) - first).max() <= 1, phase.name
     assert compared >= 3 * len(script.phases) - 4
-    assert any(entry.crop for row in script.frames for entry in row) == (name == "which-half")
+    assert any(entry.crop for row in script.frames for entry in row) == ("which-half" in name)
 
 
 def test_two_side_by_side_stand_as_far_apart_as_the_protocol_says(make_study):
@@ -299,7 +317,9 @@ def test_two_side_by_side_stand_as_far_apart_as_the_protocol_says(make_study):
 def test_a_journal_of_every_task_names_what_its_flips_showed(make_study):
     """On a virtual display, for every case: hashes in the log are those of the manifest."""
     for name, case in CASES.items():
-        study = make_study(case, name.replace(" ", "-"))
+        if "confidence" in name and name != "abx, confidence":
+            continue  # one is enough where nothing is drawn
+        study = make_study(case, name.replace(",", "").replace(" ", "-"))
         metamerlab(
             "session", "simulate", study.path, "--stimuli", study.stimuli, "--out",
             study.sessions, "--participants", 1,

@@ -12,7 +12,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.phases import Optotype
 from protocols.script import ScriptPhase, landolt_ring
-from study_app.optotype import ring_image
+from study_app.paint import ring_image
 from study_app.presenter import Presenter
 from study_app.stage import Picture
 

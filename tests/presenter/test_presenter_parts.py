@@ -25,6 +25,7 @@ from study_app.luminance import LEVELS, fit_gamma, store_luminance
 from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import Pages, words_image
+from study_app.paint import target_image
 from study_app.sittings import find_sittings, next_slot
 from study_app.stage import Page
 from study_app.strip import (
@@ -37,7 +38,6 @@ from study_app.strip import (
     read_both_strips,
     read_strip,
 )
-from study_app.target import target_image
 from study_app.text_image import is_right_to_left, text_image, typeface_for, wrap, writable
 from study_app.validation import (
     nine_points_px,

@@ -81,7 +81,7 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
         text for name, text in zip(parts[1::2], parts[2::2], strict=True) if name == section
     ).splitlines()
     tables = {
-        "task": {"catch", "sampling"},
+        "task": {"catch", "sampling", "confidence"},
         "design": {"practice"},
         "analysis": {"primary", "exclusions", "sequential"},
         "text.languages.en": {"questions"},

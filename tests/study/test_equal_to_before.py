@@ -48,6 +48,9 @@ def simulated(name: str, folder: Path) -> dict[str, object]:
         plain = event.model_dump(mode="json")
         for key in (*PROGRAM, *ignored, *(key for key in ADDED if not plain.get(key))):
             plain.pop(key, None)
+        if event.kind == "session-start":  # before, every session called its task so
+            assert plain["task"] == study.task.kind
+            plain["task"] = "two-interval"
         if event.kind == "attempt":
             for kind, side in (("flips", event.flips_file), ("gaze", event.gaze_file)):
                 files[kind] += [(journal.path.parent / side.file).read_bytes()] if side else []

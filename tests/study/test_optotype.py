@@ -11,7 +11,7 @@ from protocols.load import load_display
 from protocols.phases import Optotype
 from protocols.script import landolt_ring
 from protocols.viewing import Viewing
-from study_app.optotype import ring_image
+from study_app.paint import ring_image
 
 DISPLAY = load_display("fhd27-60hz")
 HEIGHT_DEG = 1.25

@@ -65,23 +65,24 @@ def mistakes(tmp_path):
     [
         ("yes-no", 'kind = "yes-no"', 'kind = "yesno"',
          "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
-         " which-half (got 'yesno'); did you mean 'yes-no'?"),
+         " which-half, rating (got 'yesno'); did you mean 'yes-no'?"),
         ("yes-no", 'kind = "yes-no"', "kind = {}",
          "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
-         " which-half (got '{}')"),
+         " which-half, rating (got '{}')"),
         ("yes-no", 'kind = "files"', 'kind = "file"',
          "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
          " mean 'files'?"),
         ("yes-no", 'kind = "detection"', 'kind = "detectoin"',
          "analysis.kind: must be one of preference, detection, identification, abx,"
-         " which-half (got 'detectoin'); did you mean 'detection'?"),
+         " which-half, ratings (got 'detectoin'); did you mean 'detection'?"),
         ("yes-no", 'kind = "detection"', 'kind = "abx"',
          "analysis.kind: must be 'detection' for the task 'yes-no' (got 'abx')"),
         ("yes-no", "stimulus_s = 0.5", "stimulus_s = 0.5\ngap_s = 0.5",
-         "task.gap_s: unknown key; known keys: kind, stimulus_s, adaptive, catch, signal"),
+         "task.gap_s: unknown key; known keys: kind, stimulus_s, confidence, adaptive, catch,"
+         " signal"),
         ("two-interval", "gap_s = 0.5", "separation_deg = 7.0",
-         "task.separation_deg: unknown key; known keys: kind, stimulus_s, compare, pairings,"
-         " catch, sampling, gap_s"),
+         "task.separation_deg: unknown key; known keys: kind, stimulus_s, confidence, compare,"
+         " pairings, catch, sampling, gap_s"),
         ("identification", 'named_by = "gap"', 'named_by = "gaps"',
          "task.named_by: must name a column of the stimuli (stroke, gap, contrast) (got 'gaps');"
          " did you mean 'gap'?"),
