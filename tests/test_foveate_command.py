@@ -116,6 +116,18 @@ def test_a_comparison_shows_every_condition_and_the_pools(png, tmp_path):
     assert read_pixels(sheet).data.shape[1] == 3 * tile_px + 12
 
 
+def test_a_parameter_reaches_every_condition_of_a_sheet_that_has_it(png, tmp_path):
+    sheet, pair = tmp_path / "sheet.png", ("-m", "blur", "-m", "reference")
+    looks = (png, tmp_path / "out.png", "--compare", sheet, *FAST)
+    assert run(*looks, *pair, "--set", "fovea_deg=8")[0] == 0
+    wide = read_pixels(tmp_path / "out.png").data
+    assert run(*looks, *pair)[0] == 0
+    assert (wide != read_pixels(tmp_path / "out.png").data).any()
+
+    assert "did you mean 'fovea_deg'" in refusal(*looks, "--set", "fovea=8")
+    assert "contrast-enhanced: strength must lie in 0..2" in refusal(*looks, "--set", "strength=4")
+
+
 def test_a_sheet_leaves_out_what_takes_minutes_or_a_folder():
     names = {choice.name for choice in usual_choices()}
 

@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.foveation.conditions import (
     CONDITIONS,
     Foveator,
@@ -143,4 +144,7 @@ def pooling_of(choice: Choice) -> Pooling:
 def check_choices(choices: Sequence[Choice]) -> None:
     """Make every condition once, so that mistakes are told before any work."""
     for choice in choices:
-        pooling_of(choice)
+        try:
+            pooling_of(choice)
+        except InputError as error:
+            raise error if len(choices) == 1 else InputError(f"{choice.name}: {error}") from error

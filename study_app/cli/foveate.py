@@ -285,13 +285,13 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
-    from pipeline.foveation.conditions import check_condition_name
+    from pipeline.foveation.conditions import condition_parameters
     from stimuli.choice import Choice
     from stimuli.foveated.look_through import usual_choices
 
     every = [choice.name for choice in usual_choices()]
     chosen = choose_methods(
-        methods, settings, every=every, default=DEFAULT_METHOD, check=check_condition_name,
+        methods, settings, every=every, default=DEFAULT_METHOD, known=condition_parameters,
         sheet=sheet, sheets="--compare FILE or --score FOLDER",
     )  # fmt: skip
     return [Choice(name, parameters) for name, parameters in chosen]
