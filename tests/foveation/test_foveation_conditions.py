@@ -1,6 +1,7 @@
 """The registry of conditions and the one call."""
 
 import inspect
+import math
 from importlib.util import find_spec
 
 import numpy as np
@@ -209,8 +210,20 @@ def test_the_field_comes_after_a_slow_eye_without_a_jump():
         steps.append(state.field_px[0] - before)
     assert max(steps) < 1.05
     assert state.eye_px[0] - state.field_px[0] < 60
-    with pytest.raises(InputError, match="elapsed_s"):
-        state.after((1, 1), 0)
+
+
+def test_the_field_holds_while_nothing_is_known_of_the_eye():
+    state = SteadyGaze(Flat(width_deg=40).of(512, 512), (100, 256))
+    assert state.after((400, 256), 0) == state.after((400, 256), -0.1) == state
+    lost = state.after((math.nan, math.nan), 0.5)
+    assert (lost.eye_px, lost.field_px) == ((100, 256), (100, 256))
+    # 7 degrees in a second are no saccade, though all was found in the last hundredth.
+    found = lost.after((math.nan, 256), 0.49).after((190, 256), 0.01)
+    assert found.eye_px == (190, 256)
+    assert found.field_px[0] < 190
+    around = SteadyGaze(Equirectangular().of(512, 256), (math.nan, math.nan))
+    assert around.eye_px == (256, 128)
+    assert around.after((256, 900), 0.01).field_px == (256, 256)
 
 
 def test_a_moving_gaze_leaves_the_tamed_warp_alone(picture):
