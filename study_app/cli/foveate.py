@@ -14,15 +14,16 @@ from rich.table import Table
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
+from study_app.cli.gaze_of_frames import is_of_frames, track_of
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
     DisplayOption,
     FovOption,
-    GazeOption,
     NumpyOption,
     SettingsOption,
     check_outputs,
     choose_methods,
+    gaze_option,
     list_option,
     look_option,
     method_option,
@@ -75,7 +76,14 @@ def foveate(
             r" \[default: foveated.png, or foveated/]"
         ),
     ] = None,
-    gaze: GazeOption = None,
+    gaze: Annotated[
+        str | None,
+        gaze_option(
+            "the middle",
+            " For frames also a gaze for each: replay:FILE, a recording (.asc, .csv), or FILE.csv"
+            " with columns x_px and y_px and a line per frame.",
+        ),
+    ] = None,
     display: DisplayOption = None,
     fov: FovOption = None,
     panorama: Annotated[
@@ -107,7 +115,10 @@ def foveate(
     fps: Annotated[
         float | None,
         typer.Option(
-            min=1, max=1000, help=r"Frame rate of --video. \[default: the input video's, or 30]"
+            min=1,
+            max=1000,
+            help=r"Frames a second, for --video and --gaze replay:FILE."
+            r" \[default: the input video's, or 30]",
         ),
     ] = None,
     stops: Annotated[
@@ -189,6 +200,8 @@ def foveate(
         metamerlab foveate frames/ shown/ --flow flow/
 
         metamerlab foveate clip.mp4 shown/ --video shown.mp4
+
+        metamerlab foveate clip.mp4 shown/ --gaze replay:eye.asc --display fhd27-60hz
     """
     from pipeline.video_file import is_video
     from stimuli.foveated.any_picture import Reading
@@ -205,7 +218,8 @@ def foveate(
         if moving:
             _check_clip(picture, out, outputs, video)
         else:
-            for option, given in (("--video", video), ("--fps", fps)):
+            each = gaze if is_of_frames(gaze) else None
+            for option, given in (("--video", video), ("--fps", fps), (f"--gaze {each}", each)):
                 if given is not None:
                     raise StudyError(
                         f"{option} is for a folder of frames or a video (PICTURE is none)"
@@ -221,6 +235,8 @@ def foveate(
             if moving:
                 shown = out or Path("foveated")
                 with frames_of(picture, fps, teller.say) as (frames, rate):
+                    if gaze is not None and is_of_frames(gaze):
+                        common["gaze"] = track_of(gaze, display, rate, teller.say)
                     foveate_clip(
                         frames, shown, flow=flow, choice=choices[0], video=video, fps=rate, **common
                     )

@@ -35,12 +35,12 @@ def panel_option(panel: str) -> Callable[..., Any]:
 look_option = panel_option(LOOK)
 
 
-def gaze_option(default: str) -> Any:
-    """``--gaze``, in pixels or degrees."""
+def gaze_option(default: str, more: str = "") -> Any:
+    """``--gaze``, in pixels or degrees; `more` says what else it may be."""
     return typer.Option(
         metavar="X,Y",
         help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
-        rf" right of and below the middle (5deg,-3deg). \[default: {default}]",
+        rf" right of and below the middle (5deg,-3deg).{more} \[default: {default}]",
     )
 
 
