@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.foveate_quality import band_ratios, noise_picture
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import (
     CONDITIONS,
@@ -18,6 +19,8 @@ from pipeline.foveation.conditions import (
     foveate,
 )
 from pipeline.foveation.geometry import Equirectangular, Flat
+from pipeline.foveation.lod import Pools
+from pipeline.foveation.pooling import make_pooling
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 
 NEEDS_TORCH = pytest.mark.skipif(
@@ -78,6 +81,16 @@ def test_enhancing_noise_lies_between_what_is_resolved_and_what_is_detected(pict
         foveate(picture, (32, 24), method="noise-enhanced", seed=s, viewing=near) for s in (1, 2)
     ]
     assert (same[0] == same[1]).all()
+
+
+@pytest.mark.parametrize("blur_px", [1, 4])
+def test_enhancing_noise_is_not_stronger_than_what_a_smooth_picture_has(blur_px):
+    """Bands were 10 and 70 times as strong as the picture's."""
+    smooth = noise_picture(1.5, blur_px, 256, 1)
+    viewing, gaze = Flat(width_deg=20), (0, 128)
+    shown = foveate(smooth, gaze, method="noise-enhanced", viewing=viewing)
+    pools = Pools(viewing.of(256, 256), gaze, make_pooling("v1"))
+    assert np.nanmax(band_ratios(shown, smooth, pools)) < 2.35
 
 
 @pytest.mark.parametrize("name", MADE_HERE)
