@@ -1,15 +1,19 @@
 """`metamerlab foveate` from the command line to the picture, and every mistake on the way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from pipeline.errors import InputError
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
 from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
+from stimuli.foveated import any_picture
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.look_through import _named, usual_choices
 from stimuli.foveated.looking import look_at, read_gaze
@@ -447,6 +451,14 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
     assert "must be an image" in refusal(tmp_path / "text.png", out)
     assert "no such file" in refusal(tmp_path / "gone.png", out)
     assert not out.exists()
+
+
+def test_a_picture_too_large_for_opengl_is_refused_by_its_header(png, tmp_path, monkeypatch):
+    small = SimpleNamespace(info={"GL_MAX_TEXTURE_SIZE": 63})
+    monkeypatch.setattr(any_picture, "read_pixels", lambda _: pytest.fail("it was read"))
+    cure = r"at most 63 px, as OpenGL has here \(is 64 x 48 px\); make it smaller, or add --numpy"
+    with pytest.raises(InputError, match=cure):
+        foveate_file(png, tmp_path / "out.png", ctx=small)
 
 
 def test_light_that_is_no_number_is_refused(tmp_path):

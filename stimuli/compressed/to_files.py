@@ -188,10 +188,9 @@ def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
     for path in paths:
         opened = read_any(path, command="compress")
         packed += path.stat().st_size
-        height, width = opened.colour.shape[:2]
+        height, width = opened.size
         check_need(source, "compress", width, height, packed, frames=len(frames) + 1)
-        if frames and opened.colour.shape != frames[0].shape:
-            height, width = opened.colour.shape[:2]
+        if frames and opened.size != frames[0].shape[:2]:
             raise InputError(
                 f"{path}: must be as large as the first frame (is {width} x {height} px)"
             )

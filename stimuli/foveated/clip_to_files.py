@@ -17,7 +17,7 @@ from protocols.prose import count_of
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import Reading, check_drawable, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder
@@ -88,8 +88,9 @@ def foveate_clip(
     paths = sorted(p for p in frames.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
     motions = _files(frames, out, paths, flow)
     command = "foveate" if ctx is not None else "foveate by numpy"
+    check_drawable(paths[0], ctx)
     first = read_any(paths[0], reading, command)
-    size = (first.colour.shape[0], first.colour.shape[1])
+    size = first.size
     looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
     if callable(gaze):
         eyes = gaze(len(paths), size)
@@ -116,8 +117,8 @@ def foveate_clip(
         with frames_folder(out) as folder:
             for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
                 opened = first if index == 0 else read_any(path, reading, command)
-                if opened.colour.shape[:2] != size:
-                    height, width = opened.colour.shape[:2]
+                if opened.size != size:
+                    height, width = opened.size
                     raise InputError(
                         f"{path}: must be {size[1]} x {size[0]} px as the first frame"
                         f" (is {width} x {height})"
