@@ -404,6 +404,22 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
     assert load_colour(tmp_path / "out.png")[2, 3, 0] == 1
 
 
+def test_a_panorama_of_light_is_exposed_by_a_percentile_and_it_is_said(tmp_path):
+    light = np.full((32, 64, 3), 4.0, np.float32)
+    light[:8] = 1.0
+    light[0, :3] = 5000  # the sun
+    write_pixels(tmp_path / "around.exr", light, ("R", "G", "B"))
+    given = (tmp_path / "around.exr", tmp_path / "out.exr", "-m", "reference", *FAST)
+
+    code, said, error = run(*given, "--panorama")
+    assert code == 0, error
+    assert "reaches 5000: shown as with --stops -2.0 --clip" in said
+    shown = read_pixels(tmp_path / "out.exr").data
+    np.testing.assert_allclose(shown[[4, 20, 0], [9, 9, 0]], [[0.25] * 3, [1] * 3, [1] * 3], 1e-3)
+    assert "darken it by --stops" in refusal(*given)
+    assert "darken it by --stops" in refusal(*given, "--panorama", "--stops", 0)
+
+
 # --- mistakes ----------------------------------------------------------------------------
 
 

@@ -32,6 +32,7 @@ from stimuli.channels import alpha_of, colour_layer, need
 from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
+EXPOSED_SHARE = 0.99
 _GREY = ("Y", "L", "I")
 
 
@@ -49,12 +50,16 @@ class Reading:
         Light is multiplied by 2 to this power before it is encoded.
     encoded : bool
         A float file holds encoded colour, not light.
+    exposed : bool
+        Darken light that a display cannot show until `EXPOSED_SHARE` of its pixels can be shown,
+        and clip the rest: panoramas that hold a sun.
     """
 
     background: float = 0.5
     clip: bool = False
     stops: float = 0.0
     encoded: bool = False
+    exposed: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.background <= 1:
@@ -227,7 +232,16 @@ def _shown(
         if encoded
         else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
     )
-    if reading.clip or max(high - 1, -low) <= NEARLY:
+    clip = reading.clip
+    if reading.exposed and not encoded and high - 1 > NEARLY and -low <= NEARLY:
+        brightest = max(1.0, float(np.quantile(light.max(axis=-1), EXPOSED_SHARE)))
+        stops = math.floor(-10 * math.log2(brightest)) / 10
+        notes.append(
+            f"its light reaches {high:.4g}: shown as with --stops {reading.stops + stops:.1f}"
+            f" --clip, by which {100 * EXPOSED_SHARE:g} % of its pixels lie in 0..1"
+        )
+        light, clip = light * 2.0**stops, True
+    if clip or max(high - 1, -low) <= NEARLY:
         share = float(((light < 0) | (light > 1)).mean())
         if share > 0:
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")

@@ -122,9 +122,12 @@ def foveate(
         ),
     ] = None,
     stops: Annotated[
-        float,
-        _file_option(help="Make light brighter (or darker, below 0) by this many stops."),
-    ] = 0.0,
+        float | None,
+        _file_option(
+            help="Make light brighter (or darker, below 0) by this many stops.",
+            show_default="0; for a panorama of light, by which 99 % of it can be shown",
+        ),
+    ] = None,
     clip: Annotated[
         bool,
         _file_option(
@@ -227,9 +230,11 @@ def foveate(
             _check(picture, outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+            exposed = panorama and stops is None and not clip
+            reading = Reading(background, clip, stops or 0.0, encoded, exposed)
             common: dict[str, Any] = {
                 "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
-                "seed": seed, "reading": Reading(background, clip, stops, encoded), "ctx": ctx,
+                "seed": seed, "reading": reading, "ctx": ctx,
                 "say": teller.say, "progress": teller.progress,
             }  # fmt: skip
             if moving:
