@@ -477,6 +477,23 @@ def test_a_picture_too_large_for_opengl_is_refused_by_its_header(png, tmp_path, 
         foveate_file(png, tmp_path / "out.png", ctx=small)
 
 
+def test_avif_is_read_upright_and_what_is_not_read_is_named(tmp_path, colour):
+    image, turned = Image.fromarray(np.rint(255 * colour).astype(np.uint8)), Image.Exif()
+    turned[274] = 6
+    image.save(tmp_path / "photo.avif", quality=100, exif=turned)
+    (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
+    deep = (tmp_path / "photo.avif").read_bytes().replace(b"\3\10\10\10", b"\3\12\12\12")
+    (tmp_path / "deep.avif").write_bytes(deep)
+
+    code, said, error = run(tmp_path / "photo.avif", tmp_path / "out.png", "-m", "reference", *FAST)
+    assert code == 0, error
+    assert "turned upright" in said
+    shown = read_pixels(tmp_path / "out.png").data / 255
+    assert np.abs(shown - np.rot90(colour, -1)).mean() < 0.1
+    assert "is HEIC, which is not read" in refusal(tmp_path / "photo.heic", tmp_path / "o.png")
+    assert "must have 8 bits" in refusal(tmp_path / "deep.avif", tmp_path / "o.png")
+
+
 def test_light_that_is_no_number_is_refused(tmp_path):
     data = np.full((8, 8, 3), 0.5, np.float32)
     data[2, 3, 1] = np.nan

@@ -125,16 +125,14 @@ def octave_deviations(luma: Floats, pools: Pools, count: int) -> list[Floats]:
     """Deviation of each of `count` octaves of (H, W, 1) in the pools, finest first: (H, W)."""
     wraps, size = pools.geometry.wraps, luma.shape[:2]
     chain = chain_of(luma, count, wraps=wraps)
-    found = []
-    for level in range(count):
-        variances = chain_of(
-            _octave_variance(chain, level, wraps=wraps), count - level - 1, wraps=wraps
-        )
-        pooled = select(
-            variances, lambda n, level=level: pools.lod(level + n, level), first=1, wraps=wraps
-        )
-        found.append(np.sqrt(enlarge(pooled, size, level + 1, wraps=wraps)[..., 0]))
-    return found
+
+    def deviation(level: int) -> Floats:
+        local = _octave_variance(chain, level, wraps=wraps)
+        variances = chain_of(local, count - level - 1, wraps=wraps)
+        pooled = select(variances, lambda n: pools.lod(level + n, level), first=1, wraps=wraps)
+        return np.asarray(np.sqrt(enlarge(pooled, size, level + 1, wraps=wraps)[..., 0]))
+
+    return [deviation(level) for level in range(count)]
 
 
 def _octave_variance(chain: Sequence[Floats], level: int, *, wraps: bool) -> Floats:

@@ -26,7 +26,7 @@ from stimuli.video import check_video, write_video
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
 """From how many frames there are, and their (height, width), to the gaze of each: (frames, 2) in
 their pixels, not a number where the eye was lost."""
-FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")
+FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 
 
 def foveate_clip(
