@@ -24,7 +24,7 @@ from rich.table import Table
 from benchmarks.foveate_quality import cut, jod_of
 from benchmarks.machine import conditions
 from benchmarks.output import PagePart, file_to_write, write_record
-from pipeline.compression.codec import Settings, compress
+from pipeline.compression.codec import DEFAULT_ANGLES, Settings, compress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--edge", type=int, default=EDGE_PX, help="pixels of the square pictures")
     parser.add_argument("--sizes", type=float, nargs="+", default=SIZES_KB, metavar="KB")
     parser.add_argument("--codecs", nargs="+", default=CODECS)
-    parser.add_argument("--angles", type=int, default=Settings().angles)
+    parser.add_argument("--angles", type=int, default=DEFAULT_ANGLES)
     parser.add_argument("--json", type=file_to_write)
     parser.add_argument("--sheet", type=file_to_write, help="of the first picture at --sheet-kb")
     parser.add_argument("--sheet-kb", type=float, default=41)

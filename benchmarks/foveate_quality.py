@@ -9,6 +9,8 @@ odak's `gen_metamer` stands beside them, where odak is installed, with `--law au
 28`: so wide its pools are ours, and it has no others. `--seen-deg 40` also asks FovVideoVDP about
 the same pictures shown wider than their pools are made for, as odak's are.
 
+`--hard` takes pictures on which some methods lose: a portrait, a page of text and a night.
+
 `--spectra` takes noise of known spectra for pictures: bands alone, where pools have 6 px or more,
 over four pictures of each.
 """
@@ -29,6 +31,7 @@ from rich.console import Console
 from rich.table import Table
 from skimage import data
 
+from benchmarks.hard_pictures import night, text_page
 from benchmarks.odak_library import WIDTH_DEG, gen_metamer, perception
 from benchmarks.output import file_to_write, write_record
 from pipeline.colour import ycbcr_from_rgb
@@ -147,6 +150,13 @@ def pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
     for file in sorted(folder.iterdir()):
         if file.suffix.lower() in (".png", ".jpg", ".jpeg"):
             yield file.stem, cut(from_integers(three_channels(file, read_pixels(file))), edge)
+
+
+def hard_pictures(edge: int) -> Iterator[tuple[str, Picture]]:
+    """A portrait, a page of text and a night, `edge` x `edge` px."""
+    yield "portrait", cut(data.astronaut() / 255, edge)
+    yield "text", text_page(edge)
+    yield "night", night(edge)
 
 
 def cut(image: NDArray[np.float32], edge: int) -> Picture:
@@ -363,6 +373,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--seen-deg", type=float, nargs="+", default=[], help="FovVideoVDP at these widths too"
     )
+    parser.add_argument("--hard", action="store_true", help="a portrait, text and a night instead")
     parser.add_argument("--spectra", action="store_true", help="the metamer on noise instead")
     parser.add_argument("--out", type=file_to_write, help="JSON file to write")
     arguments = parser.parse_args(argv)
@@ -381,9 +392,11 @@ def main(argv: list[str]) -> int:
     conditions: list[tuple[str, dict[str, object]]] = [(name, dict(p)) for name, p in CONDITIONS]
     if arguments.law == ["authors"] and arguments.width_deg == WIDTH_DEG and perception():
         conditions.append((ODAK, {}))
+    edge = arguments.edge
+    shown_ones = hard_pictures(edge) if arguments.hard else pictures(arguments.pictures, edge)
     results = [
         judge(name, shown, condition, parameters, law, arguments.width_deg, arguments.seen_deg)
-        for name, shown in pictures(arguments.pictures, arguments.edge)
+        for name, shown in shown_ones
         if not arguments.only or name in arguments.only
         for law in arguments.law
         for condition, parameters in conditions

@@ -9,7 +9,9 @@ from typing import Any, Final
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
+from PIL import Image
 
+from pipeline.avif import opened_avif
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
 from pipeline.limits import check_need, check_values
@@ -26,10 +28,11 @@ _NO_TIME = "1970:01:01 00:00:00"
 _WINDOWED = ("openexr", "rla")
 _LAYERED = ("openexr", "psd")  # further pictures are parts of the first, or layers
 _EXACT = ("png", "tiff", "openexr", "pnm", "bmp")
-_LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif")
+_LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif", "avif")
 _NEEDS_ROOM = ("jpeg", "webp")
 """Formats whose libraries end the process, or never return, when the disk is full."""
 _HEAD = 2**16  # bytes that hold all of such a file but its pixels
+_ORIENTATION = 274  # its number in Exif
 _UPRIGHT = 1  # of Exif's orientations
 _FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
@@ -88,6 +91,8 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     config = oiio.ImageSpec()  # without one, PFM files come out upside down
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
+    if source is None and path.is_file() and (avif := opened_avif(path)) is not None:
+        return _avif_pixels(path, avif)
     if source is None:
         no_file = "it is a folder" if path.is_dir() else "it is no regular file"
         reason = visible_line(oiio.geterror()) if path.is_file() else no_file
@@ -125,6 +130,17 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
         data = _narrow(data, _bits(path, name, attributes))
     data = in_display_window(path, spec, name, data)
     return Pixels(data, tuple(spec.channelnames), attributes, name)
+
+
+def _avif_pixels(path: Path, image: Image.Image) -> Pixels:
+    oiio.geterror()
+    with image:
+        check_values(path, image.width, image.height, len(image.getbands()))
+        said: dict[str, Any] = {"Orientation": image.getexif().get(_ORIENTATION, _UPRIGHT)}
+        if "icc_profile" in image.info:
+            said["ICCProfile"] = np.frombuffer(image.info["icc_profile"], np.uint8)
+        data = np.asarray(image)
+        return Pixels(data.reshape(*data.shape[:2], -1), image.getbands(), said, "avif")
 
 
 def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
@@ -189,7 +205,11 @@ def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | No
     source = oiio.ImageInput.open(str(path)) if path.is_file() else None
     if source is None:
         oiio.geterror()
-        return None
+        avif = opened_avif(path) if path.is_file() else None
+        if avif is None:
+            return None
+        with avif:
+            return avif.size
     spec = source.spec()
     source.close()
     size_px = int(spec.width), int(spec.height)

@@ -7,9 +7,11 @@ import importlib
 import logging
 import multiprocessing
 import os
+import sys
 from collections.abc import Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from types import ModuleType
 from typing import Any, cast
 
 from protocols.errors import StudyError
@@ -25,7 +27,19 @@ def cores() -> int:
 
 
 class LocalProcesses(ProcessPoolExecutor):
-    """Processes of our own; what they have written stays good when they are stopped."""
+    """Processes of our own; what they have written stays good when they are stopped.
+
+    They run functions of modules, so they do not begin with the script that asks: without a main
+    guard it would begin anew in each.
+    """
+
+    def submit(self, *call: Any, **named: Any) -> Future[Any]:
+        """Start a process where one is missing, and hand it a call."""
+        script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+        try:
+            return super().submit(*call, **named)
+        finally:
+            sys.modules["__main__"] = script
 
     def stop(self) -> None:
         """Kill them at once: a clip may take minutes, and nobody wants to wait for Ctrl-C."""

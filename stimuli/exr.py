@@ -191,7 +191,10 @@ def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = N
         )
         return
     dtype = np.uint8 if _chosen_bits(path, bits, (8, 16)) == 8 else np.uint16
-    write_pixels(path, np.rint(colour * np.iinfo(dtype).max).astype(dtype), ("R", "G", "B"))
+    steps = np.empty(colour.shape, dtype)
+    for row, values in zip(steps, colour, strict=True):  # one at a time: memory
+        row[:] = np.rint(values * np.iinfo(dtype).max)
+    write_pixels(path, steps, ("R", "G", "B"))
 
 
 def load_warp_input(

@@ -1,15 +1,19 @@
 """`metamerlab foveate` from the command line to the picture, and every mistake on the way."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from pipeline.errors import InputError
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
 from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
+from stimuli.foveated import any_picture
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.look_through import _named, usual_choices
 from stimuli.foveated.looking import look_at, read_gaze
@@ -114,6 +118,18 @@ def test_a_comparison_shows_every_condition_and_the_pools(png, tmp_path):
     assert f"wrote {tmp_path / 'out.png'} (metamer)" in said
     tile_px = 320 + 12
     assert read_pixels(sheet).data.shape[1] == 3 * tile_px + 12
+
+
+def test_a_parameter_reaches_every_condition_of_a_sheet_that_has_it(png, tmp_path):
+    sheet, pair = tmp_path / "sheet.png", ("-m", "blur", "-m", "reference")
+    looks = (png, tmp_path / "out.png", "--compare", sheet, *FAST)
+    assert run(*looks, *pair, "--set", "fovea_deg=8")[0] == 0
+    wide = read_pixels(tmp_path / "out.png").data
+    assert run(*looks, *pair)[0] == 0
+    assert (wide != read_pixels(tmp_path / "out.png").data).any()
+
+    assert "did you mean 'fovea_deg'" in refusal(*looks, "--set", "fovea=8")
+    assert "contrast-enhanced: strength must lie in 0..2" in refusal(*looks, "--set", "strength=4")
 
 
 def test_a_sheet_leaves_out_what_takes_minutes_or_a_folder():
@@ -388,6 +404,22 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
     assert load_colour(tmp_path / "out.png")[2, 3, 0] == 1
 
 
+def test_a_panorama_of_light_is_exposed_by_a_percentile_and_it_is_said(tmp_path):
+    light = np.full((32, 64, 3), 4.0, np.float32)
+    light[:8] = 1.0
+    light[0, :3] = 5000  # the sun
+    write_pixels(tmp_path / "around.exr", light, ("R", "G", "B"))
+    given = (tmp_path / "around.exr", tmp_path / "out.exr", "-m", "reference", *FAST)
+
+    code, said, error = run(*given, "--panorama")
+    assert code == 0, error
+    assert "reaches 5000: shown as with --stops -2.0 --clip" in said
+    shown = read_pixels(tmp_path / "out.exr").data
+    np.testing.assert_allclose(shown[[4, 20, 0], [9, 9, 0]], [[0.25] * 3, [1] * 3, [1] * 3], 1e-3)
+    assert "darken it by --stops" in refusal(*given)
+    assert "darken it by --stops" in refusal(*given, "--panorama", "--stops", 0)
+
+
 # --- mistakes ----------------------------------------------------------------------------
 
 
@@ -435,6 +467,31 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
     assert "must be an image" in refusal(tmp_path / "text.png", out)
     assert "no such file" in refusal(tmp_path / "gone.png", out)
     assert not out.exists()
+
+
+def test_a_picture_too_large_for_opengl_is_refused_by_its_header(png, tmp_path, monkeypatch):
+    small = SimpleNamespace(info={"GL_MAX_TEXTURE_SIZE": 63})
+    monkeypatch.setattr(any_picture, "read_pixels", lambda _: pytest.fail("it was read"))
+    cure = r"at most 63 px, as OpenGL has here \(is 64 x 48 px\); make it smaller, or add --numpy"
+    with pytest.raises(InputError, match=cure):
+        foveate_file(png, tmp_path / "out.png", ctx=small)
+
+
+def test_avif_is_read_upright_and_what_is_not_read_is_named(tmp_path, colour):
+    image, turned = Image.fromarray(np.rint(255 * colour).astype(np.uint8)), Image.Exif()
+    turned[274] = 6
+    image.save(tmp_path / "photo.avif", quality=100, exif=turned)
+    (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
+    deep = (tmp_path / "photo.avif").read_bytes().replace(b"\3\10\10\10", b"\3\12\12\12")
+    (tmp_path / "deep.avif").write_bytes(deep)
+
+    code, said, error = run(tmp_path / "photo.avif", tmp_path / "out.png", "-m", "reference", *FAST)
+    assert code == 0, error
+    assert "turned upright" in said
+    shown = read_pixels(tmp_path / "out.png").data / 255
+    assert np.abs(shown - np.rot90(colour, -1)).mean() < 0.1
+    assert "is HEIC, which is not read" in refusal(tmp_path / "photo.heic", tmp_path / "o.png")
+    assert "must have 8 bits" in refusal(tmp_path / "deep.avif", tmp_path / "o.png")
 
 
 def test_light_that_is_no_number_is_refused(tmp_path):

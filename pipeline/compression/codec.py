@@ -9,6 +9,7 @@ Twin of `decompress`: gpu.py. Change both or neither.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipeline.compression import file_format, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, to_bytes, unpack
-from pipeline.compression.file_format import Compressed, Statistics
+from pipeline.compression.file_format import LEAST_ANGLES, MOST_ANGLES, Compressed, Statistics
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import (
     MOST_LEVELS,
@@ -37,6 +38,8 @@ Bytes = NDArray[np.uint8]
 DEFAULT_CODEC = "jpeg"
 DEFAULT_ANGLES = 512
 DEFAULT_QUALITY = 75
+LEAST_QUALITY = 50
+"""Where a size is asked for, fewer angles are better than less."""
 MAP_QUALITY = 50
 """Of the atlas: maps are smooth, and half of an error in them is not seen."""
 FIRST_SHARE = 0.15
@@ -51,8 +54,10 @@ class Settings:
     ----------
     codec : str
         One of `image_codecs.CODECS`.
-    angles : int
+    angles : int, optional
         Cells on a circle around the gaze. Cells are pixels up to ``angles / 2 pi`` pixels from it.
+        Left out: `DEFAULT_ANGLES`; with a size as many as fit at `LEAST_QUALITY`, to a factor of
+        two.
     quality : int
         Of the codec, for colour.
     size_bytes : int, optional
@@ -64,7 +69,7 @@ class Settings:
     """
 
     codec: str = DEFAULT_CODEC
-    angles: int = DEFAULT_ANGLES
+    angles: int | None = None
     quality: int = DEFAULT_QUALITY
     size_bytes: int | None = None
     statistics: bool = True
@@ -108,12 +113,32 @@ def compress(
     height, width = frames[0].shape[:2]
     if any(frame.shape != frames[0].shape for frame in frames):
         raise InputError("the frames of a clip must all be of one size")
-    file_format.check_request((width, height), gaze_px, settings.angles)
-    grid = PolarGrid((width, height), (float(gaze_px[0]), float(gaze_px[1])), settings.angles)
-    work = _Work(grid, frames, settings)
-    if settings.size_bytes is None:
+    angles, size_bytes = settings.angles or DEFAULT_ANGLES, settings.size_bytes
+    file_format.check_request((width, height), gaze_px, angles)
+    place = float(gaze_px[0]), float(gaze_px[1])
+
+    def with_angles(count: int) -> _Work:
+        return _Work(PolarGrid((width, height), place, count), frames, settings)
+
+    work = with_angles(angles)
+    if size_bytes is None:
         return work.at_quality(settings.quality)
-    return work.at_size(settings.size_bytes)
+    if settings.angles is not None:
+        return work.at_size(size_bytes)
+    while angles < MOST_ANGLES and work.fits(size_bytes) and not work.has_every_pixel:
+        finer = with_angles(2 * angles)
+        if not finer.fits(size_bytes):
+            break
+        angles, work = 2 * angles, finer
+    while angles > LEAST_ANGLES:
+        if work.fits(size_bytes):
+            with suppress(InputError):  # maps may take more than was thought
+                found = work.at_size(size_bytes)
+                if found.quality >= LEAST_QUALITY / 2:
+                    return found
+        angles //= 2
+        work = with_angles(angles)
+    return work.at_size(size_bytes)
 
 
 class _Work:
@@ -137,10 +162,22 @@ class _Work:
         )
         return Compressed(self._grid, codec, quality, len(self._maps), bases, statistics, hold)
 
+    @property
+    def has_every_pixel(self) -> bool:
+        """Whether no cell is wider than a pixel."""
+        return self._grid.density.turn_px >= self._grid.farthest_px
+
+    def fits(self, size_bytes: int) -> bool:
+        """Whether so many bytes leave the bases `LEAST_QUALITY`."""
+        return self._best_within(self._room(size_bytes)) >= LEAST_QUALITY
+
+    def _room(self, size_bytes: int) -> float:
+        """What maps leave of a size, before they are made."""
+        return size_bytes * (1 - FIRST_SHARE) if self._maps else size_bytes
+
     def at_size(self, size_bytes: int) -> Compressed:
         """Look for the best quality of the bases with which the whole fits."""
-        room = size_bytes * (1 - FIRST_SHARE) if self._maps else size_bytes
-        quality = self._best_within(room)
+        quality = self._best_within(self._room(size_bytes))
         while True:
             found = self.at_quality(max(quality, 1))
             over = len(file_format.to_bytes(found)) - size_bytes
@@ -150,10 +187,11 @@ class _Work:
             bases = sum(len(base) for base in found.bases)
             quality = min(quality - 1, self._best_within(bases - over))
         if over > 0:
+            fewer = "fewer angles, or for " if self._grid.rows_per_turn > LEAST_ANGLES else ""
             raise InputError(
                 f"{size_bytes} bytes are too few: the least that {self._settings.codec} and"
-                f" {self._settings.angles} angles reach are {size_bytes + over};"
-                " ask for fewer angles, or for a larger file"
+                f" {self._grid.rows_per_turn} angles reach are {size_bytes + over};"
+                f" ask for {fewer}a larger file"
             )
         return self._raised(found, quality, size_bytes)
 

@@ -151,13 +151,14 @@ def foveate(
         (image.shape[0], image.shape[1]), viewing=viewing, method=method, ctx=ctx, **parameters
     )
     try:
-        return foveator(
-            image,
+        foveator.hold(image)
+        return foveator.show(
             gaze_px,
             seed=seed,
             frame=frame,
             noise_shift_px=noise_shift_px,
             field_gaze_px=field_gaze_px,
+            last=True,
         )
     finally:
         foveator.release()
@@ -245,8 +246,11 @@ class Foveator:
         frame: int = 0,
         noise_shift_px: NDArray[np.floating] | None = None,
         field_gaze_px: tuple[float, float] | None = None,
+        last: bool = False,
     ) -> Picture:
         """Show the picture that is held, bit for bit as a call with it would; see `foveate`.
+
+        The `last` time, all that is held on the GPU is freed before the picture is read back.
 
         Raises
         ------
@@ -257,8 +261,11 @@ class Foveator:
             raise InputError("a foveator must hold a picture before it shows one: hold(picture)")
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
-            self._analyse(self.passes)
-            return self.passes.shown(look)
+            passes = self.passes
+            self._analyse(passes)
+            if last:
+                self.passes = None
+            return passes.shown(look, last=last)
         image = as_floats(self._held)
         if self.geometry.wraps and self.condition.on_charts:
             return by_charts(self.condition, image, look)

@@ -83,8 +83,8 @@ class DisplacementPass(FoveationPass):
             )
         )
 
-    def set_seed(self, seed: int) -> None:
-        """Make the noise of `seed`, unless it is the one at hand."""
+    def set_seed(self, seed: int, *, carried: bool = False) -> None:  # noqa: ARG002
+        """Make the noise of `seed`, unless it is at hand."""
         self._field.set_seed(check_seed(seed))
 
     def _analyse(self, source: moderngl.Texture) -> None:

@@ -4,8 +4,9 @@ Noise: Tariq, Tursun and Didyk 2022, "Noise-based Enhancement for Foveated Rende
 41(4). Between the finest detail that the eye resolves and the finest that it detects, at each
 eccentricity, noise takes the place of what the blur took away. Its strength is foretold from the
 blurred picture alone, by its contrast at the frequency where the blur begins to bite. Ours differs
-in that noise is made of octave bands, not of Gabor kernels (so it has no orientation), and that it
-is worked out on encoded colour as everything here.
+in that noise is made of octave bands, not of Gabor kernels (so it has no orientation), that it is
+worked out on encoded colour as everything here, and that no octave of it has more than twice the
+variance of the picture's in the pool: of what is smooth, one frequency foretells too much.
 
 Contrast: Patney, Salvi, Kim, Kaplanyan, Wyman, Benty, Luebke and Lefohn 2016, "Towards Foveated
 Rendering for Gaze-Tracked Virtual Reality", ACM TOG 35(6). Around a wider mean, what the blur left
@@ -15,6 +16,7 @@ is amplified until local contrast is what it was (after Grundland et al. 2006).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +41,7 @@ ATTENUATION = 0.1  # amplitude that the blur leaves at the frequency whose contr
 # Amplitude that it leaves of the octave around that frequency, where energy is even over octaves:
 # the root of the mean of 0.1^(2 f^2), f from 2^-.5 to 2^.5.
 OCTAVE_LEFT = 0.1528
+MOST_OVER_OWN = math.sqrt(2)  # of noise's deviation over the picture's, in an octave
 CONTRAST_WIDTH = 2.0  # width of the mean around which contrast is restored, over the blur's
 MOST_CONTRAST = 4.0
 
@@ -54,8 +57,13 @@ def noise_enhanced(
     deviation = strength * contrast_at_cutoff(luma, pools, count) / OCTAVE_LEFT
     shares = octave_shares(pools, count)
     bands = octave_noise((geometry.height_px, geometry.width_px), count, seed, wraps=geometry.wraps)
-    shape = deviation * np.sqrt(sum(share**2 for share in shares))
-    noise = deviation * sum(share * band for share, band in zip(shares, bands, strict=True))
+    own = octave_deviations(ycbcr_from_rgb(picture)[..., :1].astype(np.float64), pools, count)
+    amounts = [
+        np.minimum(deviation * part, MOST_OVER_OWN * one)
+        for part, one in zip(shares, own, strict=True)
+    ]
+    shape = np.sqrt(sum(amount**2 for amount in amounts))
+    noise = sum(amount * band for amount, band in zip(amounts, bands, strict=True))
     # No more than the room that colour has: one deviation.
     room = np.minimum(base.min(axis=2), 1 - base.max(axis=2)).clip(0)
     noise = noise * np.minimum(1, room / np.maximum(shape, 1e-6))
@@ -108,11 +116,30 @@ def contrast_at_cutoff(luma: Floats, pools: Pools, count: int) -> Floats:
         share = np.clip(1 - np.abs(octave - level), 0, 1)
         if not share.any():
             continue
-        fine = chain[level]
-        band = fine - enlarge(chain[level + 1], fine.shape[:2], 1, wraps=wraps)
-        local = halve(band**2, wraps=wraps)  # zero crossings are no lack of contrast
+        local = _octave_variance(chain, level, wraps=wraps)
         variance += share * enlarge(local, size, level + 1, wraps=wraps)[..., 0]
     return np.sqrt(variance)
+
+
+def octave_deviations(luma: Floats, pools: Pools, count: int) -> list[Floats]:
+    """Deviation of each of `count` octaves of (H, W, 1) in the pools, finest first: (H, W)."""
+    wraps, size = pools.geometry.wraps, luma.shape[:2]
+    chain = chain_of(luma, count, wraps=wraps)
+
+    def deviation(level: int) -> Floats:
+        local = _octave_variance(chain, level, wraps=wraps)
+        variances = chain_of(local, count - level - 1, wraps=wraps)
+        pooled = select(variances, lambda n: pools.lod(level + n, level), first=1, wraps=wraps)
+        return np.asarray(np.sqrt(enlarge(pooled, size, level + 1, wraps=wraps)[..., 0]))
+
+    return [deviation(level) for level in range(count)]
+
+
+def _octave_variance(chain: Sequence[Floats], level: int, *, wraps: bool) -> Floats:
+    """Around each texel one halving coarser, for zero crossings are no lack of contrast."""
+    fine = chain[level]
+    octave = fine - enlarge(chain[level + 1], fine.shape[:2], 1, wraps=wraps)
+    return halve(octave**2, wraps=wraps)
 
 
 def contrast_enhanced(

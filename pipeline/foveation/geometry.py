@@ -337,20 +337,16 @@ def share_around(
 
 
 def check_gaze(geometry: Geometry, gaze_px: tuple[float, float]) -> tuple[float, float]:
-    """Return the gaze as two floats.
+    """Return the gaze as two floats; beyond a pole of a panorama it stays at the pole.
 
     Raises
     ------
     InputError
-        If it is not two finite numbers, or on a panorama lies beyond a pole.
+        If it is not two finite numbers.
     """
     x, y = check_point(gaze_px, "gaze_px")
     if geometry.wraps:
-        if not 0 <= y <= geometry.height_px:
-            raise InputError(
-                f"gaze_px on a panorama must have y from 0 to {geometry.height_px} (got {y})"
-            )
-        x %= geometry.width_px
+        return x % geometry.width_px, min(max(y, 0.0), float(geometry.height_px))
     return x, y
 
 

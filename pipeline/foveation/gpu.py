@@ -40,7 +40,7 @@ from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.compute import Shader, Step, Steps
-from pipeline.gl.texture import check_texture, create_texture, read_back, texture_from, upload
+from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
@@ -96,6 +96,9 @@ class FoveationPass(PicturePass):
         """Do what a call asks for; pools are known, and textures checked."""
         raise NotImplementedError
 
+    def set_seed(self, seed: int, *, carried: bool = False) -> None:
+        """Make what a seed decides, where there is such, unless it is at hand."""
+
     def hold(self, source: moderngl.Texture) -> None:
         """Analyse a picture, rgba32f or rgba8, which stays the caller's and must not change."""
         check_texture(source, "source", self.size, "rgba32f", "rgba8")
@@ -146,8 +149,9 @@ class FoveationPass(PicturePass):
         upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE[name]))
         self.hold(source)
 
-    def shown(self, look: Look) -> Picture:
-        """Show what is held, and read it back."""
+    def shown(self, look: Look, *, last: bool = False) -> Picture:
+        """Show what is held, and read it back; the `last` time, all else is freed before."""
+        self.set_seed(look.seed, carried=look.noise_shift_px is not None)
         target = self._ends.get("target")
         if target is None:
             target = self._ends["target"] = create_texture(self._ctx, self.size, "rgba32f")
@@ -163,7 +167,16 @@ class FoveationPass(PicturePass):
         )
         if shift is not None:
             shift.release()
-        return np.ascontiguousarray(read_back(target)[..., :3])
+        if last:
+            del self._ends["target"]
+            self.release()
+        found = np.empty((self.size[1], self.size[0], 3), np.float32)
+        frame = self._ctx.framebuffer([target])  # reads three of the four channels
+        frame.read_into(found, components=3, dtype="f4", alignment=1)
+        frame.release()
+        if last:
+            target.release()
+        return found
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         """Upload, work, read back: for callers without textures."""
@@ -273,7 +286,7 @@ class MetamerPass(FoveationPass):
         )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
-        """Make the noise of `seed`, unless it is the one at hand."""
+        """Make the noise of `seed`, unless it is at hand."""
         seed = check_seed(seed)
         if carried and self._carried is None:
             self._carried = self._compile_finish(carried=True)

@@ -24,6 +24,7 @@ from pipeline.noise.tile import (
     mixed,
     mixed_bands,
     split,
+    unit_bands,
     white_noise,
 )
 
@@ -67,8 +68,17 @@ def noise_tile(seed: int, levels: int, channels: int, edge: int = TILE) -> Halve
 
     It goes on at its borders.
     """
-    tiles = mixed_bands(seed, levels, channels, edge)  # (level, band, channel, row, column)
-    return grained(tiles.transpose(3, 4, 2, 0, 1).reshape(edge, edge, channels, 3 * levels))
+    return _mixed_and_grained(unit_bands(seed, levels, channels, edge))
+
+
+def _mixed_and_grained(bands: Floats) -> Halves:
+    """Mix unit bands, (levels, channels, H, W, 3), and round: (H, W, channels, levels * 3)."""
+    levels, channels, height, width = bands.shape[:-1]
+    found = np.empty((height, width, channels, 3 * levels), np.float16)
+    for index, band in enumerate(mixed(bands)):  # one at a time: memory
+        found[..., index] = grained(band.transpose(1, 2, 0))
+    found.flags.writeable = False
+    return found
 
 
 @lru_cache(maxsize=2)
@@ -79,8 +89,7 @@ def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Hal
     whole = [(margin, margin + -edge % (1 << levels)) for edge in size]
     white = np.pad(white_noise(seed, size, channels), (*whole, (0, 0)), mode="wrap")
     bands = split(white, levels)[:, :, margin : margin + height, margin : margin + width]
-    noise = mixed(np.ascontiguousarray(bands)).transpose(3, 4, 2, 0, 1)
-    return grained(noise.reshape(*size, channels, 3 * levels))
+    return _mixed_and_grained(np.ascontiguousarray(bands))
 
 
 @lru_cache(maxsize=1)

@@ -8,7 +8,7 @@ go unseen (Loschky and Wolverton 2007).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,13 @@ from pipeline.foveation.geometry import Geometry, check_gaze, eccentricity_deg
 class SteadyGaze:
     """Where the field's gaze is after some samples of the eye's; `after` gives the next one.
 
+    Both gazes hold while the eye is lost, and stay at a pole while it is beyond it.
+
     Parameters
     ----------
     geometry : Geometry
     eye_px : (x, y)
-        The last sample.
+        Where the eye was last found; given as not a number: the middle of the picture.
     field_px : (x, y), optional
         The gaze to compute displacements for; by default the eye's.
     rest_deg : float
@@ -35,6 +37,8 @@ class SteadyGaze:
     follow_s : float
         Beyond `rest_deg` without a saccade, as when the eye pursues something, the field comes
         after, the distance in excess falling to 1/e in this time.
+    lost_s : float
+        How long the eye has been lost.
     """
 
     geometry: Geometry
@@ -43,9 +47,11 @@ class SteadyGaze:
     rest_deg: float = 1.0
     jump_deg_per_s: float = 30.0
     follow_s: float = 0.5
+    lost_s: float = 0.0
 
     def __post_init__(self) -> None:
-        eye = check_gaze(self.geometry, self.eye_px)
+        middle = self.geometry.width_px / 2, self.geometry.height_px / 2
+        eye = check_gaze(self.geometry, self.eye_px if _is_found(self.eye_px) else middle)
         object.__setattr__(self, "eye_px", eye)
         object.__setattr__(self, "field_px", self.field_px or eye)
         if not (self.rest_deg >= 0 and self.jump_deg_per_s > 0 and self.follow_s > 0):
@@ -57,13 +63,13 @@ class SteadyGaze:
     def after(self, eye_px: tuple[float, float], elapsed_s: float) -> SteadyGaze:
         """Return the state after one more sample, `elapsed_s` after the last.
 
-        Raises
-        ------
-        InputError
-            If no time has passed, or the gaze is impossible.
+        A sample of no later time changes nothing. An eye that is lost is not a number.
         """
         if not elapsed_s > 0:
-            raise InputError(f"elapsed_s must be positive (got {elapsed_s})")
+            return self
+        elapsed_s += self.lost_s
+        if not _is_found(eye_px):
+            return replace(self, lost_s=elapsed_s)
         eye = check_gaze(self.geometry, eye_px)
         field = self.field_px or eye
         if self._angle(self.eye_px, eye) / elapsed_s > self.jump_deg_per_s:
@@ -73,9 +79,7 @@ class SteadyGaze:
             if away > self.rest_deg:
                 share = (1 - self.rest_deg / away) * (1 - np.exp(-elapsed_s / self.follow_s))
                 field = self._between(field, eye, float(share))
-        return SteadyGaze(
-            self.geometry, eye, field, self.rest_deg, self.jump_deg_per_s, self.follow_s
-        )
+        return replace(self, eye_px=eye, field_px=field, lost_s=0.0)
 
     def _angle(self, a: tuple[float, float], b: tuple[float, float]) -> float:
         return float(eccentricity_deg(self.geometry, a, np.array(b[0]), np.array(b[1])))
@@ -89,6 +93,10 @@ class SteadyGaze:
             across = (across + width / 2) % width - width / 2
         x, y = start[0] + share * across, start[1] + share * (end[1] - start[1])
         return (x % self.geometry.width_px if self.geometry.wraps else x), y
+
+
+def _is_found(eye_px: tuple[float, float]) -> bool:
+    return bool(np.isfinite(eye_px).all())
 
 
 def carried(

@@ -19,6 +19,7 @@ noise is not their mean, which is softer, but the noise moved by half a pixel. A
 between texels then softens little, whatever the texture's spectrum.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -67,19 +68,23 @@ def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDAr
     matrix, and unit bands weighed by them, are what is left to deviations (with their gains) and
     this tile.
     """
-    return mixed(unit_bands(seed, levels, channels, edge))
+    found = np.empty((3 * levels, channels, edge, edge))
+    for whole, one in zip(found, mixed(unit_bands(seed, levels, channels, edge)), strict=True):
+        whole[:] = one
+    return found.reshape(levels, 3, channels, edge, edge)
 
 
-def mixed(bands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mix unit bands, (levels, channels, H, W, 3): (levels, 3, channels, H, W)."""
+def mixed(bands: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Mix unit bands, (levels, channels, H, W, 3): each mixed band, (channels, H, W)."""
     levels, *size = bands.shape[:-1]
-    rows = np.moveaxis(bands, -1, 1).reshape(3 * levels, -1)
+    rows = np.moveaxis(bands, -1, 1).reshape(3 * levels, *size)
+    part = np.empty(rows.shape[1:])
     # Band by band, in order: a matrix product's order of sums depends on the library.
-    found, part = np.zeros(rows.shape), np.empty(rows.shape[1])
-    for row, weights in zip(rows, fitted_mixing(levels).matrix, strict=True):
+    for weights in fitted_mixing(levels).matrix.T:
+        found = np.zeros(rows.shape[1:])
         for index in np.flatnonzero(weights):
-            found[index] += np.multiply(weights[index], row, out=part)
-    return found.reshape(levels, 3, *size)
+            found += np.multiply(weights[index], rows[index], out=part)
+        yield found
 
 
 def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:

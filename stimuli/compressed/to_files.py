@@ -81,14 +81,17 @@ def compress_file(
     found = compress(frames, gaze_px, settings)
     data = file_format.to_bytes(found)
     whole = 3 * width * height * len(frames)
-    sharp_px = settings.angles / (2 * np.pi)
+    sharp_px = found.grid.rows_per_turn / (2 * np.pi)
     levels = f"{found.levels} levels of" if found.levels else "no"
     tell(f"sharp up to {sharp_px:.0f} px from the gaze; {levels} statistics of what lies beyond")
     if settings.size_bytes is not None and found.quality == image_codecs.BEST_QUALITY:
-        tell("note: the best quality takes less than was asked for; more --angles would use it")
+        more = "" if settings.angles is None else "; more --angles would use it"
+        tell(f"note: the best quality takes less than was asked for{more}")
     if compare is not None:
         picture, geometry = frames[0], looking.geometry
-        beside = rivals(picture, gaze_px, len(data), settings)
+        beside = rivals(
+            picture, gaze_px, len(data), replace(settings, angles=found.grid.rows_per_turn)
+        )
         sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
         pictures.save_picture(compare, sheet)
         tell(f"wrote {compare}")
@@ -98,7 +101,7 @@ def compress_file(
     ratio = whole / len(data)
     tell(
         f"wrote {out}: {len(data) / 1000:.1f} kB, 1:{ratio:.{0 if ratio >= 1 else 2}f}"
-        f" ({settings.codec} quality {found.quality})"
+        f" ({settings.codec} quality {found.quality}, {found.grid.rows_per_turn} angles)"
     )
     return found
 
@@ -185,10 +188,9 @@ def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
     for path in paths:
         opened = read_any(path, command="compress")
         packed += path.stat().st_size
-        height, width = opened.colour.shape[:2]
+        height, width = opened.size
         check_need(source, "compress", width, height, packed, frames=len(frames) + 1)
-        if frames and opened.colour.shape != frames[0].shape:
-            height, width = opened.colour.shape[:2]
+        if frames and opened.size != frames[0].shape[:2]:
             raise InputError(
                 f"{path}: must be as large as the first frame (is {width} x {height} px)"
             )

@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
+from pipeline.foveation.look import as_floats
 from pipeline.image_file import (
     Pixels,
     check_fits,
@@ -24,11 +26,13 @@ from pipeline.image_file import (
     count_pictures,
     from_integers,
     read_pixels,
+    stated_size_px,
 )
 from stimuli.channels import alpha_of, colour_layer, need
 from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
 from stimuli.exr_parts import read_parts
 
+EXPOSED_SHARE = 0.99
 _GREY = ("Y", "L", "I")
 
 
@@ -46,12 +50,16 @@ class Reading:
         Light is multiplied by 2 to this power before it is encoded.
     encoded : bool
         A float file holds encoded colour, not light.
+    exposed : bool
+        Darken light that a display cannot show until `EXPOSED_SHARE` of its pixels can be shown,
+        and clip the rest: panoramas that hold a sun.
     """
 
     background: float = 0.5
     clip: bool = False
     stops: float = 0.0
     encoded: bool = False
+    exposed: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.background <= 1:
@@ -66,17 +74,27 @@ class AnyPicture:
 
     Attributes
     ----------
-    colour : ndarray of float32, shape (H, W, 3)
-        Encoded R'G'B' in [0, 1].
+    stored : ndarray of uint8 or float32, shape (H, W, 3)
+        Encoded R'G'B': of 8 bits as in the file, or in [0, 1].
     bits : int
         What a PNG of it needs: 8 or 16.
     notes : tuple of str
         What was decided on the way, a sentence each.
     """
 
-    colour: NDArray[np.float32]
+    stored: NDArray[np.float32] | NDArray[np.uint8]
     bits: int
     notes: tuple[str, ...] = field(default=())
+
+    @property
+    def colour(self) -> NDArray[np.float32]:
+        """Encoded R'G'B' in [0, 1], made anew where 8 bits are stored."""
+        return as_floats(self.stored)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        return self.stored.shape[0], self.stored.shape[1]
 
 
 def read_any(path: Path, reading: Reading | None = None, command: str = "read") -> AnyPicture:
@@ -107,6 +125,8 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
     colour, alpha = _colour_and_alpha(path, pixels, notes)
     premultiplied = not pixels.attributes.get("oiio:UnassociatedAlpha", 0)
     if integers:
+        if colour.dtype == np.uint8 and alpha is None:
+            return AnyPicture(_upright(colour, pixels, notes), 8, tuple(notes))
         shown = from_integers(colour)
     else:
         stored = stored_transfer(path, pixels.attributes)
@@ -125,6 +145,25 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
         notes.append(_transparent(reading))
     bits = 8 if pixels.data.dtype == np.uint8 else 16
     return AnyPicture(_upright(shown.astype(np.float32), pixels, notes), bits, tuple(notes))
+
+
+def check_drawable(path: Path, ctx: moderngl.Context | None) -> None:
+    """Refuse by its header a picture that is too large for the textures of a context.
+
+    Raises
+    ------
+    InputError
+        With the limit and the cure.
+    """
+    size_px = stated_size_px(path) if ctx is not None and path.is_file() else None
+    if ctx is None or size_px is None:
+        return
+    most = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+    if max(size_px) > most:
+        raise InputError(
+            f"{path}: must have edges of at most {most} px, as OpenGL has here (is"
+            f" {size_px[0]} x {size_px[1]} px); make it smaller, or add --numpy"
+        )
 
 
 def _transparent(reading: Reading) -> str:
@@ -193,7 +232,16 @@ def _shown(
         if encoded
         else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
     )
-    if reading.clip or max(high - 1, -low) <= NEARLY:
+    clip = reading.clip
+    if reading.exposed and not encoded and high - 1 > NEARLY and -low <= NEARLY:
+        brightest = max(1.0, float(np.quantile(light.max(axis=-1), EXPOSED_SHARE)))
+        stops = math.floor(-10 * math.log2(brightest)) / 10
+        notes.append(
+            f"its light reaches {high:.4g}: shown as with --stops {reading.stops + stops:.1f}"
+            f" --clip, by which {100 * EXPOSED_SHARE:g} % of its pixels lie in 0..1"
+        )
+        light, clip = light * 2.0**stops, True
+    if clip or max(high - 1, -low) <= NEARLY:
         share = float(((light < 0) | (light > 1)).mean())
         if share > 0:
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
@@ -211,7 +259,7 @@ def _shown(
     return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
 
 
-def _upright(colour: NDArray[np.float32], pixels: Pixels, notes: list[str]) -> NDArray[np.float32]:
+def _upright(colour: NDArray[Any], pixels: Pixels, notes: list[str]) -> NDArray[Any]:
     """Turn a photograph as its camera was held: the eight orientations of Exif."""
     orientation = int(pixels.attributes.get("Orientation", 1))
     if orientation in range(2, 9):

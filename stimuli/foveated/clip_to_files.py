@@ -12,18 +12,21 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.steady_gaze import carried
+from pipeline.foveation.steady_gaze import SteadyGaze, carried
 from protocols.prose import count_of
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import Reading, check_drawable, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder
 from stimuli.video import check_video, write_video
 
-FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp")
+Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
+"""From how many frames there are, and their (height, width), to the gaze of each: (frames, 2) in
+their pixels, not a number where the eye was lost."""
+FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 
 
 def foveate_clip(
@@ -31,7 +34,7 @@ def foveate_clip(
     out: Path,
     *,
     flow: Path | None = None,
-    gaze: str | None = None,
+    gaze: str | Track | None = None,
     display: str | None = None,
     fov_deg: float | None = None,
     panorama: bool = False,
@@ -44,7 +47,7 @@ def foveate_clip(
     say: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[Path]:
-    """Show every frame of a folder to one gaze, and write them under their names as PNG.
+    """Show every frame of a folder to a gaze, and write them under their names as PNG.
 
     Parameters
     ----------
@@ -56,10 +59,15 @@ def foveate_clip(
         A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
         of *that* frame, where it is less where it was a frame ago. Noise and displacements then
         go with the surfaces. Without it they lie on the screen.
+    gaze : str or Track, optional
+        As in `foveate_file`; or one per frame. It holds while the eye is lost, and displacements
+        follow it as `SteadyGaze` lets them.
     choice : Choice, optional
         The condition; by default `metamer`.
     video : Path, optional
-        Write the frames as a video too, `fps` a second; see `write_video`.
+        Write the frames as a video too; see `write_video`.
+    fps : float
+        Frames a second.
 
     Other parameters are those of `foveate_file`.
 
@@ -80,13 +88,21 @@ def foveate_clip(
     paths = sorted(p for p in frames.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
     motions = _files(frames, out, paths, flow)
     command = "foveate" if ctx is not None else "foveate by numpy"
+    check_drawable(paths[0], ctx)
     first = read_any(paths[0], reading, command)
-    size = (first.colour.shape[0], first.colour.shape[1])
+    size = first.size
     looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
-    gaze_px = read_gaze(gaze, looking.geometry)
+    if callable(gaze):
+        eyes = gaze(len(paths), size)
+        lost = int((~np.isfinite(eyes).all(axis=1)).sum())
+        gaze_said = f"a gaze per frame, held in {lost} in which the eye was lost"
+    else:
+        gaze_px = read_gaze(gaze, looking.geometry)
+        eyes = np.tile(gaze_px, (len(paths), 1))
+        gaze_said = gaze_words(gaze_px, looking.geometry)
     tell(f"{count_of(len(paths), 'frame')}, {size[1]} x {size[0]} px")
     tell(looking.words)
-    tell(gaze_words(gaze_px, looking.geometry))
+    tell(gaze_said)
     for note in (*first.notes, *looking.notes):
         tell(f"note: {note}")
     tell("noise is carried along the flow" if flow else "noise lies on the screen")
@@ -97,20 +113,24 @@ def foveate_clip(
     )
     try:
         shift: NDArray[np.float64] | None = None
+        state = SteadyGaze(looking.geometry, (eyes[0, 0], eyes[0, 1]))
         with frames_folder(out) as folder:
             for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
                 opened = first if index == 0 else read_any(path, reading, command)
-                if opened.colour.shape[:2] != size:
-                    height, width = opened.colour.shape[:2]
+                if opened.size != size:
+                    height, width = opened.size
                     raise InputError(
                         f"{path}: must be {size[1]} x {size[0]} px as the first frame"
                         f" (is {width} x {height})"
                     )
                 if motion is not None:
                     shift = carried(shift, _read_flow(motion, size))
+                if index > 0:
+                    state = state.after((eyes[index, 0], eyes[index, 1]), 1 / fps)
                 shown = foveator(
-                    opened.colour, gaze_px, seed=seed, frame=index, noise_shift_px=shift
-                )
+                    opened.colour, state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
+                    field_gaze_px=state.field_px,
+                )  # fmt: skip
                 save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)
                 if progress is not None:
                     progress("frames", index + 1, len(paths))

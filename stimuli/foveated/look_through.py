@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.foveation.conditions import (
     CONDITIONS,
     Foveator,
@@ -18,7 +19,7 @@ from pipeline.foveation.conditions import (
 )
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
-from pipeline.foveation.look import Look, check_picture
+from pipeline.foveation.look import Look, as_floats, check_held
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
 from stimuli.choice import Choice
@@ -50,7 +51,7 @@ def usual_choices() -> list[Choice]:
 
 
 def look_through(
-    colour: NDArray[np.float32],
+    colour: NDArray[np.float32] | NDArray[np.uint8],
     gaze_px: tuple[float, float],
     viewing: Viewing,
     choices: Sequence[Choice],
@@ -86,7 +87,7 @@ def look_through(
             if isinstance(foveator.condition, EnergyMetamer):
                 kept = state if choice is choices[0] else None
                 shown = foveator.condition.descend(
-                    check_picture(colour),
+                    as_floats(check_held(colour)),
                     Look(foveator.geometry, gaze_px, seed),
                     state=kept,
                     progress=lambda done, total, loss: say(
@@ -96,7 +97,8 @@ def look_through(
                 if kept is not None:
                     kept.unlink(missing_ok=True)
             else:
-                shown = foveator(colour, gaze_px, seed=seed)
+                foveator.hold(colour)
+                shown = foveator.show(gaze_px, seed=seed, last=True)
             seen.append(Seen(choice, shown, on_gpu))
         finally:
             foveator.release()
@@ -143,4 +145,7 @@ def pooling_of(choice: Choice) -> Pooling:
 def check_choices(choices: Sequence[Choice]) -> None:
     """Make every condition once, so that mistakes are told before any work."""
     for choice in choices:
-        pooling_of(choice)
+        try:
+            pooling_of(choice)
+        except InputError as error:
+            raise error if len(choices) == 1 else InputError(f"{choice.name}: {error}") from error

@@ -140,6 +140,10 @@ def read_gaze(text: str | None, geometry: Geometry) -> tuple[float, float]:
         )
     x, y = (number for number in numbers if number is not None)
     if not degrees[0]:
+        if geometry.wraps and not 0 <= y <= geometry.height_px:
+            raise InputError(
+                f"--gaze on a panorama must have Y from 0 to {geometry.height_px} (got {text!r})"
+            )
         return check_gaze(geometry, (x, y))
     if isinstance(geometry, FlatGeometry):
         if max(abs(x), abs(y)) >= 90:

@@ -18,7 +18,7 @@ from stimuli import pictures
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated import moving
-from stimuli.foveated.any_picture import AnyPicture, Reading, read_any
+from stimuli.foveated.any_picture import AnyPicture, Reading, check_drawable, read_any
 from stimuli.foveated.look_through import Seen, check_choices, look_through, sheet_of
 from stimuli.foveated.looking import Looking, gaze_words, look_at, read_gaze, width_deg
 from stimuli.foveated.steps import write_steps
@@ -129,8 +129,9 @@ def foveate_file(
     check_choices(choices)
     check_seed(seed)
     by_numpy = ctx is None or asked.compare is not None or asked.steps is not None
+    check_drawable(picture, ctx)
     opened = read_any(picture, reading, "foveate by numpy" if by_numpy else "foveate")
-    height, width = opened.colour.shape[:2]
+    height, width = opened.size
     looking = look_at((height, width), display=display, fov_deg=fov_deg, panorama=panorama)
     work = _Work(
         picture.stem, opened, looking, read_gaze(gaze, looking.geometry), tuple(choices), seed, ctx,
@@ -161,24 +162,28 @@ def _check_scorable(work: _Work) -> None:
 
 
 def _write(work: _Work, outputs: Outputs) -> list[Seen]:
-    shown, viewing = work.opened.colour, work.looking.viewing
+    viewing = work.looking.viewing
     outputs.out.parent.mkdir(parents=True, exist_ok=True)
     state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
     if state.exists():
         work.say(f"going on where {state} ends")
     seen = look_through(
-        shown, work.gaze_px, viewing, work.choices, seed=work.seed, ctx=work.ctx, state=state,
-        report=lambda now: work.progress(now, 0, 0),
+        work.opened.stored, work.gaze_px, viewing, work.choices, seed=work.seed, ctx=work.ctx,
+        state=state, report=lambda now: work.progress(now, 0, 0),
     )  # fmt: skip
     _say_where(work, seen)
     _save(outputs.out, seen[0], work.opened.bits)
     work.say(f"wrote {outputs.out} ({seen[0].choice.label})")
     if outputs.compare is not None:
         outputs.compare.parent.mkdir(parents=True, exist_ok=True)
-        pictures.save_picture(outputs.compare, sheet_of(shown, work.gaze_px, viewing, seen))
+        pictures.save_picture(
+            outputs.compare, sheet_of(work.opened.colour, work.gaze_px, viewing, seen)
+        )
         work.say(f"wrote {outputs.compare} ({len(seen)} condition{'' if len(seen) == 1 else 's'})")
     if outputs.steps is not None:
-        written = write_steps(outputs.steps, shown, work.gaze_px, viewing, seen[:1], seed=work.seed)
+        written = write_steps(
+            outputs.steps, work.opened.colour, work.gaze_px, viewing, seen[:1], seed=work.seed
+        )
         work.say(f"wrote {len(written)} pictures to {outputs.steps}; begin with {written[-1]}")
     if outputs.score is not None:
         page = _score(work, seen, outputs.score)

@@ -141,8 +141,10 @@ class Gaze:
                 )
 
 
-def read_gaze(text: str | None) -> Gaze:
+def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
     """Read ``X,Y`` in pixels of the clip, or a CSV file with columns x_px and y_px.
+
+    Where the eye `may_be_lost`, an empty cell makes both numbers nan.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def read_gaze(text: str | None) -> Gaze:
             header = list(reader.fieldnames or ())
             if {"x_px", "y_px"} <= set(header):
                 points = tuple(
-                    _point([row["x_px"], row["y_px"]], f"{path}: line {number}")
+                    _point([row["x_px"], row["y_px"]], f"{path}: line {number}", may_be_lost)
                     for number, row in enumerate(reader, start=2)
                 )
     except (FileNotFoundError, IsADirectoryError):
@@ -179,11 +181,16 @@ def read_gaze(text: str | None) -> Gaze:
     return Gaze(points)
 
 
-def _point(parts: Sequence[str | None], where: str) -> tuple[float, float]:
+def _point(
+    parts: Sequence[str | None], where: str, may_be_lost: bool = False
+) -> tuple[float, float]:
+    nothing = "nan" if may_be_lost else ""
     try:
-        x_px, y_px = (float(part or "") for part in parts)
+        x_px, y_px = (float(nothing if part == "" else part or "") for part in parts)
     except ValueError:
-        x_px = y_px = math.nan
+        x_px = y_px = math.inf
+    if may_be_lost and math.isnan(x_px + y_px):
+        return math.nan, math.nan
     if not (abs(x_px) <= _FARTHEST_PX and abs(y_px) <= _FARTHEST_PX):
         raise StudyError(
             f"{where}: must be two numbers, pixels from the clip's upper left corner"

@@ -44,12 +44,13 @@ def compress(
     ] = None,
     codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg",
     angles: Annotated[
-        int,
+        int | None,
         typer.Option(
             help="Cells around the gaze. Fewer make a smaller file; the picture is sharp up to"
-            " angles / 6.3 pixels from the gaze."
+            " angles / 6.3 pixels from the gaze.",
+            show_default="512; with --size-kb what fits at quality 50",
         ),
-    ] = 512,
+    ] = None,
     statistics: Annotated[
         bool,
         typer.Option(

@@ -14,15 +14,16 @@ from rich.table import Table
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
+from study_app.cli.gaze_of_frames import is_of_frames, track_of
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
     DisplayOption,
     FovOption,
-    GazeOption,
     NumpyOption,
     SettingsOption,
     check_outputs,
     choose_methods,
+    gaze_option,
     list_option,
     look_option,
     method_option,
@@ -75,7 +76,14 @@ def foveate(
             r" \[default: foveated.png, or foveated/]"
         ),
     ] = None,
-    gaze: GazeOption = None,
+    gaze: Annotated[
+        str | None,
+        gaze_option(
+            "the middle",
+            " For frames also a gaze for each: replay:FILE, a recording (.asc, .csv), or FILE.csv"
+            " with columns x_px and y_px and a line per frame.",
+        ),
+    ] = None,
     display: DisplayOption = None,
     fov: FovOption = None,
     panorama: Annotated[
@@ -107,13 +115,19 @@ def foveate(
     fps: Annotated[
         float | None,
         typer.Option(
-            min=1, max=1000, help=r"Frame rate of --video. \[default: the input video's, or 30]"
+            min=1,
+            max=1000,
+            help=r"Frames a second, for --video and --gaze replay:FILE."
+            r" \[default: the input video's, or 30]",
         ),
     ] = None,
     stops: Annotated[
-        float,
-        _file_option(help="Make light brighter (or darker, below 0) by this many stops."),
-    ] = 0.0,
+        float | None,
+        _file_option(
+            help="Make light brighter (or darker, below 0) by this many stops.",
+            show_default="0; for a panorama of light, by which 99 % of it can be shown",
+        ),
+    ] = None,
     clip: Annotated[
         bool,
         _file_option(
@@ -189,6 +203,8 @@ def foveate(
         metamerlab foveate frames/ shown/ --flow flow/
 
         metamerlab foveate clip.mp4 shown/ --video shown.mp4
+
+        metamerlab foveate clip.mp4 shown/ --gaze replay:eye.asc --display fhd27-60hz
     """
     from pipeline.video_file import is_video
     from stimuli.foveated.any_picture import Reading
@@ -205,7 +221,8 @@ def foveate(
         if moving:
             _check_clip(picture, out, outputs, video)
         else:
-            for option, given in (("--video", video), ("--fps", fps)):
+            each = gaze if is_of_frames(gaze) else None
+            for option, given in (("--video", video), ("--fps", fps), (f"--gaze {each}", each)):
                 if given is not None:
                     raise StudyError(
                         f"{option} is for a folder of frames or a video (PICTURE is none)"
@@ -213,14 +230,18 @@ def foveate(
             _check(picture, outputs, flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+            exposed = panorama and stops is None and not clip
+            reading = Reading(background, clip, stops or 0.0, encoded, exposed)
             common: dict[str, Any] = {
                 "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
-                "seed": seed, "reading": Reading(background, clip, stops, encoded), "ctx": ctx,
+                "seed": seed, "reading": reading, "ctx": ctx,
                 "say": teller.say, "progress": teller.progress,
             }  # fmt: skip
             if moving:
                 shown = out or Path("foveated")
                 with frames_of(picture, fps, teller.say) as (frames, rate):
+                    if gaze is not None and is_of_frames(gaze):
+                        common["gaze"] = track_of(gaze, display, rate, teller.say)
                     foveate_clip(
                         frames, shown, flow=flow, choice=choices[0], video=video, fps=rate, **common
                     )
@@ -285,13 +306,13 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
-    from pipeline.foveation.conditions import check_condition_name
+    from pipeline.foveation.conditions import condition_parameters
     from stimuli.choice import Choice
     from stimuli.foveated.look_through import usual_choices
 
     every = [choice.name for choice in usual_choices()]
     chosen = choose_methods(
-        methods, settings, every=every, default=DEFAULT_METHOD, check=check_condition_name,
+        methods, settings, every=every, default=DEFAULT_METHOD, known=condition_parameters,
         sheet=sheet, sheets="--compare FILE or --score FOLDER",
     )  # fmt: skip
     return [Choice(name, parameters) for name, parameters in chosen]

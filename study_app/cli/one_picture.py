@@ -16,6 +16,7 @@ from rich.table import Table
 from protocols.errors import StudyError
 from protocols.left_behind import clear_files
 from protocols.result_folder import check_folder
+from protocols.suggest import did_you_mean
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -34,12 +35,12 @@ def panel_option(panel: str) -> Callable[..., Any]:
 look_option = panel_option(LOOK)
 
 
-def gaze_option(default: str) -> Any:
-    """``--gaze``, in pixels or degrees."""
+def gaze_option(default: str, more: str = "") -> Any:
+    """``--gaze``, in pixels or degrees; `more` says what else it may be."""
     return typer.Option(
         metavar="X,Y",
         help="Where the eye looks: pixels from the upper left corner (512,384), or degrees"
-        rf" right of and below the middle (5deg,-3deg). \[default: {default}]",
+        rf" right of and below the middle (5deg,-3deg).{more} \[default: {default}]",
     )
 
 
@@ -62,7 +63,10 @@ NumpyOption = Annotated[bool, typer.Option("--numpy", help="Use the numpy refere
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", "--parameter", help="A parameter of the method, as name=value.", metavar="P=V"
+        "--set",
+        "--parameter",
+        metavar="P=V",
+        help="A parameter, as name=value, of every method that has it.",
     ),
 ]
 
@@ -106,7 +110,7 @@ def choose_methods(
     *,
     every: Sequence[str],
     default: str,
-    check: Callable[[str], object],
+    known: Callable[[str], Mapping[str, Any]],
     sheet: bool,
     sheets: str = "--compare FILE",
 ) -> list[tuple[str, dict[str, Any]]]:
@@ -116,27 +120,39 @@ def choose_methods(
     ----------
     every : sequence of str
         What a sheet shows unless methods are given.
-    check : callable
-        Refuses a name that is unknown.
+    known : callable
+        Gives the parameters of a name, and refuses one that is unknown. Each method gets those of
+        `settings` that it has; a method alone gets all, to refuse what it has not.
     sheet : bool
         Whether something is asked for that shows several; `sheets` are the options that do.
 
     Raises
     ------
     StudyError, InputError
-        If there are several methods and no sheet, or a name or a setting is wrong.
+        If there are several methods and no sheet, or a name or a setting is wrong, or none has it.
     """
     methods = list(given or ())
     if not methods:
         methods = sorted(every, key=lambda name: name != default) if sheet else [default]
-    for name in methods:
-        check(name)
+    known_of = {name: known(name) for name in methods}
     if len(methods) > 1 and not sheet:
         raise StudyError(
             f"one --method makes one OUT (got {len(methods)}); add {sheets} to see them all"
         )
-    parameters = read_parameters(settings or [], methods)
-    return [(name, parameters) for name in methods]
+    parameters = read_parameters(settings or [])
+    if len(methods) == 1:
+        return [(methods[0], parameters)]
+    every_one = sorted({key for one in known_of.values() for key in one})
+    for key in parameters:
+        if key not in every_one:
+            raise StudyError(
+                f"--set {key}: must be a parameter of {', '.join(methods)}, which have"
+                f" {', '.join(every_one)}{did_you_mean(key, every_one)}"
+            )
+    return [
+        (name, {key: value for key, value in parameters.items() if key in known_of[name]})
+        for name in methods
+    ]
 
 
 def check_outputs(
@@ -177,16 +193,14 @@ def check_outputs(
         raise StudyError(f"{', '.join(first)} and {last} must be different files")
 
 
-def read_parameters(settings: Sequence[str], methods: Sequence[str]) -> dict[str, Any]:
+def read_parameters(settings: Sequence[str]) -> dict[str, Any]:
     """Read ``name=value`` settings: numbers and true or false as such, the rest as text.
 
     Raises
     ------
     StudyError
-        If there are settings and not exactly one method, or one is not ``name=value``.
+        If one is not ``name=value``.
     """
-    if settings and len(methods) > 1:
-        raise StudyError(f"--set needs exactly one --method (got {len(methods)})")
     parameters: dict[str, Any] = {}
     for setting in settings:
         name, equals, value = setting.partition("=")

@@ -113,7 +113,7 @@ def show(
         check_file(out, (".png", ".jpg"))
         if animate is not None:
             check_file(animate, ENDINGS)
-        chosen = metamer_settings(read_parameters(settings or [], ["metamer"]))
+        chosen = metamer_settings(read_parameters(settings or []))
         console = PlainConsole(soft_wrap=True)
         with renderer(console, False) as ctx, Teller(console) as teller:
             if ctx is None:

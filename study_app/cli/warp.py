@@ -382,12 +382,12 @@ def _run(
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
-    from pipeline.methods.registry import METHODS, check_method_name
+    from pipeline.methods.registry import METHODS, method_parameters
     from stimuli.choice import Choice
 
     every = [entry.name for entry in METHODS if not entry.takes_path]
     chosen = choose_methods(
-        methods, settings, every=every, default=DEFAULT_METHOD, check=check_method_name,
+        methods, settings, every=every, default=DEFAULT_METHOD, known=method_parameters,
         sheet=compare,
     )  # fmt: skip
     return [Choice(name, parameters) for name, parameters in chosen]

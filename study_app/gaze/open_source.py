@@ -15,7 +15,7 @@ from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
-from study_app.gaze.recording import Eye, load_recording
+from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
 from study_app.gaze.trusted import TrustedGaze
@@ -42,15 +42,25 @@ def _mouse(_rest: str, desk: Desk) -> GazeSource:
     return MouseGaze(desk.cursor_px, desk.clock, desk.refresh_hz)
 
 
-def _replay(rest: str, desk: Desk) -> GazeSource:
+def recorded(rest: str) -> Recording:
+    """Read the recording that ``replay:`` names: ``FILE`` or ``FILE,eye=left|right``.
+
+    Raises
+    ------
+    StudyError
+        If there is none.
+    """
     if not rest:
         raise StudyError("--gaze: replay needs a file: replay:FILE (.asc or .csv)")
     file, _, eye = rest.partition(",eye=")
     eyes: dict[str, Eye | None] = {"": None, "left": "left", "right": "right"}
     if eye not in eyes:
         raise StudyError(f"--gaze: must read replay:FILE,eye=left|right (got {rest!r})")
-    recording = load_recording(Path(file), eyes[eye])
-    here = recording.on_screen(desk.display.width_px, desk.display.height_px)
+    return load_recording(Path(file), eyes[eye])
+
+
+def _replay(rest: str, desk: Desk) -> GazeSource:
+    here = recorded(rest).on_screen(desk.display.width_px, desk.display.height_px)
     return ReplaySource(here, desk.clock)
 
 

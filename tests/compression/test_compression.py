@@ -150,7 +150,18 @@ def test_a_file_is_as_large_as_asked_and_no_larger(size_bytes, statistics):
 
 def test_a_size_that_cannot_be_reached_is_refused():
     with pytest.raises(InputError, match=r"800 bytes are too few.*the least"):
-        compress([photograph((160, 160))], (80.0, 80.0), Settings(size_bytes=800))
+        compress([photograph((160, 160))], (80.0, 80.0), Settings(angles=512, size_bytes=800))
+    with pytest.raises(InputError, match=r"16 angles reach are \d+; ask for a larger file"):
+        compress([photograph((160, 160))], (80.0, 80.0), Settings(size_bytes=100))
+
+
+@pytest.mark.parametrize(("size_bytes", "angles"), [(1500, 32), (4000, 128), (60_000, 1024)])
+def test_a_size_chooses_how_many_angles_fit_well(size_bytes, angles):
+    picture = photograph((160, 160))
+    made = compress([picture], (80.0, 80.0), Settings(size_bytes=size_bytes))
+    assert len(file_format.to_bytes(made)) <= size_bytes
+    assert made.grid.rows_per_turn == angles
+    assert made.quality >= 40  # maps took more than was thought
 
 
 def test_frames_of_a_clip_share_statistics():

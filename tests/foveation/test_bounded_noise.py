@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hard_pictures import line_art, night, pale_sky, text_page
 from scipy.special import ndtr
 from scipy.stats import norm
 from skimage import data
 
+from benchmarks.hard_pictures import line_art, night, pale_sky, text_page
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression.codec import Settings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass

@@ -9,6 +9,7 @@ from pipeline.foveation.steady_gaze import carried
 from pipeline.image_file import read_pixels
 from stimuli.exr import save_colour
 from stimuli.flow_file import write_flo
+from stimuli.foveated.looking import look_at
 from study_app.cli import app
 
 HEIGHT, WIDTH = 40, 56
@@ -134,3 +135,45 @@ def test_what_is_no_clip_is_refused(frames, flow, tmp_path, colours):
 def test_flow_of_another_size_is_refused(frames, flow, tmp_path):
     write_flo(flow / "f2.flo", np.zeros((8, 9, 2), np.float32))
     assert "f2.flo: must be 56 x 40 px" in refusal(frames, tmp_path / "o", "--flow", flow)
+
+
+def test_a_table_moves_the_gaze_from_frame_to_frame_and_the_field_rests(frames, tmp_path, colours):
+    table = tmp_path / "gaze.csv"
+    table.write_text("x_px,y_px\n10,10\n,\n10.5,10\n")
+    result = run(frames, tmp_path / "out", "--gaze", table, "-m", "eidolon")
+
+    assert "a gaze per frame, held in 1 in which the eye was lost" in result.stdout
+    gazes = [(10, 10), (10, 10), (10.5, 10)]
+    for picture, colour, gaze in zip(shown(tmp_path / "out"), colours, gazes, strict=True):
+        wanted = foveate(colour, gaze, method="eidolon", field_gaze_px=(10, 10))
+        np.testing.assert_allclose(picture, wanted, atol=0.51 / 255)
+
+
+def test_a_recording_is_replayed_as_a_screen_shows_the_frames(frames, tmp_path, colours):
+    tape = tmp_path / "eye.csv"
+    samples = ("0,942,530", "0.02,950,540", "0.05,nan,nan", "0.06,960,550")
+    tape.write_text("\n".join(("t_s,x_px,y_px", *samples)))
+    asked = ("--gaze", f"replay:{tape}", "--display", "fhd27-60hz")
+    result = run(frames, tmp_path / "out", *asked, "-m", "blur")
+
+    assert result.exit_code == 0, result.stderr
+    assert "its last gaze is held" not in result.stdout
+    viewing = look_at((HEIGHT, WIDTH), display="fhd27-60hz").viewing
+    gazes = [(10, 10), (18, 20), (28, 30)]
+    for picture, colour, gaze in zip(shown(tmp_path / "out"), colours, gazes, strict=True):
+        wanted = foveate(colour, gaze, method="blur", viewing=viewing)
+        np.testing.assert_allclose(picture, wanted, atol=0.51 / 255)
+    assert "its last gaze is held" in run(frames, tmp_path / "slow", *asked, "--fps", 10).stdout
+
+
+def test_gazes_that_do_not_fit_the_frames_are_refused(frames, tmp_path):
+    table, out = tmp_path / "gaze.csv", tmp_path / "o"
+    table.write_text("x_px,y_px\n1,2\n")
+    error = refusal(frames, out, "--gaze", table)
+    assert "one line per frame (3 frames, got 1 lines)" in error
+    assert f"--gaze replay:{table}" in " ".join(error.split())
+    table.write_text("x_px,y_px\n1,2\n1,left\n1,2\n")
+    assert "line 3: must be two numbers" in refusal(frames, out, "--gaze", table)
+    assert "replay needs a file" in refusal(frames, out, "--gaze", "replay:")
+    assert "is for a folder of frames" in refusal(frames / "f0.png", "--gaze", table)
+    assert not out.exists()

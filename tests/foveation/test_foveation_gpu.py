@@ -348,3 +348,14 @@ def test_frames_that_take_turns_with_textures_stay_apart(gl_context):
         np.testing.assert_array_equal(one, foveator(picture, gaze_px))
     for thing in (foveator, *sources, *targets):
         thing.release()
+
+
+def test_the_last_picture_is_as_any_other_and_all_else_is_freed_before(gl_context, rng):
+    picture = rng.integers(0, 255, (40, 60, 3)).astype(np.uint8)
+    foveator = Foveator((40, 60), ctx=gl_context)
+    foveator.hold(picture)
+    passes, shown = foveator.passes, foveator.show((9, 9), seed=2)
+    assert passes.held_bytes > 0
+    np.testing.assert_array_equal(foveator.show((9, 9), seed=2, last=True), shown)
+    assert passes.held_bytes == 0
+    foveator.release()
