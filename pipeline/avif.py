@@ -8,6 +8,7 @@ from pathlib import Path
 from PIL import Image, features
 
 from pipeline.errors import InputError
+from protocols.outside import reading
 
 _HEAD = 1 << 16
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
@@ -22,7 +23,8 @@ def opened_avif(path: Path) -> Image.Image | None:
     Raises
     ------
     InputError
-        If it is HEIC, has more bits or another range of colour, or Pillow has no decoder.
+        If it is HEIC, is damaged, holds several pictures, has more bits or another range of
+        colour, or Pillow has no decoder.
     """
     with path.open("rb") as file:
         head = file.read(_HEAD)
@@ -42,4 +44,9 @@ def opened_avif(path: Path) -> Image.Image | None:
         raise InputError(
             f"{path}: an AVIF picture must have 8 bits and the colours of sRGB (has more); {_CURE}"
         )
-    return Image.open(path, formats=["AVIF"])
+    with reading(path, "a whole AVIF picture", InputError):
+        image = Image.open(path, formats=["AVIF"])
+    if (pictures := getattr(image, "n_frames", 1)) > 1:
+        image.close()
+        raise InputError(f"{path}: must hold one picture (holds {pictures}); {_CURE}")
+    return image

@@ -494,6 +494,21 @@ def test_avif_is_read_upright_and_what_is_not_read_is_named(tmp_path, colour):
     assert "must have 8 bits" in refusal(tmp_path / "deep.avif", tmp_path / "o.png")
 
 
+def test_avif_that_is_cut_short_or_holds_several_pictures_is_refused(tmp_path, colour):
+    """Before, the first was a traceback, and of the second one picture was taken."""
+    image = Image.fromarray(np.rint(255 * colour).astype(np.uint8))
+    image.save(tmp_path / "photo.avif")
+    whole = (tmp_path / "photo.avif").read_bytes()
+    image.save(tmp_path / "two.avif", save_all=True, append_images=[image.rotate(180)])
+
+    for bytes_left in (40, 200, len(whole) - 3):
+        (tmp_path / "cut.avif").write_bytes(whole[:bytes_left])
+        assert "cut.avif: must be a whole" in refusal(tmp_path / "cut.avif", tmp_path / "o.png")
+    said = refusal(tmp_path / "two.avif", tmp_path / "o.png")
+    assert "must hold one picture (holds 2)" in said
+    assert not (tmp_path / "o.png").exists()
+
+
 def test_light_that_is_no_number_is_refused(tmp_path):
     data = np.full((8, 8, 3), 0.5, np.float32)
     data[2, 3, 1] = np.nan
