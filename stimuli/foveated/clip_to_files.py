@@ -96,6 +96,8 @@ def foveate_clip(
         eyes = gaze(len(paths), size)
         lost = int((~np.isfinite(eyes).all(axis=1)).sum())
         gaze_said = f"a gaze per frame, held in {lost} in which the eye was lost"
+        if lost and not np.isfinite(eyes[0]).all():
+            gaze_said += "; in the middle until it was found"
     else:
         gaze_px = read_gaze(gaze, looking.geometry)
         eyes = np.tile(gaze_px, (len(paths), 1))

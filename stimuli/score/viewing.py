@@ -164,7 +164,7 @@ def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
             check_cells(path, text)
             reader = csv.DictReader(io.StringIO(text, newline=""), restkey="(more)")
             header = list(reader.fieldnames or ())
-            if {"x_px", "y_px"} <= set(header):
+            if has_both := header.count("x_px") == header.count("y_px") == 1:
                 points = tuple(
                     _point([row["x_px"], row["y_px"]], f"{path}: line {number}", may_be_lost)
                     for number, row in enumerate(reader, start=2)
@@ -174,9 +174,10 @@ def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
             f"--gaze: must be X,Y in pixels or a CSV file (there is no file {text!r})"
         ) from None
     if not points:
+        found = "no line below its header" if has_both else ", ".join(header) or "no line"
         raise StudyError(
-            f"{path}: must have the columns x_px and y_px and one line per frame"
-            f" (got {', '.join(header) or 'no line'})"
+            f"{path}: must have the columns x_px and y_px, each once, and one line per frame"
+            f" (got {found})"
         )
     return Gaze(points)
 

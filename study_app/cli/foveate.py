@@ -225,7 +225,7 @@ def foveate(
             for option, given in (("--video", video), ("--fps", fps), (f"--gaze {each}", each)):
                 if given is not None:
                     raise StudyError(
-                        f"{option} is for a folder of frames or a video (PICTURE is none)"
+                        f"{option} is for a folder of frames or a video (PICTURE is neither)"
                     )
             _check(picture, outputs, flow)
         console = PlainConsole(soft_wrap=True)

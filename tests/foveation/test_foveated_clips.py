@@ -166,6 +166,16 @@ def test_a_recording_is_replayed_as_a_screen_shows_the_frames(frames, tmp_path, 
     assert "its last gaze is held" in run(frames, tmp_path / "slow", *asked, "--fps", 10).stdout
 
 
+def test_the_middle_is_said_where_the_eye_was_not_found_yet(frames, tmp_path, colours):
+    table = tmp_path / "gaze.csv"
+    table.write_text("x_px,y_px\n,\n,\n10,10\n")
+    result = run(frames, tmp_path / "out", "--gaze", table, "-m", "blur")
+
+    assert "held in 2 in which the eye was lost; in the middle until it was" in result.stdout
+    wanted = foveate(colours[0], (WIDTH / 2, HEIGHT / 2), method="blur")
+    np.testing.assert_allclose(shown(tmp_path / "out")[0], wanted, atol=0.51 / 255)
+
+
 def test_gazes_that_do_not_fit_the_frames_are_refused(frames, tmp_path):
     table, out = tmp_path / "gaze.csv", tmp_path / "o"
     table.write_text("x_px,y_px\n1,2\n")
@@ -174,6 +184,12 @@ def test_gazes_that_do_not_fit_the_frames_are_refused(frames, tmp_path):
     assert f"--gaze replay:{table}" in " ".join(error.split())
     table.write_text("x_px,y_px\n1,2\n1,left\n1,2\n")
     assert "line 3: must be two numbers" in refusal(frames, out, "--gaze", table)
+    table.write_text("x_px,y_px,x_px\n1,2,3\n1,2,3\n1,2,3\n")
+    assert "each once" in refusal(frames, out, "--gaze", table)
+    table.write_text("x_px,y_px\n")
+    assert "got no line below its header" in " ".join(
+        refusal(frames, out, "--gaze", table).split()
+    )
     assert "replay needs a file" in refusal(frames, out, "--gaze", "replay:")
     assert "is for a folder of frames" in refusal(frames / "f0.png", "--gaze", table)
     assert not out.exists()
