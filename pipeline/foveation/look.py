@@ -100,9 +100,10 @@ def check_picture(picture: NDArray[np.floating]) -> Picture:
 
 def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
     """Return a picture (H, W, 3) of 8 bits as it is, any other as `check_picture` does."""
-    if picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3:
-        return picture
-    return check_picture(picture)
+    array = np.asarray(picture)
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
+        return array
+    return check_picture(array)
 
 
 def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:

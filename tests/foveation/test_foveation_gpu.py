@@ -315,6 +315,8 @@ def test_nothing_is_shown_before_it_is_held():
         foveator.hold(np.zeros((30, 20, 3), np.uint8))
     with pytest.raises(InputError, match="floating type"):
         foveator.hold(np.zeros((20, 30, 3), np.uint16))
+    with pytest.raises(InputError, match=r"shape \(H, W, 3\)"):
+        foveator.hold([[0.5, 0.5]])  # before, an AttributeError
 
 
 def test_a_frame_is_replayed_and_looks_nothing_up(gl_context):
