@@ -187,9 +187,7 @@ def test_gazes_that_do_not_fit_the_frames_are_refused(frames, tmp_path):
     table.write_text("x_px,y_px,x_px\n1,2,3\n1,2,3\n1,2,3\n")
     assert "each once" in refusal(frames, out, "--gaze", table)
     table.write_text("x_px,y_px\n")
-    assert "got no line below its header" in " ".join(
-        refusal(frames, out, "--gaze", table).split()
-    )
+    assert "got no line below its header" in " ".join(refusal(frames, out, "--gaze", table).split())
     assert "replay needs a file" in refusal(frames, out, "--gaze", "replay:")
     assert "is for a folder of frames" in refusal(frames / "f0.png", "--gaze", table)
     assert not out.exists()
