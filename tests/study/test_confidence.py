@@ -150,6 +150,9 @@ def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
          " response.quit_keys has)"),
         ("yes-no", 'question = { en', 'question = { de',
          "task.confidence.question: must be given in each language of the study (en) (got de)"),
+        ("yes-no", "How sure are you?", "Left is {letf}",
+         "task.confidence.question.en: {...} must be one of left, right, continue, quit, done,"
+         " total (got {letf}); did you mean 'left'?"),
         ("yes-no", "steps = 4", "steps = 12", "task.confidence.steps"),
         ("two-interval", "steps = 4", "stpes = 4",
          "task.confidence.stpes: unknown key; did you mean 'steps'?"),
