@@ -625,14 +625,8 @@ class Scripts:
         )
         yield from (self.phase(phase, answers) for phase in own)
         if not any(phase.asks == STUDY_QUESTION for phase in own):
-            timeout_s = study.response.timeout_s
-            respond = phases.Phase(
-                "respond",
-                None,
-                (phases.QuestionText(),),
-                asks=STUDY_QUESTION,
-                timeout_frames=None if timeout_s is None else whole(timeout_s),
-            )
+            shown = (phases.QuestionText(),)
+            respond = phases.Phase("respond", None, shown, asks=STUDY_QUESTION)
             yield self.phase(respond, answers)
         yield from (self.phase(phase, answers) for phase in after)
         if practice and study.design.practice is not None and study.design.practice.feedback:
@@ -662,7 +656,7 @@ class Scripts:
             ) from error
 
     def compiled(self, phase: phases.Phase, answers: tuple[str, ...]) -> ScriptPhase:
-        asks = phase.asks
+        asks, timeout_frames = phase.asks, phase.timeout_frames
         if not isinstance(asks, phases.Question | None):
             raise _wrong(
                 phase,
@@ -670,7 +664,9 @@ class Scripts:
                 " ask each in a phase of its own",
             )
         if asks == STUDY_QUESTION:
-            keys = self.study.response.keys
+            keys, timeout_s = self.study.response.keys, self.study.response.timeout_s
+            if timeout_s is not None and phase.frames is None and timeout_frames is None:
+                timeout_frames = whole_frames(self.display, timeout_s)
             asks = phases.Question(
                 STUDY_QUESTION.name,
                 answers,
@@ -706,7 +702,7 @@ class Scripts:
             gate_frames=phase.gate_frames,
             watched=phase.watched,
             question=question,
-            timeout_frames=phase.timeout_frames,
+            timeout_frames=timeout_frames,
         )
 
     def words(self, phase: phases.Phase, asks: phases.Question | None) -> Picture:

@@ -17,7 +17,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study
 from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
 from protocols.plan import make_plan
-from protocols.script import Picture, Stored, trial_script
+from protocols.script import Picture, Stored, example_scripts, trial_script
 from protocols.session_schema import Gaze
 from protocols.tasks.two_interval import TwoInterval
 from protocols.viewing import Viewing
@@ -154,6 +154,19 @@ def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monk
     assert {a.outcome for a in attempts} == {"completed"}
     assert {(s.frames_shown, s.frames_planned) for a in attempts for s in a.stimuli} == {(30, 30)}
     assert {p.planned for a in attempts for p in a.phases if p.phase == "both"} == {None}
+
+
+@pytest.mark.parametrize(
+    ("own", "expected"), [({}, 1200), ({"timeout_frames": 30}, 30), ({"frames": 60}, None)]
+)
+def test_the_studys_time_limit_holds_where_a_task_asks_its_question_itself(
+    monkeypatch, own, expected
+):
+    """response.timeout_s of the demonstration is 20 s, at 60 Hz."""
+    phase = Phase("shown", None, (Image(0),), watched=True, asks=STUDY_QUESTION)
+    monkeypatch.setattr(TwoInterval, "phases", lambda *_: (replace(phase, **own),))
+    script = example_scripts(*load_study(Path("demo")))[0]
+    assert script.phases[1].timeout_frames == expected
 
 
 # --- mistakes of a task --------------------------------------------------------------------
