@@ -15,6 +15,7 @@ from protocols.journal import Attempt, SessionStart
 from protocols.plan import Plan, PlannedTrial, planned_trials
 from protocols.schema import StudyProtocol
 from protocols.session_schema import POINTER
+from protocols.tasks.confidence import CONFIDENCE
 
 _ROUND_S = 2e-6
 """Stamps are rounded to microseconds."""
@@ -79,6 +80,7 @@ def _differences(protocol: StudyProtocol, trial: PlannedTrial, attempt: Attempt)
         if unknown:
             yield f"stimuli must be the study's (got {unknown[0]})"
     yield from _answered(protocol, attempt)
+    yield from _sure(protocol, attempt)
     yield from _timed(attempt)
 
 
@@ -106,6 +108,28 @@ def _answered(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
         yield (
             f"answer {attempt.answer!r} must come from one of its keys ({', '.join(keys[place])})"
             f" (got {attempt.key})"
+        )
+
+
+def _sure(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
+    """Each question was answered once; compare how sure the answer was with the key for it."""
+    asked = [one.question for one in attempt.further]
+    if len(set(asked)) < len(asked):
+        yield f"further must have each question once (got {', '.join(asked)})"
+    sure = protocol.task.confidence
+    if sure is None or attempt.outcome != "completed":
+        return
+    given = next((one for one in attempt.further if one.question == CONFIDENCE), None)
+    keys = dict(zip(sure.answers, sure.all_keys, strict=True))
+    if given is None or given.answer not in keys:
+        found = f"{given.answer!r}" if given else "nothing"
+        yield f"{CONFIDENCE} must be one of {', '.join(keys)} (got {found})"
+    elif given.key not in keys[given.answer] and not (
+        protocol.response.pointer and given.key == POINTER
+    ):
+        yield (
+            f"{CONFIDENCE} {given.answer!r} must come from one of its keys"
+            f" ({', '.join(keys[given.answer])}) (got {given.key})"
         )
 
 

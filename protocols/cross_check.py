@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import get_args
@@ -10,18 +9,12 @@ from typing import get_args
 from protocols.errors import Problem
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
-from protocols.session_schema import (
-    PLACEHOLDERS,
-    Design,
-    Gaze,
-    Response,
-    TextSection,
-    TrialTiming,
-)
+from protocols.session_schema import Design, Gaze, Response, TextSection, TrialTiming
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.registry import TASKS
+from protocols.wording import unknown_placeholders
 
 
 def cross_check(sections: Mapping[str, object]) -> list[Problem]:
@@ -124,13 +117,8 @@ def _text_rules(text: TextSection) -> Iterator[Problem]:
     for language, texts in text.languages.items():
         labels = {f"answers.{name}": label for name, label in texts.answers.items()}
         for field, value in (texts.model_dump(exclude={"answers"}) | labels).items():
-            for word in re.findall(r"\{(\w*)\}", str(value) if field != "questions" else ""):
-                if word not in PLACEHOLDERS:
-                    yield Problem(
-                        f"text.languages.{language}.{field}",
-                        f"{{...}} must be one of {', '.join(PLACEHOLDERS)} (got {{{word}}})"
-                        f"{did_you_mean(word, PLACEHOLDERS)}",
-                    )
+            for wrong in unknown_placeholders(str(value) if field != "questions" else ""):
+                yield Problem(f"text.languages.{language}.{field}", wrong)
     asked = {
         language: [(question.name, len(question.choices)) for question in texts.questions]
         for language, texts in text.languages.items()

@@ -231,7 +231,10 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
     Pictures of words are as large as the screen, and the fixation target has its own check.
     """
     try:
-        script = example_scripts(protocol, display)[0]
+        # Of every language: a task's own questions have texts of their own.
+        script, *_ = [
+            example_scripts(protocol, display, language)[0] for language in protocol.text.languages
+        ]
     except StudyError as error:
         return [Problem("task", str(error).removeprefix("task: "))]
     (across, down), (width, height) = script.size_px, script.stimulus_px

@@ -134,4 +134,5 @@ class Phase:
     """The question whose answer ends it. A question may last over several phases in a row, such as
     a stimulus and a blank: an answer ends them all."""
     timeout_frames: int | None = None
-    """Without an answer for so long, the attempt is void."""
+    """Without an answer for so long, the attempt is void. Default for the study's question in a
+    phase without a length: the study's `response.timeout_s`."""

@@ -33,7 +33,7 @@ from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
 from protocols.units import Count, Hertz, LanguageCode, Model, Name, Pixels, Positive, Sha256, Text
 from protocols.viewing import Viewing
-from protocols.wording import fill, key_label
+from protocols.wording import fill, key_label, unknown_placeholders
 
 Place: TypeAlias = tuple[int, int]
 """Of an upper left corner: pixels right of and below the screen's middle."""
@@ -45,6 +45,14 @@ ShownAlone: TypeAlias = (
     phases.Fixation | phases.Image | phases.Clip | phases.Optotype | phases.Bar | phases.Bitmap
 )
 _COMMON = ("fixate", "respond", "feedback", ITI)
+_BOUNDS = {
+    "x_deg": (-90, 90),
+    "y_deg": (-90, 90),
+    "width_deg": (0, 180),
+    "height_deg": (0, 180),
+    "refreshes_per_frame": (1, 1_000_000),
+}
+"""Of the numbers of drawables: at least the first, below the second."""
 Grey = Annotated[int, Field(ge=0, le=255)]
 
 
@@ -439,7 +447,16 @@ def example_scripts(
     scripts = Scripts(study, display, language or study.text.default_language)
     scripts.stimulus_px = stimulus_px or scripts.stimulus_px
     answers = study.task.answers()
-    return tuple(scripts.script(order, practice=True) for order in (answers, answers[::-1]))
+    found = tuple(scripts.script(order, practice=True) for order in (answers, answers[::-1]))
+    first, again = (
+        [one.of for one in script.pictures() if isinstance(one.of, Stored)] for script in found
+    )
+    if first != again:
+        raise StudyError(
+            "task: phases must draw the same Bitmaps each time (got other pixels the second time);"
+            " draw chance from a fixed seed"
+        )
+    return found
 
 
 def fixation_target(study: StudyProtocol, display: Display) -> Picture:
@@ -608,14 +625,8 @@ class Scripts:
         )
         yield from (self.phase(phase, answers) for phase in own)
         if not any(phase.asks == STUDY_QUESTION for phase in own):
-            timeout_s = study.response.timeout_s
-            respond = phases.Phase(
-                "respond",
-                None,
-                (phases.QuestionText(),),
-                asks=STUDY_QUESTION,
-                timeout_frames=None if timeout_s is None else whole(timeout_s),
-            )
+            shown = (phases.QuestionText(),)
+            respond = phases.Phase("respond", None, shown, asks=STUDY_QUESTION)
             yield self.phase(respond, answers)
         yield from (self.phase(phase, answers) for phase in after)
         if practice and study.design.practice is not None and study.design.practice.feedback:
@@ -633,7 +644,19 @@ class Scripts:
         }
 
     def phase(self, phase: phases.Phase, answers: tuple[str, ...]) -> ScriptPhase:
-        asks = phase.asks
+        try:
+            return self.compiled(phase, answers)
+        except ValidationError as error:
+            raise _wrong(phase, _why(error)) from None
+        except (AttributeError, OverflowError, TypeError, ValueError) as error:
+            raise _wrong(
+                phase,
+                "every part must be of the type that protocols.phases states (Python says:"
+                f" {error}); give such values",
+            ) from error
+
+    def compiled(self, phase: phases.Phase, answers: tuple[str, ...]) -> ScriptPhase:
+        asks, timeout_frames = phase.asks, phase.timeout_frames
         if not isinstance(asks, phases.Question | None):
             raise _wrong(
                 phase,
@@ -641,7 +664,9 @@ class Scripts:
                 " ask each in a phase of its own",
             )
         if asks == STUDY_QUESTION:
-            keys = self.study.response.keys
+            keys, timeout_s = self.study.response.keys, self.study.response.timeout_s
+            if timeout_s is not None and phase.frames is None and timeout_frames is None:
+                timeout_frames = whole_frames(self.display, timeout_s)
             asks = phases.Question(
                 STUDY_QUESTION.name,
                 answers,
@@ -662,26 +687,23 @@ class Scripts:
                 shown.append(self.words(phase, asks))
             elif not isinstance(entry, phases.Fixation) or self.dot_shows(shown):
                 shown.append(self.entry(entry, phase))
-        try:
-            question = None
-            if asks is not None:
-                question = Question(
-                    name=asks.name,
-                    answers=asks.answers,
-                    keys=asks.keys,
-                    pointer=self.study.response.pointer,
-                )
-            return ScriptPhase(
-                name=phase.name,
-                frames=phase.frames,
-                show=tuple(shown),
-                gate_frames=phase.gate_frames,
-                watched=phase.watched,
-                question=question,
-                timeout_frames=phase.timeout_frames,
+        question = None
+        if asks is not None:
+            question = Question(
+                name=asks.name,
+                answers=asks.answers,
+                keys=asks.keys,
+                pointer=self.study.response.pointer,
             )
-        except ValidationError as error:
-            raise _wrong(phase, _why(error)) from None
+        return ScriptPhase(
+            name=phase.name,
+            frames=phase.frames,
+            show=tuple(shown),
+            gate_frames=phase.gate_frames,
+            watched=phase.watched,
+            question=question,
+            timeout_frames=timeout_frames,
+        )
 
     def words(self, phase: phases.Phase, asks: phases.Question | None) -> Picture:
         if asks is None:
@@ -698,11 +720,22 @@ class Scripts:
                 f" {len(asks.answers)} answers a label and keys (got {'a' if text else 'no'} text,"
                 f" {len(labels)} labels, keys for {len(asks.keys)}); give them",
             )
+        for word in unknown_placeholders(text):
+            raise _wrong(phase, f"question {asks.name!r}: {word}")
         names = tuple(key_label(keys[0], self.texts.key_names) for keys in asks.keys if keys)
         return text_picture(self.study, self.display, text, tuple(labels), names)
 
     def entry(self, entry: ShownAlone, phase: phases.Phase) -> Frames | Picture | Fill:
         """Return a drawable in pixels."""
+        kind = type(entry).__name__
+        for name, (low, high) in _BOUNDS.items():
+            value = getattr(entry, name, None)
+            if value is not None and not low <= value < high:
+                raise _wrong(
+                    phase,
+                    f"{name} of {kind} must be at least {low} and below {high} (got {value!r});"
+                    " give such a value",
+                )
         width, height = self.stimulus_px
         count = self.study.task.stimuli_per_trial
         if isinstance(entry, phases.Image | phases.Clip) and not 0 <= entry.stimulus < count:
@@ -713,6 +746,10 @@ class Scripts:
             )
         match entry:
             case phases.Image(stimulus, x_deg, y_deg, half):
+                if half not in (None, "left", "right"):
+                    raise _wrong(
+                        phase, f"half of Image must be 'left', 'right' or None (got {half!r})"
+                    )
                 x, y = self.place(x_deg, y_deg, width, height)
                 left = width // 2 if half == "right" else 0
                 crop = None if half is None else (left, 0, width // 2, height)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 
 from protocols.session_schema import PLACEHOLDERS, Response, Texts
+from protocols.suggest import did_you_mean
 
 _DEVICES = {"kp": "num", "pad": "pad"}
 _SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
@@ -33,6 +35,16 @@ def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str
     for name in PLACEHOLDERS:
         text = text.replace("{" + name + "}", values[name])
     return text
+
+
+def unknown_placeholders(text: str) -> Iterator[str]:
+    """Yield what is wrong with each `{...}` of a text that stands for nothing."""
+    for word in re.findall(r"\{(\w*)\}", text):
+        if word not in PLACEHOLDERS:
+            yield (
+                f"{{...}} must be one of {', '.join(PLACEHOLDERS)} (got {{{word}}})"
+                f"{did_you_mean(word, PLACEHOLDERS)}"
+            )
 
 
 def consent_text(texts: Texts, contact: str) -> str:

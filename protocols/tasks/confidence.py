@@ -13,6 +13,7 @@ from protocols.journal import Attempt
 from protocols.phases import Phase, Question, QuestionText
 from protocols.session_schema import Keys, Response, TextSection
 from protocols.units import LanguageCode, Model, Text
+from protocols.wording import unknown_placeholders
 
 CONFIDENCE = "confidence"
 """Name of the question, and of its phase."""
@@ -92,6 +93,9 @@ class Confidence(Model):
                     f"must be given in each language of the study ({', '.join(languages)}) (got"
                     f" {', '.join(by_language)})",
                 )
+        for language, said in self.question.items():
+            for wrong in unknown_placeholders(said):
+                yield Problem(f"task.confidence.question.{language}", wrong)
         for language, labels in self.labels.items():
             if len(labels) != self.steps:
                 yield Problem(

@@ -139,6 +139,13 @@ class Rating(Standards):
         """Yield what does not fit the rest of the study."""
         yield from super().problems(pool)
         yield from self.standard_problems(pool)
+        for key in ("matched", "gap_s"):
+            if self.standard is None and key in self.model_fields_set:
+                yield Problem(
+                    f"task.{key}",
+                    "must be left out where no standard is shown; leave it out, or give"
+                    " task.standard",
+                )
         if len(set(self.scale)) < len(self.scale):
             given = ", ".join(self.scale)
             yield Problem("task.scale", f"every step must be given once (got {given})")

@@ -25,7 +25,7 @@ from study_app.sittings import sitting_folder
 def script(
     protocol: ProtocolArgument,
     code: Annotated[str, typer.Option(help="The participant's code.")],
-    slot: Annotated[int, typer.Option(min=0, help="The counterbalancing slot.")] = 0,
+    slot: Annotated[int, typer.Option(min=0, max=2**53, help="The counterbalancing slot.")] = 0,
     trial: Annotated[str | None, typer.Option(help="This trial alone, such as main-0003.")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print plan and scripts as JSON, for programs.")
@@ -56,7 +56,8 @@ def script(
     with user_errors():
         study, screen = load_study(protocol, display)
         sitting_folder(Path(), study, code)
-        spoken = one_of("--language", language or study.text.default_language, study.text.languages)
+        spoken = study.text.default_language if language is None else language
+        one_of("--language", spoken, study.text.languages)
         manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
         require_feasible(study, screen, manifest if stimuli else None)
         plan = make_plan(study, manifest, code, slot)

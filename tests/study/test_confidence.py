@@ -10,8 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.tidy import read_sessions
+from protocols.against_plan import contradictions, plan_of
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
+from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_study
 from protocols.new_study import PARTS, study_files
 from protocols.plan import make_plan
@@ -108,6 +110,26 @@ def test_tables_events_and_their_dictionary_have_confidence(load, tmp_path):
     assert dict(zip(tidy.decisions["trial"], given, strict=True)) == by_trial
 
 
+def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load, tmp_path):
+    study, display = load("yes-no")
+    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 1)
+    journal = read_journal(next((tmp_path / "out").rglob("journal.jsonl")))
+    plan = plan_of(study, journal.start)
+    assert not list(contradictions(study, plan, journal.attempts))
+    attempt = next(a for a in journal.attempts if a.outcome == "completed")
+    (given,) = attempt.further
+    for further, said in (
+        ((), "confidence must be one of 1, 2, 3, 4 (got nothing)"),
+        ((given, given), "further must have each question once (got confidence, confidence)"),
+        ((given.model_copy(update={"answer": "abc"}),), "must be one of 1, 2, 3, 4 (got 'abc')"),
+        ((given.model_copy(update={"key": "z"}),), "must come from one of its keys"),
+        ((given.model_copy(update={"key": "pointer"}),), "(got pointer)"),
+    ):
+        changed = attempt.model_copy(update={"further": further})
+        ((_, why),) = contradictions(study, plan, [changed])
+        assert said in why
+
+
 @pytest.mark.parametrize("form", ["bids", "psych-ds"])
 def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
     study, display = load("yes-no")
@@ -150,6 +172,9 @@ def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
          " response.quit_keys has)"),
         ("yes-no", 'question = { en', 'question = { de',
          "task.confidence.question: must be given in each language of the study (en) (got de)"),
+        ("yes-no", "How sure are you?", "Left is {letf}",
+         "task.confidence.question.en: {...} must be one of left, right, continue, quit, done,"
+         " total (got {letf}); did you mean 'left'?"),
         ("yes-no", "steps = 4", "steps = 12", "task.confidence.steps"),
         ("two-interval", "steps = 4", "stpes = 4",
          "task.confidence.stpes: unknown key; did you mean 'steps'?"),

@@ -15,9 +15,9 @@ from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.journal import Attempt
 from protocols.journal_file import read_journal
 from protocols.load import load_study
-from protocols.phases import STUDY_QUESTION, Bitmap, Clip, Image, Phase, Question, QuestionText
+from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
 from protocols.plan import make_plan
-from protocols.script import Picture, Stored, trial_script
+from protocols.script import Picture, Stored, example_scripts, trial_script
 from protocols.session_schema import Gaze
 from protocols.tasks.two_interval import TwoInterval
 from protocols.viewing import Viewing
@@ -156,10 +156,26 @@ def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monk
     assert {p.planned for a in attempts for p in a.phases if p.phase == "both"} == {None}
 
 
+@pytest.mark.parametrize(
+    ("own", "expected"), [({}, 1200), ({"timeout_frames": 30}, 30), ({"frames": 60}, None)]
+)
+def test_the_studys_time_limit_holds_where_a_task_asks_its_question_itself(
+    monkeypatch, own, expected
+):
+    """response.timeout_s of the demonstration is 20 s, at 60 Hz."""
+    phase = Phase("shown", None, (Image(0),), watched=True, asks=STUDY_QUESTION)
+    monkeypatch.setattr(TwoInterval, "phases", lambda *_: (replace(phase, **own),))
+    script = example_scripts(*load_study(Path("demo")))[0]
+    assert script.phases[1].timeout_frames == expected
+
+
 # --- mistakes of a task --------------------------------------------------------------------
 
 SHOWN = Phase("shown", 30, (Image(0),), watched=True)
 ASK = Phase("ask", None, (QuestionText(),), asks=asked("sure", "yes", "no"))
+
+
+LANGUAGES = ("en", "de", "ja")
 
 
 class Gabor:
@@ -246,6 +262,53 @@ MISTAKES = {
         [replace(SHOWN, show=(Image(0), Bitmap(4, 4, bytes(63))))],
         r"a Bitmap of 4x4 px must have 64 bytes, RGBA \(got 63\)",
     ),
+    "a place that is no number": (
+        [replace(SHOWN, show=(Image(0, float("nan")),))],
+        "phase 'shown': x_deg of Image must be at least -90 and below 90 .got nan.; give",
+    ),
+    "a place behind the participant": (
+        [replace(SHOWN, show=(Image(0, 180.0),))],
+        "phase 'shown': x_deg of Image must be at least -90 and below 90 .got 180.0.; give",
+    ),
+    "a bar without a width": (
+        [replace(SHOWN, show=(Image(0), Bar(-4.0)))],
+        "phase 'shown': width_deg of Bar must be at least 0 and below 180",
+    ),
+    "a clip that stands": (
+        [replace(SHOWN, show=(Clip(0, 0),))],
+        "phase 'shown': refreshes_per_frame of Clip must be at least 1",
+    ),
+    "a half that is none": (
+        [replace(SHOWN, show=(Image(0, half="up"),))],
+        "phase 'shown': half of Image must be 'left', 'right' or None .got 'up'.",
+    ),
+    "a place in words": (
+        [replace(SHOWN, show=(Image(0, "left"),))],
+        "phase 'shown': every part must be of the type that protocols.phases states",
+    ),
+    "one drawable in no tuple": (
+        [replace(SHOWN, show=Image(0))],
+        "phase 'shown': every part must be of the type that protocols.phases states",
+    ),
+    "pixels that are no bytes": (
+        [replace(SHOWN, show=(Image(0), Bitmap(4, 4, [0] * 64)))],
+        "phase 'shown': every part must be of the type that protocols.phases states",
+    ),
+    "a text for no language": (
+        [SHOWN, replace(ASK, asks=replace(ASK.asks, text="Sure?"))],
+        "phase 'ask': every part must be of the type that protocols.phases states",
+    ),
+    "a stimulus by half a number": (
+        [replace(SHOWN, show=(Image(0.5),))], "phase 'shown': stimulus: Input should be"
+    ),
+    "a text in one of three languages": (
+        [SHOWN, replace(ASK, asks=replace(ASK.asks, text={"en": "Sure?"}))],
+        "phase 'ask': question 'sure' must have a text in 'de', .* .got no text",
+    ),
+    "a placeholder that stands for nothing": (
+        [SHOWN, replace(ASK, asks=replace(ASK.asks, text=dict.fromkeys(LANGUAGES, "{letf}?")))],
+        r"phase 'ask': question 'sure': \{...\} must be one of left, .* .got .letf.*did you mean",
+    ),
     "a picture beside the screen": (
         [replace(SHOWN, show=(Image(0), Bitmap(4, 4, bytes(64), x_deg=40.0)))],
         "phase 'shown': every stimulus must be whole on the screen",
@@ -283,6 +346,18 @@ def test_every_command_that_shows_a_trial_refuses_such_a_task(monkeypatch, tmp_p
     assert done.exit_code == 2
     assert "(got Gabor)" in " ".join(done.output.split())
     assert not list(tmp_path.iterdir())
+
+
+def test_pictures_that_change_each_time_are_refused(monkeypatch):
+    """A session compiles a task's phases several times, and finds pictures by their pixels."""
+    count = iter(range(256))
+
+    def noisy(*_):
+        return (replace(SHOWN, show=(Image(0), Bitmap(1, 1, bytes([next(count)] * 4), 12.0))),)
+
+    monkeypatch.setattr(TwoInterval, "phases", noisy)
+    (problem,) = check_feasible(*load_study(Path("demo")))
+    assert "must draw the same Bitmaps each time" in problem.message
 
 
 def test_what_a_task_draws_itself_is_a_picture_by_its_hash(monkeypatch):

@@ -82,7 +82,8 @@ def test_it_is_simulated_tabled_and_reported_from_study_to_results(load, tmp_pat
          "--out", str(tmp_path / "report")],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    model = json.loads((tmp_path / "report" / "results.json").read_text())["results"]["model"]
+    results = json.loads((tmp_path / "report" / "results.json").read_text())["results"]
+    model = results["ratings"]["model"]
     assert list(model["categories"]) == scale
     assert {one["second"] for one in model["contrasts"]} == {"0.5"}
     assert "task: standard" not in repr(preregistration(study, display, revision="0"))
@@ -126,6 +127,10 @@ def model_cdf(x: float) -> float:
          "analysis.baseline: must be a value of 'blur_px' that is rated (0, 0.5, 1, 1.5, 2)"),
         ('side = "fixed"', 'side = "by-trial"',
          "design.side: must be 'fixed' for the task 'rating'"),
+        ("stimulus_s = 0.5", "stimulus_s = 0.5\ngap_s = 0.5",
+         "task.gap_s: must be left out where no standard is shown"),
+        ("stimulus_s = 0.5", 'stimulus_s = 0.5\nmatched = ["scene"]',
+         "task.matched: must be left out where no standard is shown"),
         ("stimulus_s = 0.5", "stimulus_s = 0.5\nstandard = { blur_px = 0.0 }",
          "task.matched: there must be one standard where scene = one"),
         ("stimulus_s = 0.5", "stimulus_s = 0.5\nstandard = { blur_px = 0.2 }",

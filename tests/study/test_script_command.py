@@ -85,6 +85,8 @@ def test_pictures_are_written_by_the_hash_of_their_pixels(tmp_path):
         (("--code", "P01", "--trial", "main-99999"), "--trial: must be one of the plan"),
         (("--code", "_P"), "a code must be letters, digits"),
         (("--code", "P01", "--language", "fr"), "--language: must be one of en, de, ja (got 'fr')"),
+        (("--code", "P01", "--language", ""), "--language: must be one of en, de, ja (got '')"),
+        (("--code", "P01", "--slot", str(2**53 + 1)), "Invalid value for '--slot'"),
         (("--code", "P01", "--display", "fhd24-144hz"), "must be feasible on display"),
     ],
 )
