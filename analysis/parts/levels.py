@@ -217,9 +217,13 @@ class CurvesPart(LevelsPart[Curves]):
                 Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
             sentences=tuple(
-                f"All answers to {name} together have their threshold at {size(fit.threshold)},"
-                f" {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not of"
-                " people."
+                f"All answers to {name} together have their threshold at {size(fit.threshold)}"
+                + (
+                    f", {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not"
+                    " of people."
+                    if fit.threshold_limits
+                    else "; it has no limits."
+                )
                 for name, fit, known in fits
                 if known
             ),
