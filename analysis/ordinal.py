@@ -252,9 +252,10 @@ def rating_model(
     Notes
     -----
     Random are participants, scenes where there are several, and the deviations of both in a
-    condition. Limits and tests: Wald's, by t with degrees of freedom between those of participants
-    and of scenes (`contrasts.Crossed`). Categories nobody chose have no thresholds of their own,
-    and keep their number in means.
+    condition (left out where each has one rating of it: these cannot tell it from chance). Limits
+    and tests: Wald's, by t with degrees of freedom between those of participants and of scenes
+    (`contrasts.Crossed`). Categories nobody chose have no thresholds of their own, and keep their
+    number in means.
     """
     rows = checked(trials, ("rating",), by)
     texts = rows["rating"].map(_text)
@@ -276,13 +277,18 @@ def rating_model(
     design = _indicator(condition, len(names))[:, 1:]
     groups = places.several
     effects = {name: _indicator(code) for name, code in groups.items()} | {
-        name + IN_CONDITION: _indicator(
-            np.unique(code * len(names) + condition, return_inverse=True)[1].ravel()
-        )
+        name + IN_CONDITION: _indicator(cell)
         for name, code in groups.items()
+        for cell in [np.unique(code * len(names) + condition, return_inverse=True)[1].ravel()]
+        if cell.max() + 1 < len(rows)
     }
     fit = fit_cumulative(design, y, effects, link=link)
     notes = _notes(fit, people, [name for name in known if name not in used])
+    notes += [
+        f"each {name} has one rating of a condition: how it departs there is part of the SD"
+        for name in groups
+        if name + IN_CONDITION not in effects
+    ]
     notes += _misfit(design, y, condition, link)
     crossed = Crossed.of(condition, groups, fit.sd)
     return _model(parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes)

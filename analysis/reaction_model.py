@@ -105,7 +105,8 @@ def time_model(
     `linear_mixed.fit_linear_mixed`. Limits and tests are t with degrees of freedom between those
     of participants and of scenes (`contrasts.Crossed`): so many people and scenes, and not so many
     answers, tell what holds for others. The deviations of participants and scenes in a condition
-    keep one person's taste, and one scene's, from passing for the condition's.
+    keep one person's taste, and one scene's, from passing for the condition's; where each has one
+    time of a condition they are part of the residual.
     """
     rows = checked(trials, ("rt_s",), by)
     rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
@@ -123,7 +124,10 @@ def time_model(
     effects = dict(groups)
     if len(names) > 1:
         effects |= {
-            name + IN_CONDITION: code * len(names) + condition for name, code in groups.items()
+            name + IN_CONDITION: cell
+            for name, code in groups.items()
+            for cell in [code * len(names) + condition]
+            if np.unique(cell).size < len(rows)
         }
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):

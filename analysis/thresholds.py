@@ -232,7 +232,7 @@ def fit_thresholds(
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
     ends = (place_of - reach, place_of + reach) if fit.converged else None
-    back = np.exp if logarithmic else np.asarray
+    back = _risen if logarithmic else np.asarray
     widths = _span(response) * spread / slopes
     fitted = tuple(
         Threshold(
@@ -240,7 +240,7 @@ def fit_thresholds(
             value=float(back(place_of[k])),
             lower=None if ends is None else float(back(ends[0][k])),
             upper=None if ends is None else float(back(ends[1][k])),
-            width=float(np.sign(widths[k]) * np.exp(abs(widths[k])) if logarithmic else widths[k]),
+            width=float(np.sign(widths[k]) * back(abs(widths[k])) if logarithmic else widths[k]),
             individual={
                 who: float(back(place_of[k] - spread * fit.own[i, k] / slopes[k]))
                 for i, who in enumerate(places.participants)
@@ -290,6 +290,12 @@ def fit_thresholds(
         participants=len(places.participants),
         warnings=tuple(notes),
     )
+
+
+def _risen(logarithm: Floats) -> Floats:
+    """Return the level of a logarithm; one too far out to be a number is infinite."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.exp(logarithm))
 
 
 def _unplaced(condition: str) -> Threshold:

@@ -96,7 +96,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
                 Picture("correct"),
                 rate_table(f"Right answers by {plan.by or 'condition'}", rates, plan),
                 Paragraph(
-                    f"p: against chance, with errors clustered by {clusters(rates)}; limits"
+                    f"p: against chance, with {errors(rates)}; limits"
                     " belong to the same test. Pooled exact p takes trials as independent, which"
                     " they are not.",
                     muted=True,
@@ -110,7 +110,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
             sentences=tuple(apa_rate(one, name=label(one.condition)) for one in rates),
             methods=(
                 f"{among if len(names) > 1 else ''}Shares of right answers were tested against"
-                f" chance with errors clustered by {clusters(rates)}."
+                f" chance with {errors(rates)}."
             ),
             tables=tables,
             figures=figures,
@@ -140,6 +140,13 @@ def respected(rates: Iterable[Rate]) -> str:
 def clusters(rates: Iterable[Rate]) -> str:
     """Return what errors are clustered by."""
     return respected(rates).replace("participants", "participant").replace("scenes", "scene")
+
+
+def errors(rates: Sequence[Rate]) -> str:
+    """Return what errors take into account; those of one participant take trials as they come."""
+    if all(one.participants < 2 for one in rates):
+        return "errors of independent trials"
+    return f"errors clustered by {clusters(rates)}"
 
 
 def apa_rate(rate: Rate, *, name: str = "") -> str:

@@ -1,5 +1,6 @@
 """Psychometric functions along a level: of all answers, of the population, of each person."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -216,9 +217,13 @@ class CurvesPart(LevelsPart[Curves]):
                 Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
             sentences=tuple(
-                f"All answers to {name} together have their threshold at {size(fit.threshold)},"
-                f" {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not of"
-                " people."
+                f"All answers to {name} together have their threshold at {size(fit.threshold)}"
+                + (
+                    f", {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not"
+                    " of people."
+                    if fit.threshold_limits
+                    else "; it has no limits."
+                )
                 for name, fit, known in fits
                 if known
             ),
@@ -290,7 +295,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         curves = {
             one.condition: partial(found.average, one.condition) for one in each if one.individual
         }
-        spread = f"differ between participants by SD {sd_digits(found.participant_sd)}"
+        spread = f"; thresholds differ between participants by SD {sd_digits(found.participant_sd)}"
         random = ["participants", *(["scenes"] if found.scene_sd else [])]
         effects = ", ".join([*random, *(f"{one} x conditions" for one in random if several)])
         if several:
@@ -303,6 +308,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             spread += f", of one scene between conditions by SD {between}"
         if found.logarithmic:
             spread += " of the threshold's natural logarithm"
+        if math.isnan(found.participant_sd):
+            spread = ""
         own = sorted({who for one in each for who in one.individual})
         people = (
             Table.of(
@@ -355,7 +362,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     ],
                 ),
                 Paragraph(
-                    f"Mean lapse rate of participants {share(found.lapse)}; thresholds {spread}.",
+                    f"Mean lapse rate of participants {share(found.lapse)}{spread}.",
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
@@ -410,7 +417,7 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
         f" together; guess rate {share(model.guess)}, mean lapse rate"
         f" {leading(f'{model.lapse:.3f}')}):"
-        f" {'; '.join(parts)} ({spread}{scale})."
+        f" {'; '.join(parts)}{'' if math.isnan(model.participant_sd) else f' ({spread}{scale})'}."
     )
 
 
@@ -523,10 +530,11 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 ),
                 Cautions(
                     TRUST,
-                    tuple(
-                        f"{one.participant}, {label(one.condition)}: {note}"
-                        for one in found.people
-                        for note in one.fit.warnings
+                    grouped(
+                        [
+                            (f"{one.participant}, {label(one.condition)}", one.fit.warnings)
+                            for one in found.people
+                        ]
                     ),
                 ),
             ),

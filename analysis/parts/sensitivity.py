@@ -1,5 +1,6 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -247,12 +248,16 @@ def _said(one: Measure) -> str:
 
 def methods_yes_no(results: YesNoResults) -> str:
     """Return how a yes-no task was analysed, ready to paste."""
+    start = (
+        "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
+        f" condition's table{_corrected(results.correction)}. Limits and tests"
+    )
+    if all(one.correct.participants < 2 for one in results.conditions):
+        return f"{start} are of one participant: normal, with trials taken as independent."
     by = clusters(one.correct for one in results.conditions)
     two_way = "two-way, Cameron, Gelbach & Miller, 2011, of" if " and " in by else "of"
     return (
-        "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
-        f" condition's table{_corrected(results.correction)}. Limits and tests, also between"
-        f" conditions, are t with standard errors clustered by {by} ({two_way}"
+        f"{start}, also between conditions, are t with standard errors clustered by {by} ({two_way}"
         " each trial's influence on z); shares have Wilson"
         " limits with the effective number of trials, and p from the same score test. Tests"
         " between conditions are Holm-adjusted."
@@ -337,6 +342,7 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
                 f" and c {number(-fit['Intercept'].estimate)}, SE ="
                 f" {number(fit['Intercept'].standard_error)} ({fit.method})."
                 for name, fit in found.fits
+                if not math.isnan(fit["signal"].estimate)
             ),
             methods=(
                 "d' and c of the typical participant come from a probit mixed model of each"

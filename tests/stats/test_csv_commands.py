@@ -207,3 +207,56 @@ def test_tables_of_simulated_answers_say_so(acuity, tmp_path):
 
     assert "SIMULATED" in result.output
     assert "one participant only" in result.output
+
+
+@pytest.mark.filterwarnings("error")
+def test_levels_that_place_no_threshold_have_no_deviation_and_each_note_once(tmp_path):
+    shown = product(range(4), ("plain", "blur"), (1, 2, 4, 8), range(3))
+    rows = pd.DataFrame(shown, columns=["participant", "method", "level", "time"])
+    rows.assign(correct=1).to_csv(tmp_path / "all.csv", index=False)
+
+    said = run("psychometric", tmp_path / "all.csv", "--level", "level", "--by", "method", "--log")
+
+    assert said.exit_code == 0, said.output
+    assert "not identified" in said.output
+    assert "none" not in said.output.split("Mean lapse rate", 1)[1].split("\n", 1)[0]
+    assert "SD = none" not in said.output
+    assert said.output.count("its prior decides with it") == 1
+
+
+def test_a_mixed_model_without_a_maximum_has_no_sentence_and_one_person_no_clusters(tmp_path):
+    shown = product((1,), "abcd", ("blur", "ours"), ("yes", "no"), range(4))
+    rows = pd.DataFrame(shown, columns=["participant", "scene", "method", "expected", "time"])
+    wrong = (rows["method"] == "ours") & (rows["time"] == 0)
+    rows["answer"] = rows["expected"].where(
+        ~wrong, rows["expected"].map({"yes": "no", "no": "yes"})
+    )
+    rows.to_csv(tmp_path / "one.csv", index=False)
+
+    said = run("detection", tmp_path / "one.csv", "--by", "method", "--out", tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+
+    assert said.exit_code == 0, said.output
+    assert "d' in condition ours was" in said.output
+    assert "was none" not in said.output
+    assert "clustered" not in page
+    assert "trials taken as independent" in page
+
+
+def test_a_threshold_without_limits_is_said_to_have_none(tmp_path):
+    right = {"blur": (21, 24, 28, 33, 36), "ours": (18, 21, 30, 30, 29)}
+    rows = [
+        (k % 6, name, level, int(k < count))
+        for name, counts in right.items()
+        for level, count in zip((1, 2, 4, 8, 16), counts, strict=True)
+        for k in range(36)
+    ]
+    pd.DataFrame(rows, columns=["participant", "method", "level", "correct"]).to_csv(
+        tmp_path / "bound.csv", index=False
+    )
+
+    said = run("psychometric", tmp_path / "bound.csv", "--level", "level", "--by", "method")
+
+    assert said.exit_code == 0, said.output
+    assert "it has no limits." in said.output
+    assert "CI none" not in said.output

@@ -244,3 +244,14 @@ def test_a_condition_that_differs_by_scene_is_judged_by_scenes(rng, kind):
     assert without.p < 0.02
     assert one.df < 5
     assert one.p > 0.1
+
+
+def test_one_rating_of_each_condition_by_each_person_stretches_no_distance():
+    """Ten people, one scene: departures of a person in a condition cannot be told from chance."""
+    shown = {"blur": "3233133221", "none": "3123231123", "ours": "4325543213"}
+    rows = [(f"P{k}", name, int(said)) for name in shown for k, said in enumerate(shown[name])]
+    model = rating_model(pd.DataFrame(rows, columns=["participant", "by", "rating"]), ["by"])
+
+    assert set(model.sd) == {"participant"}
+    assert max(abs(one.difference) for one in model.contrasts) < 3.0
+    assert any("one rating of a condition" in note for note in model.warnings)

@@ -301,3 +301,15 @@ def test_a_column_of_file_names_is_not_taken_for_conditions():
     assert len(pairs_of(names[1:], None)) == MOST_CONDITIONS * (MOST_CONDITIONS - 1) / 2
     with pytest.raises(StudyError, match=r"at most 200 conditions must be compared \(found 201\)"):
         pairs_of(names, None)
+
+
+def test_one_time_of_each_condition_by_each_person_leaves_no_sd_of_it(rng):
+    rows = pd.DataFrame(
+        [(f"P{k}", name, np.exp(rng.normal())) for k in range(12) for name in "abc"],
+        columns=["participant", "method", "rt_s"],
+    )
+    model = time_model(rows, ["method"])
+
+    assert model.interaction_sd == 0.0
+    assert model.residual_sd > 0.5
+    assert [one.df for one in model.ratios] == pytest.approx([11.0] * 3)
