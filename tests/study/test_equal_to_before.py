@@ -1,6 +1,7 @@
 """Sessions of every shipped study and task come out as before trials became scripts.
 
-`oracles/before_scripts.json` was written by the last revision that had none. Equal are journals,
+`oracles/before_scripts.json` was written by the last revision that had none (with the methods that
+studies name today, where templates have changed since). Equal are journals,
 files of flips and files of gaze, but for what names the program and for fields that were added.
 """
 
