@@ -473,11 +473,11 @@ def test_pictures_alone_fill_every_hole_and_say_where_they_are(
     assert 0.05 < changed < 0.15  # the holes, and nothing else
 
 
-def test_the_demonstration_takes_the_rim_of_its_photographs_into_the_holes(
+def test_the_demonstration_mends_depth_and_takes_the_rim_of_its_photographs_into_the_holes(
     gl_context, filled_once, tmp_path
 ):
     frame = built_in_pair("motorcycle").warp_input()
-    wanted = WarpSettings(rim_px=1)
+    wanted = WarpSettings(rim_px=1, depth_speckle=True)
     hole = warp_frame(gl_context, frame.source, frame.flow_px, settings=wanted).hole
 
     assert filled_once(tmp_path, 0).hole_share == hole.mean()

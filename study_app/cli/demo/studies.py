@@ -129,7 +129,14 @@ def side_by_side(study: StudyProtocol, display: Display, stimuli: Sequence[Pictu
     distance_px = display.distance_mm / display.pitch_x_mm
     half_deg = float(np.degrees(np.arctan(0.55 * stimuli[0].shape[1] / distance_px)))
     task = TwoAlternative(kind="two-alternative", separation_deg=2 * half_deg)
-    return strip(study.model_copy(update={"task": task}), display, stimuli, distance_px)
+    answers = dict.fromkeys(task.answers(), "-")  # no words are drawn
+    texts = {
+        language: one.model_copy(update={"answers": answers})
+        for language, one in study.text.languages.items()
+    }
+    text = study.text.model_copy(update={"languages": texts})
+    other = study.model_copy(update={"task": task, "text": text})
+    return strip(other, display, stimuli, distance_px)
 
 
 def strip(
