@@ -180,7 +180,7 @@ def test_what_is_not_installed_is_named(scored):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--panorama", "--gaze", "0,64.5"], "must have y from 0 to 64"),
+        (["--panorama", "--gaze", "0,64.5"], "must have Y from 0 to 64"),
         (["--gaze", "-1,5"], "needs a gaze on the picture"),
     ],
 )
