@@ -301,6 +301,7 @@ TASK_FIELDS = {
     "identification": {"alternatives": ("small", "large"), "named_by": "size"},
     "abx": {"standard": {"method": "reference"}, "matched": ("scene", "size")},
     "which-half": {"standard": {"method": "reference"}, "compare": "size"},
+    "rating": {"scale": ("bad", "fair", "good"), "stimulus_s": 0.5},
 }
 
 

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 
 from analysis.critical_scaling import critical_scaling
 from analysis.ideal_observer import abx_d_prime, abx_share
-from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_study, protocol_of, read_toml, shipped
@@ -185,8 +184,7 @@ def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monke
     """Two scenes and three scalings of it: the report says whose critical scaling is which."""
     if name == "critical-scaling" and not full:
         pytest.skip("ABX is reported elsewhere too; here with --full")
-    kind = "which-half" if name.endswith("halves") else "abx"
-    monkeypatch.setattr(type(analysis_of(kind)), "figures", lambda *_, **__: ())
+    monkeypatch.setattr("analysis.report.build._draw", lambda *_, **__: [])
     text = shipped("studies")[name].read_text(encoding="utf-8")
     for line in text.splitlines():
         if line.startswith("  { name = ") and not re.search(
@@ -209,8 +207,8 @@ def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monke
     run("analysis", "report", tmp_path / "s", "--protocol", path, "--out", tmp_path / "r",
         "--no-figures")  # fmt: skip
     results = json.loads((tmp_path / "r" / "results.json").read_text())["results"]
-    assert [one["condition"] for one in results["critical"]] == list(CONDITIONS)
-    assert all(set(one["alone"]) == {"S001", "S002", "S003"} for one in results["critical"])
+    assert [one["condition"] for one in results["critical"]["fits"]] == list(CONDITIONS)
+    assert all(set(one["alone"]) == {"S001", "S002", "S003"} for one in results["critical"]["fits"])
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     assert "noise, against the standard" in page
     assert "Pooled exact p takes trials as independent, which they are not" in page
