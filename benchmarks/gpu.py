@@ -43,7 +43,7 @@ from stimuli.textured.scenes import SCENES, WIDTH_DEG
 NAMES = {
     "warp": ("warp",),
     "fill": (
-        "push-pull", "push-pull-depth", "metameric", "metameric background",
+        "push-pull", "push-pull-depth", "metameric",
         "coherence-transport", "telea",
     ),
     "foveate": ("blur", "metamer", "warped-metamer", "eidolon"),
