@@ -74,6 +74,7 @@ class StudyProtocol(Model):
     privacy: Privacy
     """Participant codes, consent, what is stored."""
     _secret: str | None = PrivateAttr(default=None)
+    _order_seed: int | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
@@ -89,13 +90,16 @@ class StudyProtocol(Model):
 
     @property
     def order_seed(self) -> int:
-        """What seeds the order of trials: the design's seed, with the study's secret if it has one.
+        """What seeds the order of trials: the design's seed, with the study's secret if it has one;
+        in a browser, the participant's own.
 
         Raises
         ------
         StudyError
             If the study has a secret, and it is not here.
         """
+        if self._order_seed is not None:
+            return self._order_seed
         if self.privacy.secret_sha256 is None:
             return self.design.seed
         if self._secret is None:
@@ -110,6 +114,12 @@ class StudyProtocol(Model):
         """Return the same study with its secret at hand."""
         copy = self.model_copy()
         copy._secret = secret
+        return copy
+
+    def ordered_by(self, seed: int) -> StudyProtocol:
+        """Return the same study with this seed of the order, as one participant drew it."""
+        copy = self.model_copy()
+        copy._order_seed = seed
         return copy
 
     def in_any_order(self) -> StudyProtocol:

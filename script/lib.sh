@@ -3,8 +3,8 @@
 #
 # prepare: system packages, .venv and the locked Python packages, each only
 # where something is missing. Says on stderr what it does; silent otherwise.
-# With CI=true, or once they were asked for here, also the extras `metrics` and `docs`; the other
-# EXTRAS once `script/setup --NAME` was run.
+# With CI=true, or once they were asked for here, also the extras `metrics` and `docs` and the TOOLS;
+# the other EXTRAS once `script/setup --NAME` was run.
 
 set -euo pipefail
 
@@ -29,6 +29,16 @@ xauth               cmd:xauth
 xdotool             cmd:xdotool
 openbox             cmd:openbox
 "
+
+# What tests of the web part and of the statistics need beside these, and which commands do as well.
+TOOLS="
+chromium            chromium google-chrome chromium-browser
+firefox-esr         firefox-esr firefox
+r-cran-lme4         -
+r-cran-ordinal      -
+"
+WEB="$ROOT/study_app/web" # its Node packages are locked there
+MINIMUM_NODE=20.19
 
 say() { printf '%s\n' "$*" >&2; }
 
@@ -85,9 +95,20 @@ missing_venv_package() {
     "$PYTHON_FOUND" -I -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'
 }
 
+# Prints the TOOLS whose commands are not here; those that have none as they are.
+wanted_tools() {
+    local name commands
+    while read -r name commands; do
+        # shellcheck disable=SC2086  # one word per command
+        [[ -z $name ]] || { [[ $commands != - ]] && command -v $commands >/dev/null; } ||
+            printf '%s\n' "$name"
+    done <<<"$TOOLS"
+}
+
 missing_debian_packages() {
     local names installed name
     names=$(awk 'NF { print $1 }' <<<"$SYSTEM_PACKAGES")
+    if wants_tools; then names+=$'\n'$(wanted_tools); fi
     # shellcheck disable=SC2086  # one word per package
     installed=$(dpkg-query -W -f='${db:Status-Status} ${Package}\n' $names 2>/dev/null |
         awk '$1 == "installed" { print $2 }' || true)
@@ -228,8 +249,33 @@ install_docs() {
     mv -- "$VENV/metamerlab-docs.new" "$VENV/metamerlab-docs"
 }
 
+# The tools are wanted by CI, by whoever asks for them, or did here before.
+wants_tools() {
+    [[ $ASKED_EXTRA == tools || -e $VENV/metamerlab-tools || ${CI:-} == true ]]
+}
+
+wanted_tools_stamp() { sha256sum <"$WEB/package-lock.json"; }
+
+has_tools() {
+    [[ -d $WEB/node_modules && -f $VENV/metamerlab-tools ]] &&
+        [[ $(<"$VENV/metamerlab-tools") == "$(wanted_tools_stamp)" ]]
+}
+
+# Node itself comes from the user: Debian 12 has an older one than the web part needs.
+install_tools() {
+    local enough="process.exit(process.versions.node.localeCompare('$MINIMUM_NODE', 'en', {numeric: true}) < 0)"
+    command -v npm >/dev/null && node -e "$enough" ||
+        stop "the web part needs Node $MINIMUM_NODE or newer, with npm (found $(node --version 2>/dev/null || echo none)).
+Install it, then run this again"
+    say "Installing the web part's Node packages (100 MB)"
+    quietly npm ci --prefix "$WEB"
+    wanted_tools_stamp >"$VENV/metamerlab-tools.new"
+    mv -- "$VENV/metamerlab-tools.new" "$VENV/metamerlab-tools"
+}
+
 has_wanted_extras() {
     local name
+    if wants_tools; then has_tools || return; fi
     for name in $EXTRAS; do
         ! wants_extra "$name" || has_extra "$name" || return
     done
@@ -252,5 +298,6 @@ prepare() {
             if has_extra "$name"; then continue; fi
             if [[ $name == docs ]]; then install_docs; else install_extra "$name"; fi
         done
+        if wants_tools && ! has_tools; then install_tools; fi
     ) 9<"$LOCK"
 }

@@ -48,12 +48,18 @@ def contents(wheel):
 
 
 def sources(repository: Path) -> set[str]:
-    """Return every file of the five packages, as the wheel should name it."""
+    """Return every file of the five packages, as the wheel should name it.
+
+    What the browser's part is made of stays behind.
+    """
+    web = repository / "study_app/web"
     return {
         f"{FOLDER}/{path.relative_to(repository).as_posix()}"
         for package in PACKAGES
         for path in (repository / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
+        if "node_modules" not in path.parts
+        if web not in path.parents or path.suffix == ".py" or web / "assets" in path.parents
     }
 
 

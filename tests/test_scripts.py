@@ -52,10 +52,17 @@ class Machine:
                     "lpips==1 \\\n    --hash=sha256:1\n"
                 )
         (self.home / "pyproject.toml").write_text("[project]\n")
+        web = self.home / "study_app/web"
+        web.mkdir(parents=True)
+        (web / "package-lock.json").write_text("{}\n")
         for name in TOOLS:
             if found := shutil.which(name):
                 (self.bin / name).symlink_to(found)
         self.fake("python3", FAKE_PYTHON)
+        self.fake("node", "#!/bin/bash\n[[ ! -e $MACHINE/old-node ]]\n")
+        self.fake(
+            "npm", f'#!/bin/bash\necho "npm $1" >>"$MACHINE/log"; mkdir -p {web}/node_modules\n'
+        )
 
     def fake(self, name: str, text: str) -> None:
         path = self.bin / name
@@ -142,7 +149,8 @@ def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, e
     assert hashed.endswith(f"-r {machine.home}/requirements-{extra}.lock")
     assert asked.endswith(f"-r {machine.home}/requirements-{extra}.txt")
     assert "--constraint" in asked
-    assert [line.rpartition("/")[2] for line in more] == ["requirements-docs.txt"] * ("CI" in env)
+    others = ["requirements-docs.txt", "npm ci"] if "CI" in env else []
+    assert [line.rpartition("/")[2] for line in more] == others
     assert (machine.home / ".venv/metamerlab-locked.txt").read_text() == "numpy==2\n"
     assert (machine.setup().stderr, machine.log()) == ("", [])
 
@@ -189,11 +197,40 @@ def test_extras_survive_a_new_environment(machine, extra):
     assert machine.log()[-1].endswith(f"requirements-{extra}.txt")
 
 
+def test_tools_come_when_asked_for_and_with_each_new_lock(machine):
+    machine.debian(missing="r-cran-lme4 firefox-esr")
+    machine.fake("firefox", "#!/bin/bash\n")
+    assert machine.setup().returncode == 0
+    assert not any(line.startswith(("apt-get", "npm")) for line in machine.log())
+
+    assert machine.setup("--tools").returncode == 0
+    asked = machine.log()
+    assert [line for line in asked if line.startswith("npm")] == ["npm ci"]
+    (installed,) = (line for line in asked if " install " in line and line.startswith("apt-get"))
+    assert "r-cran-lme4" in installed
+    assert "firefox-esr" not in installed  # another Firefox is there
+    machine.debian()
+    assert (machine.setup().stderr, machine.log()) == ("", [])
+
+    (machine.home / "study_app/web/package-lock.json").write_text("{ }\n")
+    assert machine.setup().returncode == 0
+    assert machine.log() == ["npm ci"]
+
+
+def test_tools_need_a_new_node(machine):
+    (machine.root / "old-node").touch()
+
+    done = machine.setup("--tools")
+
+    assert done.returncode == 2
+    assert "the web part needs Node 20.19 or newer" in done.stderr
+
+
 def test_setup_refuses_what_it_does_not_know(machine):
     done = machine.setup("--metric")
 
     assert (done.returncode, machine.log()) == (2, [])
-    assert "--metrics, --metamers or --denoise (got --metric)" in done.stderr
+    assert "--metamers, --denoise or --tools (got --metric)" in done.stderr
 
 
 @pytest.mark.parametrize("accident", ["kill-pip", "fail-pip"])

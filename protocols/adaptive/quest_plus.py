@@ -164,7 +164,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Tables:
+class Tables:
     """What depends on the grid alone; all (levels, grid points) but the prior."""
 
     rows: Mapping[float, int]
@@ -176,7 +176,8 @@ class _Tables:
 
 
 @lru_cache(maxsize=8)
-def _tables(grid: Grid) -> _Tables:
+def tables(grid: Grid) -> Tables:
+    """Return the tables of a grid."""
     axes = np.ix_(
         *(np.asarray(getattr(grid, name).values, dtype=np.float64) for name in PARAMETERS)
     )
@@ -196,7 +197,7 @@ def _tables(grid: Grid) -> _Tables:
         prior = np.multiply.outer(prior, getattr(grid, name).prior())
     with np.errstate(divide="ignore"):  # a weight of 0 rules a value out
         log_prior = np.log(prior.reshape(-1))
-    tables = _Tables(
+    made = Tables(
         rows={level: row for row, level in enumerate(grid.levels)},
         correct=correct,
         log_correct=np.log(correct),
@@ -204,9 +205,9 @@ def _tables(grid: Grid) -> _Tables:
         answer_entropy=entr(correct) + entr(1.0 - correct),
         log_prior=log_prior,
     )
-    for part in fields(tables)[1:]:
-        getattr(tables, part.name).flags.writeable = False
-    return tables
+    for part in fields(made)[1:]:
+        getattr(made, part.name).flags.writeable = False
+    return made
 
 
 def posterior(history: History, grid: Grid) -> Floats:
@@ -222,13 +223,13 @@ def posterior(history: History, grid: Grid) -> Floats:
 
 def _posterior(history: History, grid: Grid) -> Floats:
     check_history(history, grid.levels)
-    tables = _tables(grid)
+    known = tables(grid)
     counts = np.zeros((2, len(grid.levels)))
     for level, correct in history:
-        counts[int(correct), tables.rows[level]] += 1.0
+        counts[int(correct), known.rows[level]] += 1.0
     shown = np.flatnonzero(counts.any(axis=0))
-    log_weight = tables.log_prior + counts[1, shown] @ tables.log_correct[shown]
-    log_weight += counts[0, shown] @ tables.log_wrong[shown]
+    log_weight = known.log_prior + counts[1, shown] @ known.log_correct[shown]
+    log_weight += counts[0, shown] @ known.log_wrong[shown]
     weight = np.exp(log_weight - log_weight.max())
     return np.asarray(weight / weight.sum())
 
@@ -242,9 +243,9 @@ def expected_entropy(history: History, grid: Grid) -> Floats:
         If a level of the history is not in the grid.
     """
     weight = _posterior(history, grid)
-    tables = _tables(grid)
-    correct = tables.correct @ weight
-    told = entr(correct) + entr(1.0 - correct) - tables.answer_entropy @ weight
+    known = tables(grid)
+    correct = known.correct @ weight
+    told = entr(correct) + entr(1.0 - correct) - known.answer_entropy @ weight
     return np.asarray(entr(weight).sum() - told)
 
 

@@ -7,7 +7,7 @@ goes on as it would have.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -17,6 +17,9 @@ from protocols.pool import Pool
 from protocols.recipes.base import SCENE
 from protocols.tasks.base import Adaptive, Cell, Slot, Task, Turn
 from protocols.units import Condition, Few, Name, Number, Share
+
+if TYPE_CHECKING:  # numpy and scipy load where a level is chosen
+    from protocols.adaptive.quest_plus import Grid
 
 
 class AdaptiveLevels(Adaptive):
@@ -37,7 +40,7 @@ class AdaptiveLevels(Adaptive):
 
     def slots(self, task: Task, pool: Pool, chance: Chance) -> list[Slot]:
         """Return rounds in which every track has one trial, in random order."""
-        tracks = [Slot(track, condition) for track, condition in self._tracks(task, pool).items()]
+        tracks = [Slot(track, condition) for track, condition in self.tracks(task, pool).items()]
         return [slot for _ in range(self.trials) for slot in chance.shuffled(tracks)]
 
     def choose(self, task: Task, pool: Pool, turn: Turn) -> Cell:
@@ -119,7 +122,7 @@ class AdaptiveLevels(Adaptive):
         """Return the tracks and their rule."""
         levels = self.levels(task, pool)
         return (
-            f"{len(self._tracks(task, pool))} interleaved tracks of {self.trials} trials, one for"
+            f"{len(self.tracks(task, pool))} interleaved tracks of {self.trials} trials, one for"
             f" each {' x '.join(self.by) or 'participant'}; {self.column} is chosen from"
             f" {len(levels)} levels between {levels[0]:g} and {levels[-1]:g} by {self.rule}"
         )
@@ -130,13 +133,17 @@ class AdaptiveLevels(Adaptive):
             sorted({float(v) for v in values if v is not None and not isinstance(v, (str, bool))})
         )
 
-    def _tracks(self, task: Task, pool: Pool) -> dict[str, Condition]:
+    def tracks(self, task: Task, pool: Pool) -> dict[str, Condition]:
+        """Return what each track holds fixed, by its name."""
         found: dict[str, Condition] = {}
         for cell in task.cells(pool):
-            condition = {name: cell.arrangements[0].condition[name] for name in self.by}
-            name = ",".join(f"{key}={value}" for key, value in condition.items()) or "all"
-            found.setdefault(name, condition)
+            condition = cell.arrangements[0].condition
+            found.setdefault(self.track_of(condition), {name: condition[name] for name in self.by})
         return found
+
+    def track_of(self, condition: Condition) -> str:
+        """Return the name of the track that a condition belongs to."""
+        return ",".join(f"{name}={condition[name]}" for name in self.by) or "all"
 
 
 Values = Annotated[tuple[Number, ...], Field(min_length=1, max_length=1000)]
@@ -173,18 +180,16 @@ class QuestPlusLevels(AdaptiveLevels):
 
     def next_level(self, levels: tuple[float, ...], history: Sequence[tuple[float, bool]]) -> float:
         """Return the level of least expected entropy."""
-        from protocols.adaptive.quest_plus import Axis, Grid, next_level
+        from protocols.adaptive.quest_plus import next_level
 
-        grid = Grid(
-            levels,
-            Axis(self.threshold),
-            Axis(self.width),
-            Axis(self.guess),
-            Axis(self.lapse),
-            self.shape,
-            self.falling,
-        )
-        return next_level(history, grid)
+        return next_level(history, self.grid(levels))
+
+    def grid(self, levels: tuple[float, ...]) -> Grid:
+        """Return every observer that is thought possible."""
+        from protocols.adaptive.quest_plus import Axis, Grid
+
+        axes = map(Axis, (self.threshold, self.width, self.guess, self.lapse))
+        return Grid(levels, *axes, self.shape, self.falling)
 
 
 class UpDownLevels(AdaptiveLevels):

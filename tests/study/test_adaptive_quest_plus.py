@@ -151,7 +151,7 @@ def test_nothing_is_remembered_between_calls():
     history = [(2.5, True), (4.0, False), (6.0, True)]
     first = next_level(history, GRID)
     next_level([(0.0, True)] * 5, GRID)
-    quest_plus._tables.cache_clear()
+    quest_plus.tables.cache_clear()
 
     assert next_level(history, GRID) == first
     assert len(history) == 3

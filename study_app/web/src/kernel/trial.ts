@@ -1,0 +1,177 @@
+/** One attempt at a trial, as `study_app/trial.py` defines it: a pure state machine, counted in
+ * refreshes. No clock, screen or keyboard is read here.
+ */
+import { at } from "./design";
+import {
+  afterAnswer,
+  frameOf,
+  questionsOf,
+  STUDY_QUESTION,
+  type Outcome,
+  type Picture,
+  type ScriptPhase,
+  type TrialScript,
+} from "./script";
+
+export type Watch = "held" | "away" | "violation" | "loss";
+export type Interrupt = "paused" | "quit" | "focus-lost";
+export type VoidReason =
+  | Interrupt
+  | "gaze-break"
+  | "data-loss"
+  | "no-fixation"
+  | "too-late"
+  | "dropped-frames";
+
+/** What happened up to one flip. */
+export interface Observed {
+  /** Refreshes since the flip before: 1 in time, more where some were missed. */
+  readonly refreshes: number;
+  readonly gaze: Watch;
+  readonly answer: string | null;
+  readonly interrupt: Interrupt | null;
+}
+
+/** An attempt: what the next flip shows, and how it ended once it has. */
+export interface Trial {
+  readonly phase: number;
+  /** Refreshes of this phase before the next flip; behind a gate, of the present hold. */
+  readonly frames: number;
+  readonly waited: number;
+  readonly dropped: number;
+  /** To the study's own question. */
+  readonly answer: string | null;
+  /** To all others, in the order in which they were asked. */
+  readonly further: readonly string[];
+  readonly completed: boolean;
+  readonly void_reason: VoidReason | null;
+  readonly warned: boolean;
+}
+
+export const BEGIN: Trial = {
+  phase: 0,
+  frames: 0,
+  waited: 0,
+  dropped: 0,
+  answer: null,
+  further: [],
+  completed: false,
+  void_reason: null,
+  warned: false,
+};
+
+/** Whether every phase is over. */
+export function isDone(trial: Trial, script: TrialScript): boolean {
+  return trial.phase === script.phases.length;
+}
+
+/** Whether the outcome is fixed; feedback and blank may still be running. */
+export function isOver(trial: Trial): boolean {
+  return trial.completed || trial.void_reason !== null;
+}
+
+/** [stimulus, frame] of everything of the trial's that the next flip shows. */
+export function shownFrames(trial: Trial, script: TrialScript): [number, number][] {
+  return at(script.phases, trial.phase).show.flatMap((entry): [number, number][] =>
+    entry.kind === "frames" ? [[entry.stimulus, frameOf(entry, trial.frames)]] : [],
+  );
+}
+
+/** The picture that says how the attempt stands, where the next flip shows one. */
+export function follows(trial: Trial, script: TrialScript): Picture | null {
+  const told = at(script.phases, trial.phase).follows;
+  const judged = trial.completed && script.correct !== null;
+  const stands: (Outcome | null)[] = [
+    trial.void_reason,
+    trial.warned ? "warned" : null,
+    judged ? (trial.answer === script.correct ? "right" : "wrong") : null,
+  ];
+  for (const name of stands) {
+    const picture = name === null ? undefined : told[name];
+    if (picture) return picture;
+  }
+  return null;
+}
+
+/** The trial after one more flip. A flip that comes late shortens nothing. */
+export function advance(trial: Trial, observed: Observed, script: TrialScript): Trial {
+  if (isDone(trial, script)) throw new Error("the trial is done; start a new one");
+  const phase = at(script.phases, trial.phase);
+  // The first flip of a phase is its onset, however late it came.
+  const step = trial.frames === 0 ? 1 : observed.refreshes;
+  if (isOver(trial)) return lasted(trial, step, phase);
+  if (observed.interrupt !== null) return voided(trial, observed.interrupt, script);
+  let now = countDropped(trial, observed, script);
+  if (now.dropped > script.dropped_max) return voided(now, "dropped-frames", script);
+  if (phase.watched && (observed.gaze === "violation" || observed.gaze === "loss")) {
+    if (script.gaze === "enforce") {
+      // Gaze was not read either while nothing was shown.
+      const unread = observed.refreshes - 1 > script.dropped_max;
+      const lost = unread ? "dropped-frames" : "data-loss";
+      return voided(now, observed.gaze === "violation" ? "gaze-break" : lost, script);
+    }
+    if (script.gaze === "warn") now = { ...now, warned: true };
+  }
+  if (phase.gate_frames !== null) return gated(now, observed, step, phase, script);
+  if (phase.question !== null) return asked(now, observed.answer, step, phase, script);
+  return lasted(now, step, phase);
+}
+
+/** Go on by so many refreshes, to the next phase where this one has had its length. */
+function lasted(trial: Trial, step: number, phase: ScriptPhase): Trial {
+  const frames = trial.frames + step;
+  const over = phase.frames !== null && frames >= phase.frames;
+  return over ? { ...trial, phase: trial.phase + 1, frames: 0 } : { ...trial, frames };
+}
+
+/** Take an answer, and go on behind the last phase that asks for it; or wait for one. */
+function asked(
+  trial: Trial,
+  answer: string | null,
+  step: number,
+  phase: ScriptPhase,
+  script: TrialScript,
+): Trial {
+  const after = afterAnswer(script, trial.phase);
+  if (answer !== null && phase.question?.answers.includes(answer)) {
+    const own = phase.question.name === STUDY_QUESTION;
+    const told = own ? { answer } : { further: [...trial.further, answer] };
+    const given = 1 + Number(trial.answer !== null) + trial.further.length;
+    return { ...trial, phase: after, frames: 0, completed: given === questionsOf(script), ...told };
+  }
+  const frames = trial.frames + step;
+  const ends = phase.frames !== null && frames >= phase.frames && after === trial.phase + 1;
+  const late = phase.timeout_frames !== null && frames >= phase.timeout_frames;
+  return ends || late ? voided(trial, "too-late", script) : lasted(trial, step, phase);
+}
+
+function voided(trial: Trial, reason: VoidReason, script: TrialScript): Trial {
+  return { ...trial, phase: script.phases.length - 1, frames: 0, void_reason: reason };
+}
+
+/** Wait until gaze was held for the length of the phase. */
+function gated(
+  trial: Trial,
+  observed: Observed,
+  step: number,
+  phase: ScriptPhase,
+  script: TrialScript,
+): Trial {
+  const enforced = script.gaze === "enforce";
+  const held = !enforced || observed.gaze === "held";
+  const frames = held ? trial.frames + step : 0; // the hold starts over
+  const waited = trial.waited + observed.refreshes;
+  if (frames >= (phase.frames ?? 0)) {
+    return { ...trial, phase: trial.phase + 1, frames: 0, waited: 0 };
+  }
+  const shown = { ...trial, frames, waited };
+  const late = enforced && waited >= (phase.gate_frames ?? 0);
+  return late ? voided(shown, "no-fixation", script) : shown;
+}
+
+/** Count the missed refreshes that kept a picture of a watched phase on the screen. */
+function countDropped(trial: Trial, observed: Observed, script: TrialScript): Trial {
+  const kept = trial.frames ? trial.phase : trial.phase - 1;
+  if (observed.refreshes <= 1 || !script.phases[kept]?.watched) return trial;
+  return { ...trial, dropped: trial.dropped + observed.refreshes - 1 };
+}

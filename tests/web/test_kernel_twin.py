@@ -1,0 +1,445 @@
+"""The kernel of the browser says what Python says: plans, steps, trials, flips and levels."""
+
+from __future__ import annotations
+
+import random
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from timelines import OBSERVED, TIMELINES
+from web_kernel import Kernel, running_kernel
+
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.hashing import sha256_json
+from protocols.journal import (
+    Answer,
+    AnyEvent,
+    Attempt,
+    BlockEnd,
+    BlockStart,
+    Break,
+    Consent,
+    ShownStimulus,
+)
+from protocols.load import load_display, load_protocol, shipped
+from protocols.plan import Plan, PlannedTrial, make_plan
+from protocols.schema import StudyProtocol
+from protocols.script import TrialScript, example_scripts
+from protocols.web_design import adaptive_column, web_design
+from study_app.pacing import Pacer
+from study_app.session import (
+    AskConsent,
+    AskQuestion,
+    EndBlock,
+    Finish,
+    RunTrial,
+    StartBlock,
+    Step,
+    TakeBreak,
+    following,
+    next_step,
+)
+from study_app.trial import Observed, Trial, Watch, advance
+
+FHD = load_display("fhd27-60hz")
+SHIPPED = shipped("studies")
+SLOW = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+VOIDS = ("gaze-break", "data-loss", "no-fixation", "too-late", "dropped-frames", "paused", "quit")
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory):
+    with running_kernel(tmp_path_factory.mktemp("kernel")) as kernel:
+        yield kernel
+
+
+@cache
+def study_of(name: str) -> StudyProtocol:
+    return load_protocol(Path(name)).in_any_order()
+
+
+def tell(kernel: Kernel, study: StudyProtocol) -> str:
+    """Hand the kernel a design; return the name that it has there."""
+    name = study.study.name + study.sha256
+    kernel.ask("design", name=name, design=web_design(study).model_dump(mode="json"))
+    return name
+
+
+def person(plan: Plan) -> dict[str, Any]:
+    return {"seed": plan.seed, "participant": plan.participant, "slot": plan.slot}
+
+
+def plan_of(study: StudyProtocol, seed: int, participant: str, slot: int) -> Plan:
+    return make_plan(study.ordered_by(seed), virtual_manifest(study, FHD), participant, slot)
+
+
+def plain(trial: PlannedTrial, column: str | None = None) -> dict[str, Any]:
+    """A trial as the kernel has it: what it shows in place of its condition."""
+    level = trial.condition.get(column) if column and trial.track and trial.stimuli else None
+    return {
+        "id": trial.id,
+        "block": trial.block,
+        "role": trial.role,
+        "repeat": trial.repeat,
+        "stimuli": list(trial.stimuli),
+        "answers": list(trial.answers),
+        "correct": trial.correct,
+        "track": trial.track,
+        "level": level,
+    }
+
+
+def check_plan(kernel: Kernel, name: str, plan: Plan) -> None:
+    assert kernel.ask("plan", name=name, person=person(plan)) == list(map(plain, plan.trials))
+
+
+@pytest.mark.parametrize(
+    "slots", [range(2), pytest.param(range(2, 50), marks=pytest.mark.full)], ids=["few", "many"]
+)
+@pytest.mark.parametrize("name", SHIPPED)
+def test_plans_of_shipped_studies_are_python_s(kernel, name, slots):
+    study = study_of(name)
+    told = tell(kernel, study)
+    for slot in slots:
+        check_plan(kernel, told, plan_of(study, 2**53 - 1 - slot, f"W{slot:04d}", slot))
+
+
+def redesigned(study: StudyProtocol, **design: object) -> StudyProtocol:
+    text = study.model_dump()
+    text["design"] |= design
+    return StudyProtocol.model_validate(text)
+
+
+@given(
+    name=st.sampled_from(["demo", "showcase"]),
+    design=st.fixed_dictionaries(
+        {
+            "repeats": st.integers(1, 4),
+            "scene_order": st.sampled_from(["random", "balanced"]),
+            "places": st.sampled_from(["by-arrival", "drawn"]),
+            "blocks": st.integers(1, 4),
+        }
+    ),
+    side=st.sampled_from(["by-participant", "by-trial", "fixed"]),
+    seed=st.integers(0, 2**53 - 1),
+    slot=st.integers(0, 10_000),
+    participant=st.from_regex(r"[A-Za-z0-9]{1,8}([-_][A-Za-z0-9]{1,4})?", fullmatch=True),
+)
+@settings(SLOW, max_examples=40)
+def test_any_design_is_planned_as_python_plans_it(
+    kernel, name, design, side, seed, slot, participant
+):
+    study = study_of(name)
+    if not study.task.sided and len(study.task.answers()) == 2:
+        design = design | {"side": side}
+    study = redesigned(study, **design)
+    try:
+        plan = plan_of(study, seed, participant, slot)
+    except StudyError:
+        with pytest.raises(AssertionError, match="no such order"):
+            kernel.ask("plan", name=tell(kernel, study), person=person_of(seed, participant, slot))
+        return
+    check_plan(kernel, tell(kernel, study), plan)
+
+
+def person_of(seed: int, participant: str, slot: int) -> dict[str, Any]:
+    return {"seed": seed, "participant": participant, "slot": slot}
+
+
+def walk(study: StudyProtocol, plan: Plan, chance: random.Random) -> tuple[list[Any], list[Any]]:
+    """Go through a session with void attempts; return its events and steps as the kernel has them.
+
+    Python decides each step; the kernel must give the same for every beginning of the events.
+    """
+    events: list[AnyEvent] = []
+    steps: list[dict[str, Any]] = []
+    column = adaptive_column(study)
+    void_share = chance.choice([0.0, 0.2, 0.6])
+    while True:
+        step = next_step(study, plan, events, study.text.default_language)
+        after = isinstance(step, RunTrial) and following(study, plan, events, step.trial)
+        steps.append({**step_of(step, column), "following": after.id if after else None})
+        match step:
+            case AskConsent():
+                events.append(Consent.model_construct(agreed=chance.random() < 0.9))
+            case StartBlock(block):
+                events.append(BlockStart.model_construct(block=block))
+            case EndBlock(block):
+                events.append(BlockEnd.model_construct(block=block))
+            case TakeBreak(block):
+                events.append(Break.model_construct(after_block=block))
+            case AskQuestion(question):
+                events.append(Answer.model_construct(question=question.name))
+            case RunTrial():
+                events.append(attempt_of(step, chance, void_share))
+            case Finish():
+                return [event_of(event, column) for event in events], steps
+
+
+def attempt_of(step: RunTrial, chance: random.Random, void_share: float) -> Attempt:
+    trial, void = step.trial, chance.random() < void_share
+    answer = None if void else chance.choice(trial.answers)
+    judged = None if void or trial.correct is None else answer == trial.correct
+    return Attempt.model_construct(
+        trial=trial.id,
+        attempt=step.attempt,
+        position=step.position,
+        condition=trial.condition,
+        track=trial.track,
+        stimuli=tuple(ShownStimulus.model_construct(name=name) for name in trial.stimuli),
+        outcome="void" if void else "completed",
+        void_reason=chance.choice(VOIDS) if void else None,
+        answer=answer,
+        correct=judged,
+    )
+
+
+def event_of(event: AnyEvent, column: str | None) -> dict[str, Any]:
+    match event:
+        case Consent():
+            return {"kind": "consent", "agreed": event.agreed}
+        case BlockStart() | BlockEnd():
+            return {"kind": event.kind, "block": event.block}
+        case Break():
+            return {"kind": "break", "after_block": event.after_block}
+        case Answer():
+            return {"kind": "answer", "question": event.question}
+        case Attempt():
+            return {
+                "kind": "attempt",
+                "trial": event.trial,
+                "attempt": event.attempt,
+                "outcome": event.outcome,
+                "void_reason": event.void_reason,
+                "correct": event.correct,
+                "track": event.track,
+                "level": event.condition.get(column) if column and event.track else None,
+                "stimuli": list(event.stimulus_names),
+            }
+    raise AssertionError(event)
+
+
+def step_of(step: Step, column: str | None) -> dict[str, Any]:
+    match step:
+        case AskConsent():
+            return {"step": "ask-consent"}
+        case StartBlock(block, trials, first):
+            return {"step": "start-block", "block": block, "trials": trials, "first": first}
+        case EndBlock(block):
+            return {"step": "end-block", "block": block}
+        case TakeBreak(block):
+            return {"step": "take-break", "after_block": block}
+        case AskQuestion(question):
+            return {"step": "ask-question", "question": question.name}
+        case Finish(consented):
+            return {"step": "finish", "consented": consented}
+        case RunTrial(trial, attempt, position):
+            return {
+                "step": "run-trial",
+                "trial": plain(trial, column),
+                "attempt": attempt,
+                "position": position,
+            }
+
+
+def check_walk(kernel: Kernel, study: StudyProtocol, seed: int, slot: int) -> list[Any]:
+    plan = plan_of(study, seed, f"W{slot:04d}", slot)
+    events, steps = walk(study.ordered_by(seed), plan, random.Random(seed))
+    told = kernel.ask("walk", name=tell(kernel, study), person=person(plan), events=events)
+    assert told == steps
+    return events
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHIPPED)
+def test_sessions_of_shipped_studies_go_on_as_in_python(kernel, name):
+    for slot in range(3):
+        check_walk(kernel, study_of(name), slot, slot)
+
+
+@given(seed=st.integers(0, 2**53 - 1), slot=st.integers(0, 100))
+@settings(SLOW, max_examples=8)
+def test_rounds_of_practice_end_as_in_python(kernel, seed, slot):
+    check_walk(kernel, yes_no(None, practice=PRACTICE, blocks=3), seed, slot)
+
+
+LEVELS = (2.0, 4.0, 6.0, 8.0, 10.0)
+RULES = {
+    "quest-plus": {
+        "rule": "quest-plus", "threshold": (3.0, 5.0, 7.0, 9.0), "width": (1.0, 2.0, 4.0),
+        "guess": (0.0, 0.1), "lapse": (0.0, 0.05),
+    },
+    "up-down": {
+        "rule": "up-down", "start": 2.0, "harder": (4.0, 2.0), "easier": (4.0, 2.0), "in_a_row": 2,
+    },
+}  # fmt: skip
+
+
+PRACTICE = {"trials": 3, "criterion_share": 0.75, "rounds_max": 4}
+
+
+def adaptive(rule: str, **more: object) -> StudyProtocol:
+    """A study with a track of eight trials for each method."""
+    track = {"trials": 8, "column": "level", "by": ("method",), "falling": True}
+    return yes_no(track | RULES[rule] | more)
+
+
+def yes_no(rule: dict[str, object] | None, **design: object) -> StudyProtocol:
+    """Yes or no on stills of two methods at five levels."""
+    text = study_of("demo").model_dump()
+    entries = tuple(
+        {
+            "name": f"{method}-{level:.0f}-{scene}-{cut}",
+            "file": f"{method}-{level:.0f}-{scene}-{cut}.png",
+            "condition": {"method": method, "level": level, "scene": scene, "cut": cut},
+        }
+        for method, level, scene, cut in product("ab", LEVELS, ("lawn", "wall"), ("whole", "cut"))
+    )
+    text["stimuli"] = {"kind": "files", "width_px": 64, "height_px": 64, "entries": entries}
+    text["task"] = {
+        "kind": "yes-no",
+        "stimulus_s": 0.1,
+        "signal": {"cut": ("cut",)},
+        "adaptive": rule,
+    }
+    text["analysis"] = {"kind": "detection", "by": "method", "level": "level", "falling": True}
+    text["design"] |= {"practice": None, "blocks": 2, "repeats": 1} | design
+    for texts in text["text"]["languages"].values():
+        texts["answers"] = {"yes": "yes", "no": "no"}
+    return StudyProtocol.model_validate(text)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@given(seed=st.integers(0, 2**53 - 1), slot=st.integers(0, 100))
+@settings(SLOW, max_examples=10)
+def test_adaptive_trials_show_what_python_would(kernel, rule, seed, slot):
+    events = check_walk(kernel, adaptive(rule), seed, slot)
+    shown = {event["level"] for event in events if event["kind"] == "attempt"}
+    assert not shown or shown <= set(LEVELS)
+
+
+@pytest.mark.parametrize(
+    ("rule", "more"),
+    [
+        *[("quest-plus", {"shape": shape}) for shape in ("gauss", "logistic", "gumbel")],
+        ("up-down", {"in_a_row": 3, "one_at_first": False}),
+        ("up-down", {"harder": (4.0, 2.0, 0.7), "easier": (8.0, 6.0, 2.1), "in_a_row": 1}),
+    ],
+    ids=str,
+)
+@given(answers=st.lists(st.booleans(), min_size=20, max_size=60))
+@settings(SLOW, max_examples=15)
+def test_levels_are_python_s_after_any_answers(kernel, rule, more, answers):
+    study = adaptive(rule, **more)
+    section, design = study.task.adaptation, web_design(study)
+    history: list[tuple[float, bool]] = []
+    levels = []
+    for answer in (*answers, True):
+        levels.append(section.next_level(LEVELS, history))
+        history.append((levels[-1], answer))
+    said = design.adaptive.rule.model_dump(mode="json")
+    assert kernel.ask("levels", rule=said, history=history[:-1]) == levels
+
+
+def test_pairs_that_are_chosen_while_it_runs_are_refused_by_name():
+    text = study_of("demo").model_dump()
+    text["task"] |= {"sampling": {"rule": "active-pairs", "trials": 24}}
+    text["design"] |= {"repeats": 1, "practice": None}
+    study = StudyProtocol.model_validate(text)
+    with pytest.raises(StudyError, match=r"task.adaptive.rule: .*got 'active-pairs'"):
+        web_design(study)
+
+
+def test_a_design_holds_no_secret():
+    """The order of everybody's trials follows from it."""
+    study = study_of("demo")
+    text = web_design(study).model_dump_json()
+    assert study.design.seed > 10**6
+    assert str(study.design.seed) not in text
+    assert str(study.with_secret("abc").order_seed) not in text
+
+
+@given(
+    refresh_hz=st.sampled_from([59.94, 60.0, 72.0, 90.0, 144.0]),
+    steps=st.lists(
+        st.tuples(st.sampled_from([0, 1, 1, 1, 1, 2, 3, 50]), st.floats(-0.2, 0.7)), max_size=200
+    ),
+)
+@settings(SLOW, max_examples=60)
+def test_flips_are_judged_as_python_judges_them(kernel, refresh_hz, steps):
+    stamps_s, line_s = [0.0], 0.0
+    for refreshes, late_share in steps:
+        line_s += refreshes / refresh_hz
+        stamps_s.append(line_s + late_share / refresh_hz)
+    pacer = Pacer(refresh_hz)
+    judged = []
+    for t_s in stamps_s:
+        try:
+            judged.append(pacer.flip(t_s)._asdict())
+        except ValueError:
+            stamps_s = stamps_s[: len(judged)]
+            break
+    assert kernel.ask("flips", refresh_hz=refresh_hz, stamps_s=stamps_s) == judged
+
+
+def web_script(script: TrialScript) -> dict[str, Any]:
+    """A script as the browser has it: pictures by the names of their files."""
+    text = script.model_dump(mode="json")
+    for phase in text["phases"]:
+        pictures = [entry for entry in phase["show"] if entry["kind"] == "picture"]
+        for picture in [*pictures, *phase["follows"].values()]:
+            picture["of"] = sha256_json(picture["of"])
+    return text
+
+
+def states(script: TrialScript, observed: list[Observed]) -> list[dict[str, Any]]:
+    """Every state of a trial, and what the flip before showed."""
+    trial, found = Trial(), []
+    for seen in observed:
+        if trial.done(script):
+            break
+        shows = [list(one) for one in trial.shown_frames(script)]
+        told = trial.follows(script)
+        trial = advance(trial, seen, script)
+        state = trial._asdict() | {"further": list(trial.further)}
+        of = sha256_json(told.of) if told else None
+        found.append(state | {"shows": shows, "told": of})
+    return found
+
+
+def check_attempt(kernel: Kernel, script: TrialScript, observed: list[Observed]) -> None:
+    said = [seen._asdict() | {"gaze": seen.gaze.value} for seen in observed]
+    told = kernel.ask("attempt", script=web_script(script), observed=said)
+    assert told == states(script, observed)
+
+
+@given(script=TIMELINES, observed=st.lists(OBSERVED, max_size=60))
+@settings(SLOW, max_examples=200)
+def test_a_trial_goes_on_as_in_python_whatever_happens(kernel, script, observed):
+    check_attempt(kernel, script, observed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHIPPED)
+def test_scripts_of_shipped_studies_run_as_in_python(kernel, name):
+    study = study_of(name)
+    display = load_display(study.display.name) if hasattr(study.display, "name") else FHD
+    chance = random.Random(7)
+    for script in example_scripts(study, display):
+        answers = [None, *study.task.answers()]
+        for _ in range(4):
+            observed = [
+                Observed(
+                    refreshes=chance.choice([1] * 400 + [2, 3]),
+                    gaze=chance.choice([Watch.HELD] * 2000 + [Watch.VIOLATION, Watch.LOSS]),
+                    answer=chance.choice(answers) if chance.random() < 0.02 else None,
+                )
+                for _ in range(2500)
+            ]
+            check_attempt(kernel, script, observed)
