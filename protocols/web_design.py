@@ -158,13 +158,14 @@ def web_design(study: StudyProtocol, language: LanguageCode | None = None) -> We
         cells=() if adaptive else _cells(task.cells(pool)),
         catch_trials=task.catch_trials,
         catch_cells=_cells(task.catch_cells(pool)) if task.catch_trials else (),
-        practice=practice
-        and Practice(
+        practice=Practice(
             trials=practice.trials,
             rounds=practice.rounds,
             criterion_share=practice.criterion_share,
             cells=_cells(study.practice_cells(), column),
-        ),
+        )
+        if practice
+        else None,
         adaptive=adaptive,
     )
 

@@ -188,8 +188,15 @@ class QuestPlusLevels(AdaptiveLevels):
         """Return every observer that is thought possible."""
         from protocols.adaptive.quest_plus import Axis, Grid
 
-        axes = map(Axis, (self.threshold, self.width, self.guess, self.lapse))
-        return Grid(levels, *axes, self.shape, self.falling)
+        return Grid(
+            levels,
+            Axis(self.threshold),
+            Axis(self.width),
+            Axis(self.guess),
+            Axis(self.lapse),
+            self.shape,
+            self.falling,
+        )
 
 
 class UpDownLevels(AdaptiveLevels):
