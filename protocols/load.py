@@ -181,7 +181,8 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
         As `load_protocol` and `load_display`.
     """
     protocol = load_protocol(path)
-    return protocol, load_display(display or protocol.display.display, beside=path)
+    named = protocol.display.display if display is None else display
+    return protocol, load_display(named, beside=path)
 
 
 def is_display(raw: Mapping[str, object]) -> bool:
@@ -222,11 +223,11 @@ def shipped(folder: str) -> dict[str, Path]:
 
 def _shipped(path: Path, folder: str) -> Path:
     """Return the path of a shipped file where only its name was given."""
-    if path.suffix == ".toml" or path.exists():
-        return path
     known = shipped(folder)
-    if str(path) in known:
+    if str(path) in known and not path.is_file():
         return known[str(path)]
+    if path.suffix == ".toml" or (path.exists() and path != Path()):
+        return path
     raise StudyError(
         f"{path}: must be a .toml file or one of {', '.join(known)}{did_you_mean(str(path), known)}"
     )

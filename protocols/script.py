@@ -444,7 +444,8 @@ def example_scripts(
     StudyError
         As `trial_script` does.
     """
-    scripts = Scripts(study, display, language or study.text.default_language)
+    spoken = study.text.default_language if language is None else language
+    scripts = Scripts(study, display, spoken)
     scripts.stimulus_px = stimulus_px or scripts.stimulus_px
     answers = study.task.answers()
     found = tuple(scripts.script(order, practice=True) for order in (answers, answers[::-1]))

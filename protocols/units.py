@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
@@ -62,7 +63,18 @@ NAME_PATTERN = r"^[a-z0-9]+([-_][a-z0-9]+)*$"
 
 NAME_LENGTH = 48
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=NAME_LENGTH)]
-Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+def visible(text: str) -> str:
+    """Refuse texts of which nothing can be seen: spaces, line ends, marks of no width."""
+    if not any(unicodedata.category(char)[0] in "LNPS" and char not in _BLANK for char in text):
+        raise ValueError(f"must have at least one character that can be seen (got {text!a})")
+    return text
+
+
+_BLANK = "\u115f\u1160\u2800\u3164\uffa0"
+"""Hangul fillers and the empty Braille pattern: letters and symbols by category."""
+Text = Annotated[str, StringConstraints(min_length=1), AfterValidator(visible)]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 ParticipantCode = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9]+([-_][A-Za-z0-9]+)*$", max_length=32)

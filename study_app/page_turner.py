@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from study_app.draw import Painter
 from study_app.keys import edited
-from study_app.pages import Pages
+from study_app.pages import Pages, Sheet
 from study_app.stage import KeyPress, Page, PageResult
 from study_app.virtual import Observer
 from study_app.window import Window
@@ -120,9 +118,9 @@ class PageTurner:
         result = self._observer.turn_page(page)
         return result, began_s + max(page.least_s, _SIMULATED_PAGE_S)
 
-    def _show(self, image: NDArray[np.uint8]) -> None:
+    def _show(self, sheet: Sheet) -> None:
         self.release()
-        self._texture = self._painter.texture(image)
+        self._texture = self._painter.texture(sheet.image())
 
     def _draw(self) -> None:
         assert self._texture is not None

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
 from protocols.script import Words
-from protocols.session_schema import Texts
-from protocols.wording import consent_text, fill, key_label
+from protocols.wording import key_label
 from study_app.stage import Page
-from study_app.text_image import Align, text_image, typeface_for, widest_px, wrap, writable
+from study_app.text_image import (
+    Align,
+    Typeface,
+    UnwritableError,
+    text_image,
+    typeface_for,
+    widest_px,
+    wrap,
+    writable,
+)
 
 _TEXT_SHARE = 1 / 27
 """Letter size as a share of the screen's height; never below `_SMALLEST_PX`."""
@@ -24,8 +33,48 @@ _LONGEST_LINE = 34
 _CARET = "|"
 
 
+class UnfitLabelsError(StudyError):
+    """Labels of answers that do not fit beside each other."""
+
+
+class Block(NamedTuple):
+    """Lines of text at a place of the screen."""
+
+    lines: Sequence[str]
+    face: Typeface
+    width_px: int
+    left: int
+    top: int
+    align: Align = "centre"
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What a participant reads at once: blocks of text on a screen."""
+
+    size_px: tuple[int, int]
+    """Width and height."""
+    grey: int
+    """Of the letters."""
+    blocks: tuple[Block, ...]
+
+    def image(self) -> NDArray[np.uint8]:
+        """Return the screen, shape (height, width, 4), transparent where nothing is written."""
+        width, height = self.size_px
+        image = np.zeros((height, width, 4), np.uint8)
+        for block in self.blocks:
+            part = text_image(
+                block.lines, block.face, block.width_px, align=block.align, grey=self.grey
+            )
+            below = image[block.top :, block.left :][: len(part), : block.width_px]
+            below[:] = part[: below.shape[0], : below.shape[1]]  # what is cut off is empty
+        return image
+
+
 class Pages:
-    """Makes screen-sized RGBA images, transparent where nothing is written.
+    """Lays out sheets of the screen's size.
+
+    A text that does not fit, even in the smallest letters, is a `StudyError`.
 
     Parameters
     ----------
@@ -45,15 +94,15 @@ class Pages:
         # Contrast with 50 % grey is 5.3 to 1 for black, and 3.9 to 1 for white.
         self._grey = 0 if background >= 110 else 255
 
-    def page(self, text: str, key: str = "") -> NDArray[np.uint8]:
+    def page(self, text: str, key: str = "") -> Sheet:
         """Return a page of text, with the key that turns it below; letters shrink if need be."""
-        image = self._block(text, narrow=True)
-        if key:
-            self._hint(image, key)
-        return image
+        return self._sheet(self._block(text, narrow=True), *([self._hint(key)] if key else []))
 
-    def question(self, page: Page, typed: str, chosen: int) -> NDArray[np.uint8]:
-        """Return a question with what was typed so far, or with its choices."""
+    def question(self, page: Page, typed: str, chosen: int) -> Sheet:
+        """Return a question with what was typed so far, or with its choices.
+
+        Of what was typed, the end is shown where all of it does not fit.
+        """
         if page.choices:
             marks = _marks(page)
             lines = [
@@ -63,55 +112,57 @@ class Pages:
         else:
             # What was typed is kept as it is; what no font can draw is shown as a question mark.
             lines = [writable(typed, page.text + _CARET) + _CARET]
-        image = self._block("\n".join((page.text, "", *lines)))
-        self._hint(image, "enter")
-        return image
+        try:
+            block = self._block("\n".join((page.text, "", *lines)))
+        except UnwritableError:
+            raise
+        except StudyError:
+            if not typed or page.choices:
+                raise
+            return self.question(page, typed[len(typed) // 8 + 1 :], chosen)
+        return self._sheet(block, self._hint("enter"))
 
-    def _hint(self, image: NDArray[np.uint8], key: str) -> None:
-        """Write at the lower edge which key goes on."""
-        label = f"[ {key_label(key, self._key_names)} ]"
-        face = typeface_for([label], max(_SMALLEST_PX, round(0.8 * self._letter_px)))
-        width, height = self._size
-        hint = text_image([label], face, width, align="centre", grey=self._grey)
-        _paste(image, hint, (0, round(height * (1 - _MARGIN_SHARE / 2)) - len(hint)))
-
-    def words(self, words: Words) -> NDArray[np.uint8]:
+    def words(self, words: Words) -> Sheet:
         """Return a notice, or a question with each answer's label and key below it.
 
         Letters of all labels shrink alike until every one fits its share of the width.
         """
         if not words.labels:
-            return self._centred(words.text)
+            return self._sheet(self._block(words.text, align="centre", at=0.45))
         width, height = self._size
-        image = self._centred(words.text, at=0.36, ends=0.47)
-        room, top = width // len(words.labels), round(height * 0.5)
+        count, top = len(words.labels), round(height * 0.5)
+        room = width // count
+        lefts = [round(width * (2 * place + 1) / (2 * count)) - room // 2 for place in range(count)]
         texts = ["\n".join(both) for both in zip(words.labels, words.keys, strict=True)]
-        letter_px = self._letter_px
-        while True:
-            face = typeface_for(texts, letter_px)
-            wrapped = [wrap(text, face, round(0.8 * room)) for text in texts]
-            fits = all(
-                widest_px(lines, face) <= round(0.95 * room)
-                and top + len(lines) * face.line_px <= height
-                for lines in wrapped
+        fitted = self._fitted(
+            texts, lambda _: round(0.8 * room), round(0.95 * room), height - top, self._letter_px
+        )
+        if isinstance(fitted, str):
+            raise UnfitLabelsError(
+                f"text: the labels of {count} answers must fit beside each other on"
+                f" {width}x{height} pixels (got {', '.join(words.labels)}); take shorter ones"
             )
-            if fits:
-                break
-            if letter_px <= _SMALLEST_PX:
-                raise StudyError(
-                    f"text: the labels of {len(texts)} answers must fit beside each other on"
-                    f" {width}x{height} pixels (got {', '.join(words.labels)});"
-                    " take shorter ones"
-                )
-            letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
-        for place, lines in enumerate(wrapped):
-            block = text_image(lines, face, room, align="centre", grey=self._grey)
-            x = round(width * (2 * place + 1) / (2 * len(texts))) - room // 2
-            _paste(image, block, (x, top))
-        return image
+        face, wrapped = fitted
+        return self._sheet(
+            self._block(words.text, align="centre", at=0.36, ends=0.47),
+            *(
+                Block(lines, face, room, left, top)
+                for left, lines in zip(lefts, wrapped, strict=True)
+            ),
+        )
 
-    def _centred(self, text: str, at: float = 0.45, ends: float = 1.0) -> NDArray[np.uint8]:
-        return self._block(text, align="centre", at=at, ends=ends)
+    def _sheet(self, *blocks: Block) -> Sheet:
+        return Sheet(self._size, self._grey, blocks)
+
+    def _hint(self, key: str) -> Block:
+        """Lay out at the lower edge which key goes on."""
+        width, height = self._size
+        label = f"[ {key_label(key, self._key_names)} ]"
+        letter_px = max(_SMALLEST_PX, round(0.8 * self._letter_px))
+        face, (lines,) = self._must_fit(label, lambda _: width, width, height, letter_px)
+        below = len(lines) * face.line_px + face.size_px // 2
+        top = round(height * (1 - _MARGIN_SHARE / 2)) - below
+        return Block(lines, face, width, 0, max(0, top))
 
     def _block(
         self,
@@ -121,7 +172,7 @@ class Pages:
         at: float | None = None,
         ends: float = 1.0,
         narrow: bool = False,
-    ) -> NDArray[np.uint8]:
+    ) -> Block:
         """Lay out a text.
 
         `at` and `ends` are shares of the height: where it begins (left out: in the middle), and
@@ -129,79 +180,82 @@ class Pages:
         texts stand in the middle.
         """
         width, height = self._size
-        room = round(height * (1 - 2 * _MARGIN_SHARE))
-        letter_px = self._letter_px
-        while True:
-            face = typeface_for([text], letter_px)
-            across = min(round(width * (1 - 2 * _MARGIN_SHARE)), _LONGEST_LINE * letter_px)
-            lines = wrap(text, face, across)
-            if len(lines) * face.line_px <= room or letter_px <= _SMALLEST_PX:
-                break
-            letter_px = max(_SMALLEST_PX, round(letter_px * 0.9))
-        if narrow:
-            across = min(across, widest_px(lines, face))
-        block = text_image(lines, face, across, align=align, grey=self._grey)
-        top = round(height * at) if at is not None else (height - len(block)) // 2
-        top = min(top, round(height * ends) - len(lines) * face.line_px)
-        image = np.zeros((height, width, 4), np.uint8)
-        _paste(image, block, ((width - across) // 2, max(0, top)))
-        return image
+        most = round(width * (1 - 2 * _MARGIN_SHARE))
+        room = round(height * min(ends, 1 - 2 * _MARGIN_SHARE))
+        face, (lines,) = self._must_fit(
+            text,
+            lambda letter_px: min(most, _LONGEST_LINE * letter_px),
+            most,
+            room,
+            self._letter_px,
+        )
+        widest = widest_px(lines, face)
+        across = widest if narrow else max(widest, min(most, _LONGEST_LINE * face.size_px))
+        high = len(lines) * face.line_px
+        middle = (height - high - face.size_px // 2) // 2
+        top = min(middle if at is None else round(height * at), round(height * ends) - high)
+        return Block(lines, face, across, (width - across) // 2, max(0, top), align)
+
+    def _must_fit(
+        self, text: str, wraps: Callable[[int], int], most: int, room: int, letter_px: int
+    ) -> tuple[Typeface, list[list[str]]]:
+        fitted = self._fitted([text], wraps, most, room, letter_px)
+        if isinstance(fitted, str):
+            width, height = self._size
+            raise StudyError(
+                f"text: must fit on {width}x{height} pixels in letters of {_SMALLEST_PX} px (got"
+                f" {fitted}); shorten it"
+            )
+        return fitted
+
+    def _fitted(
+        self,
+        texts: Sequence[str],
+        wraps: Callable[[int], int],
+        most: int,
+        room: int,
+        letter_px: int,
+    ) -> tuple[Typeface, list[list[str]]] | str:
+        """Return texts in lines, in the largest letters in which every one fits, or what does not.
+
+        `wraps` gives the width at which lines are broken, by the size of letters. No line may be
+        wider than `most`, and no text higher than `room`.
+        """
+
+        def laid(size_px: int) -> tuple[Typeface, list[list[str]], str]:
+            face = typeface_for(texts, size_px)
+            wrapped = [wrap(text, face, wraps(size_px)) for text in texts]
+            wide, line = max((widest_px([line], face), line) for lines in wrapped for line in lines)
+            high = max(map(len, wrapped))
+            if wide > most:
+                return face, wrapped, f"{line[:40]!r}, {wide} px wide where {most} are free"
+            if high * face.line_px > room:
+                return face, wrapped, f"{high} lines where {room // face.line_px} are free"
+            return face, wrapped, ""
+
+        face, wrapped, amiss = laid(_SMALLEST_PX)  # first: a long text takes long in each size
+        while letter_px > _SMALLEST_PX and not amiss:
+            larger, lines, too_large = laid(letter_px)
+            if not too_large:
+                return larger, lines
+            letter_px = round(letter_px * 0.9)
+        return amiss or (face, wrapped)
 
 
 def words_image(words: Words) -> NDArray[np.uint8]:
     """Return the picture of a script's words, shape (height, width, 4)."""
+    return sheet_of(words).image()
+
+
+def sheet_of(words: Words) -> Sheet:
+    """Lay out a script's words."""
     return Pages(words.size_px, {}, words.background).words(words)
-
-
-def check_texts(protocol: StudyProtocol, texts: Texts) -> None:
-    """Refuse texts that no font of this machine can write, before anything is shown.
-
-    Raises
-    ------
-    StudyError
-        Naming the characters that are missing.
-    """
-    digits = "0123456789"
-    for text in (
-        consent_text(texts, protocol.privacy.contact),
-        *texts.instructions,
-        texts.practice,
-        texts.start,
-        texts.question,
-        "\n".join((*texts.answers.values(), *_key_labels(protocol, texts))),
-        *(text for text in (texts.right, texts.wrong) if text),
-        texts.break_page + digits,
-        texts.paused,
-        texts.gaze_lost,
-        texts.too_late,
-        texts.preparing,
-        texts.quit_question,
-        texts.thanks,
-    ):
-        typeface_for([fill(text, protocol.response)], _SMALLEST_PX)
-    for question in texts.questions:
-        text = fill(question.text, protocol.response)
-        typeface_for([text, *question.choices, digits, _CARET], _SMALLEST_PX)
-
-
-def _key_labels(protocol: StudyProtocol, texts: Texts) -> list[str]:
-    """Every name of a key that a page shows."""
-    shown = (*(keys[0] for keys in protocol.response.keys), protocol.response.continue_keys[0])
-    return [key_label(key, texts.key_names) for key in (*shown, "enter")]
 
 
 def _marks(page: Page) -> tuple[str, str]:
     """Return what stands before a choice that is open, and before the chosen one."""
     try:
         typeface_for([page.text, *page.choices, "○●"], _SMALLEST_PX)
-    except StudyError:
+    except UnwritableError:
         return "[  ]", "[x]"
     return "○", "●"
-
-
-def _paste(image: NDArray[np.uint8], block: NDArray[np.uint8], place: tuple[int, int]) -> None:
-    """Copy what of `block` lies on the image."""
-    x, y = place
-    height, width = image.shape[:2]
-    fits = block[: max(0, height - y), : max(0, width - x)]
-    image[y : y + fits.shape[0], x : x + fits.shape[1]] = fits

@@ -29,7 +29,6 @@ from protocols.script import (
     Stored,
     TrialScript,
     Words,
-    example_scripts,
 )
 from study_app.pages import words_image
 
@@ -50,27 +49,13 @@ def bitmaps_of(study: StudyProtocol, display: Display) -> dict[str, Bitmap]:
     return {entry.sha256: entry for entry in shown if isinstance(entry, Bitmap)}
 
 
-def check_pictures(study: StudyProtocol, display: Display, language: str) -> None:
-    """Refuse a study of which a trial's picture cannot be drawn, before anything is shown.
-
-    Raises
-    ------
-    StudyError
-        As `drawn` does.
-    """
-    bitmaps = bitmaps_of(study, display)
-    scripts = example_scripts(study, display, language)
-    for of in dict.fromkeys(picture.of for script in scripts for picture in script.pictures()):
-        drawn(of, bitmaps)
-
-
 def drawn(of: Drawn, bitmaps: Bitmaps) -> Pixels:
     """Return a picture of shape (height, width, 4): RGBA with straight alpha.
 
     Raises
     ------
     StudyError
-        If no font of this machine writes the words, or labels do not fit beside each other.
+        If no font of this machine writes the words, or they do not fit the screen.
     """
     match of:
         case Dot():

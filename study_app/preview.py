@@ -7,7 +7,7 @@ and pictures as a session's, made small.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, assert_never
@@ -17,7 +17,6 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from protocols.display import Display
-from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
@@ -33,16 +32,12 @@ from protocols.script import (
     Scripts,
     TrialScript,
     Words,
-    example_scripts,
-    text_picture,
 )
-from protocols.session_schema import Texts
 from protocols.viewing import Viewing
-from protocols.wording import consent_text, fill, key_label
+from protocols.wording import key_label
 from study_app.clips import read_frame
-from study_app.pages import Pages, check_texts, words_image
 from study_app.paint import Pixels, bitmaps_of, drawn
-from study_app.stage import Page
+from study_app.shown_texts import require_showable, shown_texts
 
 MARK: Final = '<meta name="generator" content="metamerlab protocol preview">'
 """Stands in every such page: what bears it may be written over."""
@@ -85,7 +80,7 @@ def preview_page(
     Parameters
     ----------
     study, display : StudyProtocol, Display
-        Checked.
+        What is shown, and where.
     stimuli : Path, optional
         Folder of built clips, with its `manifest`; left out: frames with the stimulus' name.
     most : int
@@ -94,8 +89,9 @@ def preview_page(
     Raises
     ------
     StudyError
-        If a clip is missing or changed, or a text cannot be written.
+        If the display cannot show the study, or a clip is missing or changed.
     """
+    unwritten = require_showable(study, display, manifest)
     known = manifest or virtual_manifest(study, display)
     trials = _one_of_each(make_plan(study.in_any_order(), known, "P0", 0).trials)
     spread = np.linspace(0, len(trials) - 1, min(most, len(trials)))
@@ -124,7 +120,7 @@ def preview_page(
         languages={
             language: [
                 {"name": name, "says": says, "text": text, "image": image}
-                for name, says, text, image in maker.pages(language)
+                for name, says, text, image in maker.pages(language, unwritten)
             ]
             for language in study.text.languages
         },
@@ -136,8 +132,7 @@ def preview_page(
     )
     notes = [
         f"{language}: {why} (the page shows these texts in the browser's font)"
-        for language, texts in study.text.languages.items()
-        if (why := maker.unwritten(texts))
+        for language, why in unwritten.items()
     ]
     return Preview(html, len(chosen), len(trials), tuple(notes))
 
@@ -217,70 +212,16 @@ class _Maker:
             "ry": (bottom - top) / 2 * self._scale,
         }
 
-    def pages(self, language: str) -> Iterator[tuple[str, str, str, str]]:
+    def pages(
+        self, language: str, unwritten: Collection[str]
+    ) -> Iterator[tuple[str, str, str, str]]:
         """Yield (name, when it is shown, text, image) of every page in one language.
 
-        The image is empty where no font of this machine writes the texts.
+        The image is empty in `unwritten` languages.
         """
-        texts = self._study.text.languages[language]
-        draws = not self.unwritten(texts)
-        study, response = self._study, self._study.response
-        size = self._display.width_px, self._display.height_px
-        maker = Pages(size, texts.key_names, self.grey)
-        key = response.continue_keys[0]
-        blocks, practice = study.design.blocks, study.design.practice
-        turned = [
-            ("consent", "First", consent_text(texts, study.privacy.contact)),
-            *(
-                (f"instructions-{number}", "Instructions", text)
-                for number, text in enumerate(texts.instructions, 1)
-            ),
-            *([("practice", "Before practice", texts.practice)] if practice else []),
-            ("start", "Before the first block", texts.start),
-            *([("break", "Between two blocks", texts.break_page)] if blocks > 1 else []),
-            ("paused", "After the pause key", texts.paused),
-            ("quit", "After the quit key", texts.quit_question),
-        ]
-        for name, says, text in turned:
-            full = fill(text, response, done=1, total=blocks)
-            yield name, says, full, self._page(maker.page(full, key)) if draws else ""
-        for number, question in enumerate(texts.questions, 1):
-            text = fill(question.text, response)
-            page = Page("question", text, (), choices=question.choices)
-            full = "\n".join((text, *question.choices))
-            image = self._page(maker.question(page, "", 0)) if draws else ""
-            yield f"question-{number}", "At the end", full, image
-        thanks = fill(texts.thanks, response)
-        yield "thanks", "Last", thanks, self._page(maker.page(thanks)) if draws else ""
-        scripts = example_scripts(study, self._display, language)
-        for script in scripts[: 1 if study.design.side == "fixed" else None]:
-            for phase in script.phases:
-                for of in (one.of for one in phase.show if isinstance(one, Picture)):
-                    if isinstance(of, Words) and phase.question:
-                        labels = map("{} [{}]".format, of.labels, of.keys)
-                        name = "-".join((phase.question.name, *phase.question.answers))
-                        text = "\n".join((of.text, *labels))
-                        image = self._page(words_image(of)) if draws else ""
-                        yield name, "While the answer is awaited", text, image
-        for name, says, said in (
-            ("preparing", "While stimuli are loaded", texts.preparing),
-            ("gaze-lost", "After gaze left the dot", texts.gaze_lost),
-            ("too-late", "After an answer that came too late", texts.too_late),
-            ("right", "After a right answer in practice", texts.right),
-            ("wrong", "After a wrong answer in practice", texts.wrong),
-        ):
-            if said:
-                of = text_picture(study, self._display, said).of
-                image = self._page(drawn(of, self._bitmaps)) if draws else ""
-                yield name, says, fill(said, response), image
-
-    def unwritten(self, texts: Texts) -> str:
-        """Return why no font of this machine writes the texts; empty: one does."""
-        try:
-            check_texts(self._study, texts)
-        except StudyError as error:
-            return str(error)
-        return ""
+        for shown in shown_texts(self._study, self._display, language):
+            image = "" if language in unwritten else self._page(shown.lay().image())
+            yield shown.name, shown.says, shown.text, image
 
     def _phase(self, phase: ScriptPhase, script: TrialScript) -> dict[str, Any]:
         told = phase.follows.get("right")  # feedback: as after a right answer

@@ -13,7 +13,6 @@ from typing import Any, TypeAlias
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.feasibility import require_feasible
 from protocols.folder_hold import kept_for_sitting
 from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
@@ -38,10 +37,9 @@ from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
-from study_app.pages import check_texts
-from study_app.paint import check_pictures
 from study_app.presenter import Presenter
 from study_app.recorder import utc_now
+from study_app.shown_texts import require_showable
 from study_app.sittings import is_stillborn, sitting_folder
 from study_app.strip import Extras
 from study_app.validation import PointQuality, summarise, validate
@@ -112,12 +110,10 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
     _check_gaze(options)
     manifest = read_manifest(options.stimuli)
     check_manifest(protocol, manifest)
-    require_feasible(protocol, display, manifest)
-    check_files(options.stimuli, manifest)
     language = _language(options, resuming=resuming)
     texts = texts_of(protocol, language)
-    check_texts(protocol, texts)
-    check_pictures(protocol, display, language)
+    require_showable(protocol, display, manifest, language)
+    check_files(options.stimuli, manifest)
     options.extras.check(example_scripts(protocol, display)[0])
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
@@ -191,7 +187,8 @@ def _language(options: SittingOptions, *, resuming: bool) -> str:
                 f"participant: a code is used once (got {options.participant!r}, which has"
                 f" {folder}); choose another code, or continue with 'metamerlab session resume'"
             )
-        return options.language or protocol.text.default_language
+        given = options.language
+        return protocol.text.default_language if given is None else given
     return read_journal(folder / JOURNAL_NAME, lenient=True).start.language
 
 

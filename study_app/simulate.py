@@ -26,6 +26,7 @@ from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
 from study_app.recorder import Recorder
+from study_app.shown_texts import require_showable
 from study_app.sittings import find_sittings, is_stillborn
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -112,8 +113,9 @@ def simulate_study(
     Raises
     ------
     StudyError
-        If the display cannot do the protocol, or a folder holds something else.
+        If the display cannot show the study, or a folder holds something else.
     """
+    require_showable(simulation.protocol, simulation.display, simulation.shown)
     outcomes = {}
     finished = (
         {
@@ -158,8 +160,8 @@ def simulate_sitting(
     if folder.exists() and not is_stillborn(folder):
         recorder, plan = resume(setting, participant, stage, gaze)
     else:
-        language = language or protocol.text.default_language
-        recorder, plan = begin(setting, participant, language, stage, gaze)
+        spoken = protocol.text.default_language if language is None else language
+        recorder, plan = begin(setting, participant, spoken, stage, gaze)
     recorder.waits_for_disk = False  # it can be simulated anew
     with recorder:
         return conduct(

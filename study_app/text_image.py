@@ -21,6 +21,11 @@ from PIL import Image, ImageDraw, ImageFont, features
 from protocols.errors import StudyError
 from study_app.fonts import find_fonts, missing_characters
 
+
+class UnwritableError(StudyError):
+    """Characters that no font of this machine can draw."""
+
+
 Align = Literal["left", "centre"]
 LINE_SPACING = 1.45
 _SHAPED = re.compile("[\u0590-\u0dff\u0e00-\u0fff\u1000-\u109f\u1780-\u17ff\ufb1d-\ufefc]")
@@ -49,13 +54,13 @@ def typeface_for(texts: Sequence[str], size_px: int) -> Typeface:
 
     Raises
     ------
-    StudyError
+    UnwritableError
         If no font on this machine does, naming the characters; or if the script needs shaping
         and the shaping library is missing.
     """
     text = _characters(texts)
     if _SHAPED.search(text) and not features.check("raqm"):
-        raise StudyError(
+        raise UnwritableError(
             "text: this script needs shaping (Pillow finds no raqm); install libfribidi0"
         )
     return Typeface(_font_for(text), size_px)
@@ -65,7 +70,7 @@ def _characters(texts: Sequence[str]) -> str:
     return "".join(sorted(set("".join(texts)) - set("\n")))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _font_for(text: str) -> Path:
     best: tuple[int, Path | None, str] = (len(text) + 1, None, text)
     for path in find_fonts():
@@ -78,7 +83,7 @@ def _font_for(text: str) -> Path:
         best = min(best, (len(missing), path, missing), key=lambda entry: entry[0])
     _, nearest, missing = best
     shown = " ".join(missing[:12]) + (" ..." if len(missing) > 12 else "")
-    raise StudyError(
+    raise UnwritableError(
         f"text: one font must hold every character that is shown (the best here, {nearest}, lacks"
         f" {len(missing)}: {shown}); install a font of that script, for instance fonts-noto-core"
         " or fonts-noto-cjk"
@@ -92,7 +97,7 @@ def writable(text: str, along_with: str) -> str:
     """
     try:
         _font_for(_characters([text, along_with]))
-    except StudyError:
+    except UnwritableError:
         missing = missing_characters(_font_for(_characters([along_with])), text)
         return "".join("?" if char in missing else char for char in text)
     return text

@@ -99,7 +99,7 @@ def _builder(protocol: Path, display: str | None) -> Builder:
     from study_app.cli.checked_study import require_buildable
 
     study, screen = load_study(protocol, display)
-    builder = require_buildable(protocol, study, screen)
+    builder, _ = require_buildable(protocol, study, screen)
     for note in builder.notes():
         say(f"note: {note}")
     return builder

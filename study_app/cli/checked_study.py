@@ -6,23 +6,23 @@ from pathlib import Path
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.feasibility import check_feasible
 from protocols.manifest import Manifest
 from protocols.plausible import display_notes
 from protocols.schema import StudyProtocol
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Builder
+from study_app.shown_texts import shortcomings
 
 
 def require_buildable(
     path: Path, study: StudyProtocol, display: Display, manifest: Manifest | None = None
-) -> Builder:
+) -> tuple[Builder, dict[str, str]]:
     """Check what the recipe names, the display, and clips where they are given.
 
     Returns
     -------
-    Builder
-        Of the study's stimuli.
+    Builder, dict
+        Of the study's stimuli; and why no font here writes a language, of each that none writes.
 
     Raises
     ------
@@ -30,10 +30,11 @@ def require_buildable(
         With a line for every mistake; `path` says where.
     """
     builder = builder_of(study, display, path.absolute().parent)
-    unfit = check_feasible(study, display, manifest)
+    found = shortcomings(study, display, manifest)
+    unfit = found.problems
     if unfit:  # measures in other units are a likely cause
         unfit += display_notes(display)
     problems = [*builder.problems(), *unfit]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
-    return builder
+    return builder, found.unwritten

@@ -138,11 +138,14 @@ def new_study(
             --methods coherence-transport,push-pull,reference
     """
     with user_errors():
-        named = study_name(name or slug(folder.absolute().name), "--name", "give one with --name")
-        shown = (title or named.replace("-", " ").replace("_", " ").capitalize()).strip()
-        if re.search(r'["\\\x00-\x1f]', shown):
+        named = slug(folder.absolute().name) if name is None else name
+        named = study_name(named, "--name", "give one with --name")
+        words = named.replace("-", " ").replace("_", " ").capitalize()
+        shown = (words if title is None else title).strip()
+        if not shown or re.search(r'["\\\x00-\x1f]', shown):
             raise StudyError(
-                f"--title: must hold no quotes, backslashes and line ends (got {shown!r})"
+                "--title: must hold no quotes, backslashes and line ends, and not be empty (got"
+                f" {shown!r})"
             )
         screen = load_display(display)
         study_files(named, shown, screen, task)  # a mistake is told before anything is copied

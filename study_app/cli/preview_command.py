@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
-from protocols.feasibility import check_feasible
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from study_app.cli.errors import user_errors
@@ -49,9 +48,6 @@ def preview(
             )
         study, screen = load_study(protocol, display)
         manifest = None if stimuli is None else read_manifest(stimuli)
-        problems = check_feasible(study, screen, manifest)
-        if problems:
-            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in problems))
         made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
         # Imported here: `stimuli` brings image libraries along.
         from stimuli.whole_file import write_whole

@@ -88,7 +88,7 @@ def check(
         # Imported here: it brings the renderer along.
         from study_app.cli.checked_study import require_buildable
 
-        builder = require_buildable(protocol, study, screen, manifest)
+        builder, unwritten = require_buildable(protocol, study, screen, manifest)
         plan = _plan(study, screen, manifest)
         say(
             f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
@@ -100,6 +100,8 @@ def check(
             *study.stimuli.cut_away(),
         ):
             say(f"note: {line}")
+        for language, why in unwritten.items():
+            say(f"note: {language}: {why}")
         # No mistake of the protocol: where sessions run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
             for missing in study.stimuli.problems(protocol.absolute().parent):

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
-from protocols.feasibility import require_feasible, virtual_manifest
+from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
@@ -53,13 +53,16 @@ def script(
 
         metamerlab protocol script demo --code P01 --slot 2 --json > scripts.json
     """
+    # Imported here: it brings fonts and image libraries along.
+    from study_app.shown_texts import require_showable
+
     with user_errors():
         study, screen = load_study(protocol, display)
         sitting_folder(Path(), study, code)
         spoken = study.text.default_language if language is None else language
         one_of("--language", spoken, study.text.languages)
         manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
-        require_feasible(study, screen, manifest if stimuli else None)
+        require_showable(study, screen, manifest if stimuli else None)
         plan = make_plan(study, manifest, code, slot)
         planned = [one for one in plan.trials if trial in (None, one.id)]
         if not planned:
@@ -76,7 +79,6 @@ def script(
         compiler = Scripts(study, screen, spoken, manifest)
         scripts = [compiler.of(one) for one in planned if one.stimuli]
         if pictures is not None:
-            # Imported here: it brings fonts and image libraries along.
             from study_app.paint import write_pictures
 
             with whole_folder(pictures) as folder:

@@ -11,7 +11,7 @@ from protocols.script import Words
 from protocols.session_schema import Response
 from protocols.wording import key_label
 from study_app.pages import words_image
-from study_app.paint import check_pictures
+from study_app.shown_texts import require_showable
 
 SIZE = (960, 540)
 KEYS = ["left", "up", "down", "right", "kp_5", "f", "j", "k", "pad_a"]
@@ -84,9 +84,9 @@ def test_labels_that_fit_at_no_size_are_refused_before_a_window_opens():
     texts = study.text.languages["en"]
     long = texts.model_copy(update={"answers": {"first": "x" * 400, "second": "second"}})
     text = study.text.model_copy(update={"languages": {"en": long}})
-    check_pictures(study, display, "en")
-    with pytest.raises(StudyError, match="take shorter ones"):
-        check_pictures(study.model_copy(update={"text": text}), display, "en")
+    require_showable(study, display, language="en")
+    with pytest.raises(StudyError, match=r"  text\.languages\.en\.answers: .*take shorter ones"):
+        require_showable(study.model_copy(update={"text": text}), display)
 
 
 @pytest.mark.parametrize(

@@ -96,10 +96,10 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         code=HELD_DISK.format(gate=str(gate)),
     )
     try:
-        turn(pages.page(texts.consent, "space"), "consent")
+        turn(pages.page(texts.consent, "space").image(), "consent")
         for text in texts.instructions:
-            turn(pages.page(text, "space"), "instructions")
-        turn(pages.page(texts.start, "space"), "start")
+            turn(pages.page(text, "space").image(), "instructions")
+        turn(pages.page(texts.start, "space").image(), "start")
         see(fixed["preparing"], "preparing")
         gate.touch()
 
@@ -128,12 +128,12 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
 
         # The break names its key only when the key does something.
         rest = fill(texts.break_page, response, done=1, total=2)
-        turn(pages.page(rest, ""), "the break, not yet over")
-        turn(pages.page(rest, "space"), "the break, over")
+        turn(pages.page(rest, "").image(), "the break, not yet over")
+        turn(pages.page(rest, "space").image(), "the break, over")
 
         wait(clip_is_seen, "a clip of block 2")
         screen.keys("p")
-        turn(pages.page(texts.paused, "space"), "pause")
+        turn(pages.page(texts.paused, "space").image(), "pause")
         wait(
             lambda: any(screen.shows(fixed[name], mouse) for name in asked),
             "the second answer screen",
@@ -141,18 +141,24 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         screen.keys("j")
 
         question = Page("question", strategy.text, ())
-        see(pages.question(question, "", -1), "the typed question")
+        see(pages.question(question, "", -1).image(), "the typed question")
         screen.type("Edges, 2x")
         screen.keys("BackSpace")
-        see(pages.question(question, "Edges, 2", -1), "what was typed")
+        see(pages.question(question, "Edges, 2", -1).image(), "what was typed")
         screen.keys("Escape")
-        turn(pages.page(texts.quit_question), "the question whether to stop")
-        turn(pages.question(question, "Edges, 2", -1), "what was typed, still there", "Return")
+        turn(pages.page(texts.quit_question).image(), "the question whether to stop")
+        turn(
+            pages.question(question, "Edges, 2", -1).image(),
+            "what was typed, still there",
+            "Return",
+        )
         choice = Page("question", vision.text, (), choices=vision.choices)
-        turn(pages.question(choice, "", -1), "the choices", "Return")  # nothing is chosen yet
+        turn(
+            pages.question(choice, "", -1).image(), "the choices", "Return"
+        )  # nothing is chosen yet
         screen.keys("Down", "3", "Up")
-        turn(pages.question(choice, "", 1), "the choice", "Return")
-        see(pages.page(texts.thanks), "thanks")
+        turn(pages.question(choice, "", 1).image(), "the choice", "Return")
+        see(pages.page(texts.thanks).image(), "thanks")
         out, err = process.communicate(timeout=60)
     finally:
         process.kill()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 
 import forked
 import pytest
@@ -70,6 +71,22 @@ def test_what_cannot_be_shown_or_watched_is_refused_with_its_cure(screen, make_s
     message = error_of(screen.run(*screen.session("run", study, "--gaze", "mouse")))
     assert "gaze.mode = 'none'" in message
     assert not (study.sessions / "demo").exists()
+
+
+def test_no_language_and_a_text_that_is_too_long_are_refused_before_a_window_opens(
+    screen, make_study
+):
+    study = make_study()
+    message = error_of(screen.run(*screen.session("run", study, "--simulate", "--language", "")))
+    assert "language: must be one of en" in message
+    assert "(got '')" in message
+
+    text = study.path.read_text()
+    study.path.write_text(re.sub(r'^thanks = "', 'thanks = "' + "word " * 2000, text, flags=re.M))
+    done = screen.run(*screen.session("run", study, "--simulate"))
+    error_of(done)
+    assert "text.languages.en.thanks: must fit on 640x480 pixels" in " ".join(done.stderr.split())
+    assert not study.sessions.exists()
 
 
 @pytest.mark.slow

@@ -38,7 +38,14 @@ from study_app.strip import (
     read_both_strips,
     read_strip,
 )
-from study_app.text_image import is_right_to_left, text_image, typeface_for, wrap, writable
+from study_app.text_image import (
+    UnwritableError,
+    is_right_to_left,
+    text_image,
+    typeface_for,
+    wrap,
+    writable,
+)
 from study_app.validation import (
     nine_points_px,
     point_quality,
@@ -340,15 +347,15 @@ def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
     texts = load_protocol(Path("demo")).text.languages["en"]
     page = Page("question", texts.questions[1].text, (), choices=texts.questions[1].choices)
     made = Pages((640, 480), texts.key_names, 128)
-    with_circles = made.question(page, "", 1)
+    with_circles = made.question(page, "", 1).image()
 
     def no_circles(wanted, size_px):
         if "○" in "".join(wanted):
-            raise StudyError("text: one font must hold every character")
+            raise UnwritableError("text: one font must hold every character")
         return typeface_for(wanted, size_px)
 
     monkeypatch.setattr(module, "typeface_for", no_circles)
-    chosen, open_ = made.question(page, "", 1), made.question(page, "", -1)
+    chosen, open_ = made.question(page, "", 1).image(), made.question(page, "", -1).image()
     assert not np.array_equal(chosen, with_circles)
     assert not np.array_equal(chosen, open_)
 
@@ -357,7 +364,7 @@ def test_short_pages_stand_in_the_middle_and_long_questions_above_the_answers():
     protocol = load_protocol(Path("demo"))
     texts = protocol.text.languages["en"].model_copy(update={"question": "Which one? " * 30})
     made = Pages((640, 480), texts.key_names, 128)
-    columns = np.nonzero(made.page("Thank you.")[..., 3].any(axis=0))[0]
+    columns = np.nonzero(made.page("Thank you.").image()[..., 3].any(axis=0))[0]
     assert columns.min() + columns.max() == pytest.approx(639, abs=4)
 
     words = Words(

@@ -14,10 +14,15 @@ from study_app.simulate import Simulation, simulate_sitting
 @pytest.mark.parametrize("name", CASES)
 def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_full, full):
     """SIGKILL, or a full disk, at writes spread over the whole session, several in each."""
-    points = (40 if full else 4) if disk_full else (200 if full else 12)
+    fewest = 20 if CASES[name].confidence else 12
+    points = (40 if full else 4) if disk_full else (200 if full else fewest)
     found = kill_sittings(name, tmp_path, points, full=disk_full)
 
     assert found.died >= found.kills // 2  # the others had come to their end before
+    asked = ("confidence",) if CASES[name].confidence else ()
+    for attempt in journal_of(tmp_path / "whole").attempts:
+        given = tuple(one.question for one in attempt.further)
+        assert given == (asked if attempt.outcome == "completed" else ())
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from protocols.errors import StudyError
 from protocols.load import load_study, shipped
 from protocols.script import example_scripts
 from protocols.tasks.registry import TASKS
 from stimuli.pictures import save_picture
 from study_app.cli import app
 from study_app.preview import MARK, preview_page
+from study_app.text_image import UnwritableError, typeface_for
 
 
 def run(*arguments):
@@ -65,13 +65,14 @@ def test_every_page_of_every_language_is_drawn_and_read_out(page):
 
 
 def test_a_language_that_no_font_here_writes_is_said_and_shown_as_text(monkeypatch):
-    from study_app import preview
+    from study_app import pages
 
-    def lacking(_study, texts, _size=None):
-        if "。" in texts.thanks:
-            raise StudyError("text: one font must hold every character")
+    def lacking(texts, size_px):
+        if "。" in "".join(texts):
+            raise UnwritableError("text: one font must hold every character")
+        return typeface_for(texts, size_px)
 
-    monkeypatch.setattr(preview, "check_texts", lacking)
+    monkeypatch.setattr(pages, "typeface_for", lacking)
     study, display = load_study(Path("demo"), None)
     made = preview_page(study, display, most=1)
     assert [note[:3] for note in made.notes] == ["ja:"]

@@ -16,7 +16,8 @@ from study_app import simulate
 from study_app.cli import app
 from study_app.cli.terminal import PlainConsole
 from study_app.observers import ArtificialObserver, default_model
-from study_app.pages import Pages, check_texts
+from study_app.pages import Pages
+from study_app.shown_texts import require_showable
 from study_app.stage import Page
 
 LONG = "a-scene-with-a-long-name__a-size-with-a-long-name__a-method-with-a-long-name"
@@ -24,6 +25,12 @@ LONG = "a-scene-with-a-long-name__a-size-with-a-long-name__a-method-with-a-long-
 
 def demo():
     return load_protocol(shipped("studies")["demo"])
+
+
+def with_texts(study, texts):
+    return study.model_copy(
+        update={"text": study.text.model_copy(update={"languages": {"de": texts}})}
+    )
 
 
 def run(*arguments):
@@ -77,13 +84,14 @@ def test_keys_are_called_in_the_participants_language_where_the_study_says_how()
     assert key_label("space", named.key_names) == "Leertaste"
     assert key_label("left", named.key_names) == "\N{LEFTWARDS ARROW}"
     pictures = [
-        Pages((640, 480), each.key_names, 128).page("Text", "space") for each in (texts, named)
+        Pages((640, 480), each.key_names, 128).page("Text", "space").image()
+        for each in (texts, named)
     ]
     assert (pictures[0] != pictures[1]).any()
     assert "key_names" not in texts.model_dump()
     unwritable = texts.model_copy(update={"key_names": {"space": "\U000131a3"}})
     with pytest.raises(Exception, match="character"):
-        check_texts(study, unwritable)
+        require_showable(with_texts(study, unwritable), load_display("fhd27-60hz"), language="de")
 
 
 @pytest.mark.parametrize("name", ["plain", "with a space", "it's"])

@@ -57,7 +57,8 @@ class _Demo:
         self.protocol = load_protocol(options.study)
         with as_file(files("study_app.cli.demo") / "screen.toml") as path:
             shutil.copyfile(path, layout.screen)
-        self.display_name = options.display or str(layout.screen.resolve())
+        own = str(layout.screen.resolve())
+        self.display_name = own if options.display is None else options.display
         self.display = load_display(self.display_name)
         require_feasible(self.protocol, self.display)
         self.folder = layout.sessions / self.protocol.study.name

@@ -34,6 +34,7 @@ RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)
 QUEST_PLUS = ("# [task.adaptive]", "# falling = false")
 UP_DOWN = ('# [task.adaptive]\n# rule = "up-down"', "# falling = false")
 ACTIVE = ("# [task.sampling]", "# trials = 60")
+CONFIDENCE = ("# [task.confidence]", "# keys = ")
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Case:
     task: str
     adaptive: tuple[str, str] | None = None
     """First and last line of the template's example that is set."""
+    confidence: bool = False
+    """Whether the template's example of it is set."""
     asks: type[Task] | None = None
     """A task of the same keys that asks more."""
 
@@ -78,6 +81,8 @@ CASES = {
     "identification by up-down": Case("identification", UP_DOWN),
     "abx by QUEST+": Case("abx", QUEST_PLUS),
     "active pairs": Case("two-interval", ACTIVE),
+    "two-interval with confidence": Case("two-interval", confidence=True),
+    "yes-no by QUEST+ with confidence": Case("yes-no", QUEST_PLUS, confidence=True),
 }
 THRICE = Case("yes-no", asks=AskedThrice)
 ROWS = {
@@ -116,19 +121,26 @@ class Kills:
     sittings: int
 
 
+def with_example(text: str, first_line: str, last_line: str) -> str:
+    """Return a study with the template's example between these lines set."""
+    before, first, rest = text.partition(first_line)
+    block, last, after = (first + rest).partition(last_line)
+    lines = [
+        line.removeprefix("# ") if re.match(r"# (\[|\w+ = )", line) else line
+        for line in (block + last).splitlines()
+    ]
+    return before + "\n".join(lines) + after
+
+
 def write_study(folder: Path, case: Case) -> Simulation:
     """Write a short new study of a task; return what simulates it."""
     display = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
     files = study_files("killed", "Killed", display, case.task)
     text = files["study.toml"]
+    if case.confidence:
+        text = with_example(text, *CONFIDENCE)
     if case.adaptive is not None:
-        before, first, rest = text.partition(case.adaptive[0])
-        block, last, after = (first + rest).partition(case.adaptive[1])
-        lines = [
-            line.removeprefix("# ") if re.match(r"# (\[|\w+ = )", line) else line
-            for line in (block + last).splitlines()
-        ]
-        text = before + "\n".join(lines) + after
+        text = with_example(text, *case.adaptive)
         text = re.sub(r"^trials = \d\d$", "trials = 12", text, count=1, flags=re.M)
     if case.adaptive == ACTIVE:
         text = text.replace('pairings = "all"\n', "")
