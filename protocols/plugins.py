@@ -7,6 +7,7 @@ A package that declares, say, ``[project.entry-points."metamerlab.tasks"]`` with
 from __future__ import annotations
 
 import inspect
+import re
 import traceback
 from collections.abc import Callable, Mapping
 from importlib import metadata
@@ -74,21 +75,35 @@ def misfit(group: str, name: str, must: str, found: object) -> StudyError:
 def culprit(error: BaseException) -> str | None:
     """Return what to say of an exception that came out of a plug-in; None: it came out of none.
 
-    Also where the plug-in ran in another process, whose traceback came with the exception.
+    Also where the plug-in ran in another process, whose traceback came with the exception, and
+    where one of its classes lacks a method that it must have.
     """
     told = "".join(traceback.format_exception(error)).replace("\\", "/")
     entries = [entry for name in GROUPS for entry in metadata.entry_points(group=_PREFIX + name)]
+    raised = f"{type(error).__name__}: {visible_line(str(error))}"
     for whole in (True, False):  # the module that it names, or another of its package
         for entry in entries:
-            place = "/" + entry.value.partition(":")[0].strip().replace(".", "/")
-            place = place if whole else "/" + place.split("/")[1]
-            if any(place + end in told for end in (".py", "/__init__.py", *("/",) * (not whole))):
-                return (
-                    f"package {_owner(entry)!r}: its plug-in {entry.name!r} of {entry.group} must"
-                    f" return or say what is wrong (it raised {type(error).__name__}:"
-                    f" {visible_line(str(error))}); mend or uninstall the package"
-                )
+            place = entry.value.partition(":")[0].strip().replace(".", "/")
+            place = (
+                rf"{place}(?:\.py|/__init__\.py)" if whole else rf"{place.split('/')[0]}(?:\.py|/)"
+            )
+            frames = re.findall(rf'"[^"\n]*/({place}[^"\n]*)", line (\d+), in (.*)', told)
+            if frames:
+                file, line, _ = frames[-1]
+                return _blame(entry, f"its {frames[0][2]} raised {raised}, {file} line {line}")
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        module = type(frame.f_locals.get("self")).__module__.split(".")[0]
+        for entry in entries if isinstance(error, NotImplementedError) else ():
+            if module == entry.value.partition(":")[0].split(".")[0]:
+                return _blame(entry, f"it has no {frame.f_code.co_name}")
     return None
+
+
+def _blame(entry: metadata.EntryPoint, why: str) -> str:
+    return (
+        f"package {_owner(entry)!r}: its plug-in {entry.name!r} of {entry.group} must return or say"
+        f" what is wrong ({why}); mend or uninstall the package"
+    )
 
 
 def based_on(base: type[Any]) -> Fits:

@@ -15,6 +15,7 @@ from protocols.columns import COMMON_COLUMNS
 from protocols.cross_check import cross_check
 from protocols.errors import Problem, StudyError
 from protocols.hashing import sha256_bytes, sha256_json
+from protocols.plugins import culprit
 from protocols.pool import Pool
 from protocols.recipes.base import Recipe
 from protocols.recipes.registry import RECIPES
@@ -78,7 +79,14 @@ class StudyProtocol(Model):
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
-        problems = problems_between({name: getattr(self, name) for name in type(self).model_fields})
+        try:
+            problems = problems_between(
+                {name: getattr(self, name) for name in type(self).model_fields}
+            )
+        except (AssertionError, ValueError) as error:  # no mistake of the study
+            if said := culprit(error):
+                raise StudyError(said) from error
+            raise
         if problems:
             raise ValueError("\n".join(map(str, problems)))
         return self

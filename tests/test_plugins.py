@@ -6,8 +6,12 @@
 from __future__ import annotations
 
 import importlib
+import json
 import multiprocessing
+import os
+import re
 import runpy
+import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -186,7 +190,7 @@ def test_a_plug_in_that_ends_the_program_when_it_is_called_is_named(
     said = " ".join(capsys.readouterr().err.split())
     assert caught.value.exit_code == 2
     assert f"error: package 'odd-one': its plug-in 'mine' of metamerlab.{group} must return" in said
-    assert f"it raised {kind}" in said
+    assert f"(its {name} raised {kind}" in said
 
 
 def test_a_plug_in_that_ends_a_worker_process_is_named(install_package, monkeypatch, capsys):
@@ -219,3 +223,102 @@ def test_a_plug_in_that_exits_ends_its_command_with_status_2(install_package, wi
     assert done.returncode == 2, (done.stdout, done.stderr)
     assert done.stderr.startswith("error: package 'odd-one': its plug-in 'mine'")
     assert "Traceback" not in done.stderr
+
+
+BAD_TASK = """
+from typing import Literal
+from protocols.tasks.two_interval import TwoInterval
+
+class Odd(TwoInterval):
+    kind: Literal["mine"]
+
+def broken(name, error):
+    def method(self, *_):
+        return half(error)
+    method.__code__ = method.__code__.replace(co_name=name)
+    return method
+
+def half(error):
+    raise error("one of its own")
+"""
+EACH_BROKEN = """
+import json, sys
+from typer.testing import CliRunner
+from study_app.cli import app
+import builtins, odd
+for method, error, words in json.loads(sys.argv[1]):
+    setattr(odd.Odd, method, odd.broken(method, getattr(builtins, error)))
+    done = CliRunner().invoke(app, words)
+    delattr(odd.Odd, method)
+    print(json.dumps([done.exit_code, " ".join(done.stderr.split()), repr(done.exception)]))
+"""
+ENTRY_POINTS = """[metamerlab.tasks]
+mine = odd:Odd
+[metamerlab.observers]
+mine = study_app.observers.two_interval:PreferenceModel.of
+"""
+DOORS = {
+    "check": ("protocol", "check"),
+    "script": ("protocol", "script", "--code", "P01"),
+    "preview": ("protocol", "preview"),
+    "simulate": ("session", "simulate", "--out", "sessions"),
+    "run": ("session", "run", "--stimuli", ".", "--participant", "P01"),
+}
+
+
+def odd_study(folder: Path) -> Path:
+    text = Path("protocols/studies/demo.toml").read_text(encoding="utf-8")
+    text = text.replace('kind = "two-interval"', 'kind = "mine"')
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    return folder / "mine.toml"
+
+
+@pytest.mark.slow
+def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_package, tmp_path):
+    site = install_package("odd-one", {"odd.py": BAD_TASK}, ENTRY_POINTS)
+    path = odd_study(tmp_path)
+    cases = [
+        *(("answers", "ValueError", door) for door in DOORS),  # pydantic would take it for its own
+        *(("phases", "KeyError", door) for door in DOORS if door != "run"),
+        ("cells", "AssertionError", "check"),
+        ("catch_cells", "TypeError", "simulate"),
+        ("phases_after", "RuntimeError", "script"),
+        ("shown_s", "ZeroDivisionError", "simulate"),
+        ("durations", "LookupError", "preview"),
+        ("description", "AttributeError", "preview"),
+        ("condition_columns", "NotImplementedError", "check"),
+        ("problems", "ValueError", "check"),
+    ]
+    told = [(m, e, [*DOORS[door][:2], str(path), *DOORS[door][2:]]) for m, e, door in cases]
+    done = subprocess.run(
+        [sys.executable, "-c", EACH_BROKEN, json.dumps(told)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *sys.path])},
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+
+    for (method, error, door), line in zip(cases, done.stdout.splitlines(), strict=True):
+        code, said, exception = json.loads(line)
+        assert code == 2, (method, door, exception)
+        assert re.fullmatch(
+            r"error: package 'odd-one': its plug-in 'mine' of metamerlab\.tasks must return or say"
+            rf" what is wrong \(its {method} raised {error}: '?one of its own'?, odd\.py line 15\);"
+            r" mend or uninstall the package",
+            said,
+        ), (method, door, said)
+    assert {each.name for each in tmp_path.iterdir()} <= {"site", "mine.toml", "sessions"}
+    assert not [*tmp_path.glob("sessions/*/*")]
+
+
+def test_a_task_that_lacks_a_method_is_named_with_it(install_package, with_packages, tmp_path):
+    module = (
+        "from typing import Literal\nfrom protocols.tasks.pairs import PairTask\n"
+        'class Odd(PairTask):\n    kind: Literal["mine"]\n    gap_s: float\n'
+    )
+    site = install_package("odd-one", {"odd.py": module}, "[metamerlab.tasks]\nmine = odd:Odd\n")
+    done = with_packages(site, ("protocol", "check", odd_study(tmp_path)))
+
+    assert done.returncode == 2, done.stdout + done.stderr
+    said = " ".join(done.stderr.split())
+    assert "Traceback" not in said
+    assert "its plug-in 'mine' of metamerlab.tasks must" in said
+    assert "(it has no answers)" in said

@@ -41,9 +41,8 @@ def user_errors() -> Iterator[None]:
     """Turn what the user can mend into one message on stderr and exit status 2.
 
     That is: `StudyError`, `InputError`, `GLUnavailableError`, and an `OSError`
-    about a file or a disk of the user's, memory that is used up, and plug-ins that end the
-    program. Anything else is a
-    bug of ours and keeps its traceback.
+    about a file or a disk of the user's, memory that is used up, and whatever a plug-in raises.
+    Anything else is a bug of ours and keeps its traceback.
     """
     try:
         yield
@@ -59,7 +58,7 @@ def user_errors() -> Iterator[None]:
             " smaller pictures or fewer rows, close other programs, or take a machine that has more"
         )
     except BaseException as error:
-        said = None if isinstance(error, Exception | KeyboardInterrupt) else culprit(error)
+        said = None if isinstance(error, KeyboardInterrupt) else culprit(error)
         if said is None:
             raise
         message = said
