@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, assert_never
 
 import typer
+from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -14,7 +16,17 @@ from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
 from protocols.result_folder import whole_folder
-from protocols.script import Scripts
+from protocols.script import (
+    Entry,
+    Fill,
+    Frames,
+    Picture,
+    ScriptPhase,
+    Scripts,
+    Stored,
+    TrialScript,
+    Words,
+)
 from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
@@ -94,8 +106,82 @@ def script(
 
         console = PlainConsole()
         console.print(trial_table(plan))
-        for one in scripts[:1]:
-            say(one.model_dump_json(indent=1, exclude_none=True))
-        if trial is None:
-            count = f"{len(scripts)} of {len(plan.trials)} trials have a script before the session"
-            say(f"note: {count}; --trial names one, --json prints all")
+        for alike in _alike(scripts):
+            console.print(_script_table(alike))
+        if trial is None and len(scripts) < len(plan.trials):
+            count = f"{len(plan.trials) - len(scripts)} of {len(plan.trials)} trials are adaptive"
+            say(f"note: {count}, and have a script in the session only")
+
+
+def _alike(scripts: Sequence[TrialScript]) -> list[list[TrialScript]]:
+    """Return scripts that differ in their stimuli alone together."""
+    found: list[list[TrialScript]] = []
+    for script in scripts:
+        for alike in found:
+            if alike[0].phases == script.phases:
+                alike.append(script)
+                break
+        else:
+            found.append([script])
+    return found
+
+
+def _script_table(alike: Sequence[TrialScript]) -> Table:
+    """Return a script in words; of several trials, their stimuli are numbered."""
+    script = alike[0]
+    names = [one.name for one in script.stimuli]
+    if len(alike) > 1:
+        names = [f"stimulus {place + 1}" for place in range(len(names))]
+    width, height = script.size_px
+    more = f" and {len(alike) - 4} more" if len(alike) > 4 else ""
+    table = Table(
+        title=f"{', '.join(one.trial for one in alike[:4])}{more}: refreshes of"
+        f" {script.refresh_hz:g} Hz; pixels right and down from the middle of {width} x {height}",
+        title_justify="left",
+    )
+    for column in ("phase", "refreshes", "shows", "gaze", "asks"):
+        table.add_column(column, overflow="fold")
+    for phase in script.phases:
+        shows = [_in_words(entry, script, names) for entry in phase.show]
+        told: dict[Picture, list[str]] = {}
+        for outcome, picture in phase.follows.items():
+            told.setdefault(picture, []).append(outcome)
+        shows += [f"{', '.join(why)}: {_in_words(p, script, names)}" for p, why in told.items()]
+        gate = f"held, waits {phase.gate_frames}" if phase.gate_frames else ""
+        table.add_row(
+            phase.name,
+            "until answered" if phase.frames is None else str(phase.frames),
+            "\n".join(shows) or "nothing",
+            "watched" if phase.watched else gate,
+            _asked(phase),
+        )
+    return table
+
+
+def _asked(phase: ScriptPhase) -> str:
+    """Return a question with its answers and their keys, in words."""
+    question = phase.question
+    if question is None:
+        return ""
+    keys = zip(question.answers, question.keys, strict=True)
+    lines = [f"{question.name}:", *(f"{answer}: {', '.join(each)}" for answer, each in keys)]
+    lines += ["or a click on a label"] if question.pointer else []
+    lines += [f"void after {phase.timeout_frames}"] if phase.timeout_frames else []
+    return "\n".join(lines)
+
+
+def _in_words(entry: Entry, script: TrialScript, names: Sequence[str]) -> str:
+    match entry:
+        case Frames(stimulus=number, every=every, at=at, crop=crop):
+            what = names[number] + (f", each frame for {every}" if every else "")
+            what += f", its {'right' if crop[0] else 'left'} half" if crop else ""
+            size = crop[2:] if crop else script.stimulus_px
+        case Picture(of=Words(text=text, labels=labels)):
+            return f'"{text}"' + (f" over {', '.join(labels)}" if labels else "")
+        case Picture(of=of, at=at, size_px=size):
+            what = f"{of.kind} {of.sha256[:12]}" if isinstance(of, Stored) else of.kind
+        case Fill(rect=(left, top, *size), grey=grey):
+            what, at = f"grey {grey}", (left, top)
+        case _:
+            assert_never(entry)
+    return f"{what}, {size[0]} x {size[1]} at {at[0]:+d} {at[1]:+d}"

@@ -115,3 +115,43 @@ def test_the_preview_has_the_answer_screen_of_both_orders_of_keys():
     assert {"answer-first-second", "answer-second-first"} <= set(
         re.findall(r'data-page="([\w-]+)"', page)
     )
+
+
+def test_what_it_prints_is_for_people_unless_json_is_asked_for():
+    code, out, _ = script("demo", "--code", "P01")
+    assert code == 0
+    assert "{" not in out
+    assert out.count("main-0003") == 1  # in the plan; the script is that of all trials
+    (title,) = [line for line in out.splitlines() if " and 24 more" in line]
+    assert title.startswith("practice-0000, practice-0001, main-0001, main-0000 and 24 more: ")
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines()]
+    (at,) = [place for place, row in enumerate(cells) if row[:1] == ["fixate"]]
+    assert cells[at : at + 8] == [
+        ["fixate", "30", "dot, 26 x 26 at -13 -13", "held, waits 600", ""],
+        ["first", "60", "stimulus 1, each frame for 2, 314 x 236 at -157 -118", "watched", ""],
+        ["gap", "30", "dot, 26 x 26 at -13 -13", "watched", ""],
+        ["second", "60", "stimulus 2, each frame for 2, 314 x 236 at -157 -118", "watched", ""],
+        ["respond", "until answered", '"Which video do you prefer?" over first, second', "",
+         "answer:"],
+        ["", "", "", "", "first: left, f"],
+        ["", "", "", "", "second: right, j"],
+        ["", "", "", "", "void after 1200"],
+    ]  # fmt: skip
+    assert cells[at + 8][2].startswith('gaze-break, no-fixation, data-loss, warned: "Please keep')
+
+
+def test_a_trial_is_printed_with_the_names_of_its_stimuli():
+    code, out, _ = script("critical-scaling-halves", "--code", "P01", "--trial", "main-0003")
+    assert code == 0
+    assert re.search(
+        r"first +│ 12 +│ castle__[\w-]+, its left half, 960 x 1080 at -960 -540 +│ watched", out
+    )
+    assert "grey 128, 78 x 1080 at -39 -540" in out
+
+
+def test_confidence_is_in_the_script_and_adaptive_trials_are_said_to_have_none(tmp_path):
+    write_study(tmp_path, CASES["yes-no by QUEST+ with confidence"])
+    code, out, _ = script(tmp_path / "study.toml", "--display", "fhd27-60hz", "--code", "P01")
+    assert code == 0
+    assert '"How sure are you?" over guessed, unsure, rather sure, sure' in out
+    assert "trials are adaptive, and have a script in the session only" in out
