@@ -243,7 +243,8 @@ class ScriptPhase(Model):
     question: Question | None = None
     """An answer to it ends the phase, and the next ones where these ask the same."""
     timeout_frames: Positive | None = None
-    """Without an answer for so long, the attempt is void."""
+    """Refreshes of this phase after which the attempt is void without an answer. Null: no limit. A
+    phase without a length that asks the study's question has the study's `response.timeout_s`."""
     follows: dict[str, Picture] = Field(default_factory=dict)
     """What is drawn first, by how the attempt stands: `right` or `wrong`; in the last phase the
     reason why it is void, or `warned`."""

@@ -28,6 +28,8 @@ def cure_for_key_name(name: str) -> str:
     plain = re.sub(r"[^a-z0-9]", "", low) if len(low) > 1 else low
     if _MODIFIERS.fullmatch(plain.removesuffix("key")):
         return "; shift, control and alt give no answer: take letters, such as 'z' and 'm'"
+    if re.search("pointer|mouse|click|touch|tap$|^lmb|^rmb", plain):
+        return "; a click or a touch is no key: pointer = true in [response] takes them"
     block = _NUMBER_BLOCK.fullmatch(plain) or re.fullmatch(r"\[([0-9])\]", low)
     if block:
         return f"; did you mean {'enter' if block[1] == 'enter' else f'kp_{block[1]}'!r}?"

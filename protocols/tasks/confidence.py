@@ -87,11 +87,14 @@ class Confidence(Model):
                 taken.setdefault(name, f"task.confidence.keys[{step}]")
         languages = text.languages if isinstance(text, TextSection) else self.question
         for key, by_language in (("question", self.question), ("labels", self.labels)):
-            if by_language and set(by_language) != set(languages):
+            missing, other = set(languages) - set(by_language), set(by_language) - set(languages)
+            if by_language and (missing or other):
+                cures = [f"add {', '.join(sorted(missing))}"] if missing else []
+                cures += [f"leave out {', '.join(sorted(other))}"] if other else []
                 yield Problem(
                     f"task.confidence.{key}",
-                    f"must be given in each language of the study ({', '.join(languages)}) (got"
-                    f" {', '.join(by_language)})",
+                    f"must be in the languages of the study: {', '.join(languages)} (got"
+                    f" {', '.join(by_language)}); {' and '.join(cures)}",
                 )
         for language, said in self.question.items():
             for wrong in unknown_placeholders(said):

@@ -171,7 +171,8 @@ def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
          "task.confidence.keys[3]: a key must do one thing (got 'escape', which"
          " response.quit_keys has)"),
         ("yes-no", 'question = { en', 'question = { de',
-         "task.confidence.question: must be given in each language of the study (en) (got de)"),
+         "task.confidence.question: must be in the languages of the study: en (got de); add en and"
+         " leave out de"),
         ("yes-no", "How sure are you?", "Left is {letf}",
          "task.confidence.question.en: {...} must be one of left, right, continue, quit, done,"
          " total (got {letf}); did you mean 'left'?"),

@@ -125,3 +125,15 @@ def test_a_key_that_changes_others_is_not_mistaken_for_one(theirs):
     assert "did you mean" not in said
     for named in re.findall(r"'(\w+)'", said):
         assert re.match(KEY_PATTERN, named)
+
+
+@pytest.mark.parametrize("theirs", ["pointer", "mouse", "Click", "left_click", "touch", "Mouse1"])
+def test_a_click_is_no_key_and_its_cure_is_the_pointer(theirs):
+    given = STUDY.response.model_dump()
+    wrong = given | {"keys": ((theirs,), ("right",))}
+    with pytest.raises(ValidationError) as refused:
+        Response.model_validate(wrong)
+    (said,) = (str(one) for one in problems_of(refused.value, wrong, Response))
+    assert "did you mean" not in said
+    assert said.endswith("; a click or a touch is no key: pointer = true in [response] takes them")
+    assert Response.model_validate(given | {"pointer": True}).pointer
