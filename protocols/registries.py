@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import BuiltinScene, WarpedClips
@@ -16,10 +16,9 @@ from protocols.suggest import did_you_mean
 def check_methods(
     protocol: StudyProtocol,
     known: Iterable[str],
-    parameters_of: Callable[[str], Iterable[str]] | None = None,
     retired: Mapping[str, str] | None = None,
 ) -> list[Problem]:
-    """Return a problem for every method or parameter that the registry does not know.
+    """Return a problem for every method that the registry does not know.
 
     Parameters
     ----------
@@ -28,10 +27,8 @@ def check_methods(
     known : iterable of str
         Registry names; one with a colon (``onnx:FILE``) stands for every path after it.
         `reference`, the true view, is no method and always known.
-    parameters_of : callable, optional
-        Gives the parameter names of a known method.
     retired : mapping, optional
-        What to say of methods, and as ``method.parameter`` of parameters, that were there once.
+        What to say of methods that were there once.
     """
     recipe = protocol.stimuli
     if not isinstance(recipe, WarpedClips):
@@ -47,20 +44,6 @@ def check_methods(
             said = f"must be a known method ({', '.join(names)}) (got {name!r})"
             said += did_you_mean(name, names)
             problems.append(Problem(place, f"method {name!r} {gone}" if gone else said))
-            continue
-        if parameters_of is None:
-            continue
-        offered = [] if method.is_reference else list(parameters_of(name))
-        problems += [
-            Problem(
-                f"stimuli.methods[{index}].parameters.{key}",
-                (retired or {}).get(f"{name}.{key}")
-                or f"must be a parameter of {name} ({', '.join(offered) or 'it has none'})"
-                f"{did_you_mean(key, offered)}",
-            )
-            for key in method.parameters
-            if key not in offered
-        ]
     return problems
 
 

@@ -9,13 +9,14 @@ A class that draws on the GPU takes the context as its first parameter,
 
 import inspect
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
 
 import moderngl
 
-from pipeline.errors import GLUnavailableError, InputError
+from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
 from pipeline.methods.method import Method
 from pipeline.registry import Entry, check_given, defaults_of, find
 
@@ -162,13 +163,36 @@ def create_method(
     GLUnavailableError
         If the method runs on the GPU and there is no context.
     """
-    entry = check_method_name(name)
-    method_class = entry.load()
-    check_given(name, method_class, parameters or {}, RETIRED)
-    leading: list[object] = []
-    if "ctx" in inspect.signature(method_class).parameters:
-        if ctx is None:
-            raise GLUnavailableError(f"method {name!r} needs an OpenGL context (got none)")
-        leading.append(ctx)
+    entry, method_class, needs_gpu = _checked(name, parameters or {})
+    if needs_gpu and ctx is None:
+        raise GLUnavailableError(f"method {name!r} needs an OpenGL context (got none)")
+    leading: list[object] = [ctx] if needs_gpu else []
     leading += entry.path_in(name)
     return cast(Method, method_class(*leading, **(parameters or {})))
+
+
+def check_method(name: str, parameters: Mapping[str, Any]) -> None:
+    """Check a method and all its parameters, as `create_method` does; no context is needed.
+
+    The class has the ranges, and looks at them before it opens a file or asks the GPU for anything.
+    A plug-in's that needs a context looks at them where it is made.
+
+    Raises
+    ------
+    InputError
+        As `create_method`.
+    """
+    entry, method_class, needs_gpu = _checked(name, parameters)
+    if entry.owner and needs_gpu:
+        return
+    with suppress(OSError, MissingExtraError):  # a file, or what reads it, is not here
+        leading = [None] if needs_gpu else []
+        method_class(*leading, *entry.path_in(name), **parameters).release()
+
+
+def _checked(name: str, parameters: Mapping[str, Any]) -> tuple[Entry, type[Any], bool]:
+    """Return entry and class of a method, and whether it needs a context."""
+    entry = check_method_name(name)
+    method_class = entry.load()
+    check_given(name, method_class, parameters, RETIRED)
+    return entry, method_class, "ctx" in inspect.signature(method_class).parameters

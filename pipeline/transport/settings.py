@@ -63,6 +63,12 @@ class TransportSettings:
             if not -90 < getattr(self, name) < 90:
                 raise InputError(f"{name} must lie in (-90, 90) (got {getattr(self, name)})")
         Flat(width_deg=self.width_deg)  # checks its range
+        for name in ("gaze_x_deg", "gaze_y_deg", "width_deg"):
+            if self.fovea_deg == 0 and getattr(self, name) != getattr(type(self), name):
+                raise InputError(
+                    f"{name} (got {getattr(self, name)}) is for a fill by eccentricity and needs"
+                    " fovea_deg above 0, how far around the gaze transport works; give it, too"
+                )
 
     def attention(self, size: tuple[int, int]) -> NDArray[np.float32]:
         """Share of transport that the gaze leaves: (H, W) of a frame of `size`, 1 at the gaze."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 
-from pipeline.methods.registry import RETIRED, method_names, method_parameters
+from pipeline.errors import InputError
+from pipeline.methods.registry import RETIRED, check_method, method_names
 from protocols.errors import Problem, StudyError
-from protocols.recipes.warped_clips import ClipName
+from protocols.recipes.warped_clips import ClipName, Method
 from protocols.registries import check_methods, check_scenes
 from stimuli.orders import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
@@ -28,11 +29,27 @@ class WarpedClipBuilder(Builder):
     def problems(self) -> list[Problem]:
         """Return methods and scenes that are not known, and files that cannot be used."""
         return [
-            *check_methods(self.protocol, method_names(), method_parameters, RETIRED),
+            *check_methods(self.protocol, method_names(), RETIRED),
+            *self._parameters(),
             *check_scenes(self.protocol, scene_names()),
             *self._scenes.wrong,
             *self._fills.wrong,
         ]
+
+    def _parameters(self) -> Iterator[Problem]:
+        """Yield parameters that methods do not take, or not with such values."""
+        for index, method in enumerate(self.protocol.warped.methods):
+            left = dict(method.parameters)
+            while said := _amiss(method, left):
+                at_fault = (
+                    key
+                    for key in left
+                    if _amiss(method, {k: v for k, v in left.items() if k != key}) != said
+                )
+                if (key := next(at_fault, None)) is None:
+                    break  # its name or a file of it, which have checks of their own
+                yield Problem(f"stimuli.methods[{index}].parameters.{key}", said)
+                del left[key]
 
     def notes(self) -> list[Problem]:
         """Return pairs that agree less than they should, and what files say and is not followed."""
@@ -96,3 +113,14 @@ class WarpedClipBuilder(Builder):
             )
         header = ("scene, size", "extent", "holes", "least", "most", "margin")
         return header, [(name, *row) for name, row in rows.items()]
+
+
+def _amiss(method: Method, parameters: Mapping[str, object]) -> str:
+    """Return what is wrong with a method's parameters first; empty: nothing."""
+    if method.is_reference:
+        return f"the true view takes none (got {', '.join(parameters)})" if parameters else ""
+    try:
+        check_method(method.registry_name, parameters)
+    except InputError as error:
+        return str(error)
+    return ""

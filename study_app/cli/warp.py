@@ -382,7 +382,7 @@ def _run(
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
-    from pipeline.methods.registry import METHODS, method_parameters
+    from pipeline.methods.registry import METHODS, check_method, method_parameters
     from stimuli.choice import Choice
 
     every = [entry.name for entry in METHODS if not entry.takes_path]
@@ -390,6 +390,8 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
         methods, settings, every=every, default=DEFAULT_METHOD, known=method_parameters,
         sheet=compare,
     )  # fmt: skip
+    for name, parameters in chosen:
+        check_method(name, parameters)
     return [Choice(name, parameters) for name, parameters in chosen]
 
 

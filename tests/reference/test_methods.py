@@ -1,5 +1,6 @@
 """Every fill method keeps the one contract; the registry tells mistakes apart."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipeline.inpaint.reference import guide_from_depth, nearest_depth_m
 from pipeline.methods.method import composite
 from pipeline.methods.registry import (
     METHODS,
+    check_method,
     create_method,
     method_names,
     method_parameters,
@@ -396,3 +398,34 @@ def test_a_frame_on_the_gpu_that_is_all_hole_is_refused(gl_context, rng):
         Fills(method, view, 0).frame(0)
     method.release()
     view.textures.release()
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_parameter_of_every_method_has_a_range_that_is_checked_without_a_context(name):
+    check_method(name, {})
+    for key, default in method_parameters(name).items():
+        check_method(name, {key: default})
+        if isinstance(default, bool):
+            continue
+        if isinstance(default, str):
+            wrong = ["nonsense"]
+        elif isinstance(default, int):
+            wrong = [-5, 10**6]
+        else:
+            wrong = [-5.0, math.nan, math.inf]
+        for value in wrong:
+            with pytest.raises(InputError, match=key):
+                check_method(name, {key: value})
+
+
+def test_a_gaze_without_a_fill_by_eccentricity_is_refused():
+    check_method("coherence-transport", {"fovea_deg": 5.0, "gaze_x_deg": 3.0, "width_deg": 20.0})
+    for key in ("gaze_x_deg", "gaze_y_deg", "width_deg"):
+        with pytest.raises(InputError, match=rf"^{key} \(got 3.0\) .*needs fovea_deg above 0"):
+            check_method("coherence-transport", {key: 3.0})
+
+
+def test_a_networks_parameters_are_checked_before_its_file():
+    check_method("onnx:none.onnx", {"multiple_px": 8})
+    with pytest.raises(InputError, match=r"multiple_px must lie in 1\.\.1024 \(got 0\)"):
+        check_method("onnx:none.onnx", {"multiple_px": 0})
