@@ -100,7 +100,8 @@ def read_disparity(
             f" {_say(*np.unique(stored[impossible]), told=unknown)}; else, is the offset right"
             " (offset_px, --offset-px)?"
         )
-    return np.where(missing, np.nan, values / units_per_px).astype(np.float32)
+    values = np.where(missing, np.nan, values / units_per_px)
+    return _some_known(path, values, "disparity").astype(np.float32)
 
 
 def read_depth(
@@ -137,7 +138,16 @@ def read_depth(
             depth = scale / values
     else:
         depth = np.where(values >= EMPTY_DEPTH, np.inf, values * scale)
-    return np.where(missing, np.nan, depth)
+    return _some_known(path, np.where(missing, np.nan, depth), "depth")
+
+
+def _some_known(path: Path, values: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+    if np.isnan(values).all():
+        raise InputError(
+            f"{path}: {what} must be known for at least one pixel (each is NaN, or a number that"
+            " stands for unknown); is it the right file?"
+        )
+    return values
 
 
 def along_axis(

@@ -1,5 +1,6 @@
 """`metamerlab warp` from the command line to the picture, and every mistake on the way."""
 
+import math
 import os
 import subprocess
 import sys
@@ -247,7 +248,8 @@ def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(
     ("arguments", "said"),
     [
         (["--mask", "{folder}/black.png"], "black elsewhere (all of it is black)"),
-        (["--mask", "{folder}/white.png"], "black elsewhere (all of it is white)"),
+        (["--mask", "{folder}/white.png"], "black elsewhere (all of it is white); paint black"),
+        (["--mask", "{folder}/grey.png"], "(all of it is at least 60 % of white); paint black"),
         (["--mask", "{folder}/small.png"], "must be as large as"),
         (["--mask", "{folder}/none.png"], "none.png"),
         (["--mask", "{folder}/mask.png", "--amount", "0.5"], "fills a picture as it is"),
@@ -258,6 +260,7 @@ def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(
 def test_a_mask_that_does_not_fit_is_refused(masked, arguments, said):
     write_pixels(masked / "black.png", np.zeros((HEIGHT, WIDTH, 1), np.uint8), "Y")
     write_pixels(masked / "white.png", np.full((HEIGHT, WIDTH, 1), 255, np.uint8), "Y")
+    write_pixels(masked / "grey.png", np.full((HEIGHT, WIDTH, 1), 153, np.uint8), "Y")
     write_pixels(masked / "small.png", np.full((HEIGHT // 2, WIDTH // 2, 1), 255, np.uint8), "Y")
 
     message = refusal(
@@ -266,6 +269,45 @@ def test_a_mask_that_does_not_fit_is_refused(masked, arguments, said):
 
     assert said in message
     assert not (masked / "out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mask", "{folder}/mask.png"], "--mask needs a picture file in its place"),
+        (["--flow", "{folder}/f.flo"], "--flow, --depth, cameras and poses need a picture file"),
+        (["--depth", "{folder}/d.png"], "--flow, --depth, cameras and poses need a picture file"),
+    ],
+)
+def test_what_belongs_to_a_picture_does_not_go_with_a_built_in_pair(masked, options, said):
+    options = [word.format(folder=masked) for word in options]
+    message = refusal("motorcycle", masked / "out.png", *options)
+    assert message.startswith(
+        "error: motorcycle: is a built-in pair, whose disparity makes its holes"
+    )
+    assert said in message
+
+
+@pytest.mark.parametrize("kind", ["depth", "disparity"])
+@pytest.mark.parametrize("missing", [math.nan, 0])
+def test_depth_and_disparity_of_which_nothing_is_known_are_named_as_what_they_are(
+    masked, kind, missing
+):
+    empty = np.full((HEIGHT, WIDTH), missing, np.float32 if math.isnan(missing) else np.uint16)
+    np.save(masked / "empty.npy", empty)
+    message = refusal(masked / "photo.png", masked / "out.png", f"--{kind}", masked / "empty.npy")
+    assert message.startswith(
+        f"error: {masked / 'empty.npy'}: {kind} must be known for at least one pixel"
+    )
+
+
+def test_a_parameter_out_of_its_range_is_refused_before_anything_is_read(masked):
+    for words, said in (
+        (("metameric", "--set", "levels=-3"), "levels must lie in 1..6 (got -3)"),
+        (("coherence-transport", "--set", "gaze_x_deg=3"), "needs fovea_deg above 0"),
+    ):
+        message = refusal(masked / "none.png", masked / "out.png", "-m", *words)
+        assert said in message
 
 
 @pytest.mark.usefixtures("gl_context")

@@ -241,7 +241,7 @@ def fill_unknown(
     """
     known = np.isfinite(disparity_px)
     if not known.any():
-        raise InputError("disparity must be known for at least one pixel (none is finite)")
+        raise InputError("at least one pixel must be known (none is finite)")
     rows_known = np.flatnonzero(known.any(axis=1))
     nearest = rows_known[
         np.abs(np.arange(len(known))[:, None] - rows_known[None, :]).argmin(axis=1)

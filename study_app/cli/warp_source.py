@@ -106,6 +106,13 @@ def load(
     """
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
+    if source in BUILT_IN and not Path(source).exists():
+        wanted = "--flow, --depth, cameras and poses need" if mask is None else "--mask needs"
+        if mask is not None or picture != PictureOptions():
+            raise StudyError(
+                f"{source}: is a built-in pair, whose disparity makes its holes; {wanted} a picture"
+                " file in its place, such as photo.png"
+            )
     for path in filter(None, (Path(source), truth, pair.right, mask)):
         check_fits(path, "warp")
     if mask is None:
@@ -136,13 +143,15 @@ def _load_colour(path: Path, file: FileOptions) -> NDArray[np.float32]:
 def _load_masked(path: Path, file: FileOptions, mask: Path) -> Loaded:
     """A picture whose camera stays: all of it lies at one depth, and nothing moves."""
     colour = _load_colour(path, file)
-    check_file_size(mask, read_colour(mask), path, colour)
+    shown = read_colour(mask)
+    check_file_size(mask, shown, path, colour)
     hole = read_hole_mask(mask, colour.shape[:2])
-    if hole.all() or not hole.any():
-        raise StudyError(
-            f"{mask}: must be white in holes and black elsewhere (all of it is"
-            f" {'white' if hole.all() else 'black'})"
-        )
+    must = f"{mask}: must be white in holes and black elsewhere (all of it is"
+    if hole.all():
+        light = "white" if shown.min() == 1 else f"at least {100 * shown.min():.0f} % of white"
+        raise StudyError(f"{must} {light}); paint black what is to stay")
+    if not hole.any():
+        raise StudyError(f"{must} black); paint white what is to be filled")
     depth_m = np.ones(hole.shape, np.float32)
     frame = WarpInput(SourceFrame(colour, depth_m), np.zeros((*hole.shape, 2), np.float32))
     return Loaded(frame, WarpSettings(), None, hole)
