@@ -97,9 +97,8 @@ def test_pages_say_that_no_graphics_card_was_measured_as_long_as_none_was(reposi
     assert set(said.values()) == {not graphics_cards(results)}, said
 
 
-def test_timings_are_of_the_fills_that_there_are(repository):
+def test_timings_are_of_the_fills_that_there_are(results):
     """A method that left takes its timings along."""
-    folder = repository / "benchmarks" / "results"
-    timings = json.loads((folder / "fill.json").read_text())["timings"]
-    table = (folder / "fills.md").read_text()
+    timings = json.loads((results / "fill.json").read_text())["timings"]
+    table = (results / "fills.md").read_text()
     assert not [one["method"] for one in timings if f"\n| {one['method']} | " not in table]
