@@ -8,14 +8,13 @@ from functools import cached_property
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.methods.registry import RETIRED, check_method, method_names
+from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
-from protocols.recipes.warped_clips import ClipName, Method
-from protocols.registries import check_methods, check_scenes
+from protocols.recipes.warped_clips import BuiltinScene, ClipName, Method
 from stimuli.orders import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
 from stimuli.recipes.warped_checks import Findings, look_at_fills, look_at_scenes
-from stimuli.scenes.registry import scene_names
+from stimuli.scenes.registry import scene_entry
 
 
 class WarpedClipBuilder(Builder):
@@ -28,28 +27,32 @@ class WarpedClipBuilder(Builder):
 
     def problems(self) -> list[Problem]:
         """Return methods and scenes that are not known, and files that cannot be used."""
-        return [
-            *check_methods(self.protocol, method_names(), RETIRED),
-            *self._parameters(),
-            *check_scenes(self.protocol, scene_names()),
-            *self._scenes.wrong,
-            *self._fills.wrong,
-        ]
+        return [*self._names(), *self._scenes.wrong, *self._fills.wrong]
 
-    def _parameters(self) -> Iterator[Problem]:
-        """Yield parameters that methods do not take, or not with such values."""
-        for index, method in enumerate(self.protocol.warped.methods):
-            left = dict(method.parameters)
+    def _names(self) -> Iterator[Problem]:
+        """Yield methods and built-in scenes that are not known, and parameters that are not so."""
+        recipe = self.protocol.warped
+        for index, method in enumerate(recipe.methods):
+            place, left = f"stimuli.methods[{index}]", dict(method.parameters)
+            if not method.is_reference:
+                try:
+                    check_method_name(method.registry_name)
+                except InputError as error:
+                    key = "method" if method.method else "name"
+                    yield Problem(f"{place}.{key}", f"{error}; the true view is 'reference'")
+                    continue
             while said := _amiss(method, left):
-                at_fault = (
-                    key
-                    for key in left
-                    if _amiss(method, {k: v for k, v in left.items() if k != key}) != said
-                )
+                at_fault = (k for k in left if _amiss(method, _without(left, k)) != said)
                 if (key := next(at_fault, None)) is None:
-                    break  # its name or a file of it, which have checks of their own
-                yield Problem(f"stimuli.methods[{index}].parameters.{key}", said)
+                    break  # a file of the method's, which has a check of its own
+                yield Problem(f"{place}.parameters.{key}", said)
                 del left[key]
+        for index, scene in enumerate(recipe.scenes):
+            if isinstance(scene, BuiltinScene):
+                try:
+                    scene_entry(scene.builtin)
+                except InputError as error:
+                    yield Problem(f"stimuli.scenes[{index}].builtin", str(error))
 
     def notes(self) -> list[Problem]:
         """Return pairs that agree less than they should, and what files say and is not followed."""
@@ -113,6 +116,10 @@ class WarpedClipBuilder(Builder):
             )
         header = ("scene, size", "extent", "holes", "least", "most", "margin")
         return header, [(name, *row) for name, row in rows.items()]
+
+
+def _without(parameters: Mapping[str, object], key: str) -> dict[str, object]:
+    return {name: value for name, value in parameters.items() if name != key}
 
 
 def _amiss(method: Method, parameters: Mapping[str, object]) -> str:

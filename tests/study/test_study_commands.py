@@ -17,7 +17,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
 from protocols.publish import schema_path
-from protocols.registries import check_methods, check_scenes
 from study_app.cli import app
 
 DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")
@@ -81,7 +80,8 @@ def test_check_tells_unknown_methods_and_parameters_and_what_the_display_cannot_
     lines = refused(metamerlab("protocol", "check", path)).splitlines()
 
     assert len(lines) == 3
-    assert "stimuli.methods[1].method: must be a known method" in lines[0]
+    assert "stimuli.methods[1].method: method must be one of metameric" in lines[0]
+    assert lines[0].endswith("; the true view is 'reference'")
     assert "did you mean 'telea'?" in lines[0]
     assert "stimuli.methods[2].parameters.radiuss_px: parameters of telea are:" in lines[1]
     assert "task.gap_s: must be whole frames at 60 Hz" in lines[2]
@@ -113,18 +113,17 @@ def test_check_on_another_display_and_with_clips_that_are_not_there(study, tmp_p
     assert "must hold a finished batch of clips (there is no manifest.json)" in message
 
 
-def test_registry_names_are_passed_in_and_checked():
-    protocol = load_protocol(Path("demo"))
-    known = ["push-pull", "metameric", "onnx:FILE"]
-
-    assert check_methods(protocol, known) == []
-    (problem,) = check_methods(protocol, ["push-pull"])
-    assert problem.place == "stimuli.methods[2].name"
-    (problem,) = check_methods(protocol, ["push-pull"], {"metameric": "has left"})
-    assert str(problem) == "stimuli.methods[2].name: method 'metameric' has left"
-    (scene,) = check_scenes(protocol, ["garden", "colonade"])
-    assert scene.place == "stimuli.scenes[1].builtin"
-    assert "did you mean 'colonade'?" in scene.message
+def test_check_tells_retired_methods_and_unknown_scenes(study):
+    path = study(
+        ('method = "telea"', 'method = "shift-map"'),
+        ('builtin = "colonnade"', 'builtin = "colonade"'),
+        ('name = "reference"\n', 'name = "reference"\nparameters = { noise = 1.0 }\n'),
+    )
+    first, gone, scene = refused(metamerlab("protocol", "check", path)).splitlines()
+    assert first.endswith("methods[0].parameters.noise: the true view takes none (got noise)")
+    assert "stimuli.methods[1].method: method 'shift-map' has left metamerlab" in gone
+    assert "stimuli.scenes[1].builtin: a built-in scene must be one of garden" in scene
+    assert "did you mean 'colonnade'?" in scene
 
 
 @pytest.mark.parametrize("name", sorted(shipped("studies")))
