@@ -31,7 +31,7 @@ from protocols.session_schema import (
     TrialTiming,
 )
 from protocols.tasks.base import Analysis, Cell, Task
-from protocols.tasks.registry import TASKS
+from protocols.tasks.registry import TASKS, check_returns
 from protocols.units import Model
 
 if TYPE_CHECKING:
@@ -208,11 +208,15 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
         The sections that are right by themselves. What is missing is not judged, so that a file
         with other mistakes still gets all that can be said about it.
     """
+    if "task" in sections:
+        check_returns(sections["task"])
     problems = cross_check(sections)
     if problems or not {"stimuli", "task", "design"} <= set(sections):
         return problems
     study = StudyProtocol.model_construct(**sections)
     problems += study.task.problems(study.pool)
+    if not problems:
+        check_returns(study.task, study.pool)
     problems += _taken_columns(study)
     if "analysis" in sections:
         problems += study.analysis.problems(study.task, study.pool)

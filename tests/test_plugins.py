@@ -239,6 +239,8 @@ def broken(name, error):
     return method
 
 def half(error):
+    if error is None:
+        return None
     raise error("one of its own")
 """
 EACH_BROKEN = """
@@ -247,7 +249,7 @@ from typer.testing import CliRunner
 from study_app.cli import app
 import builtins, odd
 for method, error, words in json.loads(sys.argv[1]):
-    setattr(odd.Odd, method, odd.broken(method, getattr(builtins, error)))
+    setattr(odd.Odd, method, odd.broken(method, error and getattr(builtins, error)))
     done = CliRunner().invoke(app, words)
     delattr(odd.Odd, method)
     print(json.dumps([done.exit_code, " ".join(done.stderr.split()), repr(done.exception)]))
@@ -288,6 +290,7 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
         ("description", "AttributeError", "preview"),
         ("condition_columns", "NotImplementedError", "check"),
         ("problems", "ValueError", "check"),
+        *((name, None, "check") for name in ("answers", "cells", "shown_s", "description")),
     ]
     told = [(m, e, [*DOORS[door][:2], str(path), *DOORS[door][2:]]) for m, e, door in cases]
     done = subprocess.run(
@@ -299,9 +302,16 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
     for (method, error, door), line in zip(cases, done.stdout.splitlines(), strict=True):
         code, said, exception = json.loads(line)
         assert code == 2, (method, door, exception)
+        if error is None:
+            assert re.fullmatch(
+                r"error: package 'odd-one': its plug-in 'mine' of metamerlab\.tasks must return"
+                rf" [\w.\[\], ]+ from {method} \(got NoneType\); mend or uninstall the package",
+                said,
+            ), said
+            continue
         assert re.fullmatch(
             r"error: package 'odd-one': its plug-in 'mine' of metamerlab\.tasks must return or say"
-            rf" what is wrong \(its {method} raised {error}: '?one of its own'?, odd\.py line 15\);"
+            rf" what is wrong \(its {method} raised {error}: '?one of its own'?, odd\.py line 17\);"
             r" mend or uninstall the package",
             said,
         ), (method, door, said)

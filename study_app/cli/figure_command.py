@@ -103,7 +103,7 @@ def figure(
         chosen, rows = rows_of(
             clips,
             manifest,
-            methods=[name.strip() for name in methods.split(",")] if methods else (),
+            methods=() if methods is None else [name.strip() for name in methods.split(",")],
             scenes=scene or (),
             size=size,
             frame=frame,
