@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
@@ -118,9 +119,7 @@ def shown_texts(study: StudyProtocol, display: Display, language: str) -> Iterat
         pages.insert(-2, ("break", "Between two blocks", "break_page", texts.break_page))
     for name, says, place, text in pages:
         full = fill(text, response, done=max(1, blocks - 1), total=blocks)
-        yield ShownText(
-            name, says, f"{section}.{place}", full, lambda full=full: maker.page(full, key)
-        )
+        yield ShownText(name, says, f"{section}.{place}", full, partial(maker.page, full, key))
     for number, question in enumerate(texts.questions):
         page = Page("question", fill(question.text, response), (), choices=question.choices)
         yield ShownText(
@@ -128,10 +127,10 @@ def shown_texts(study: StudyProtocol, display: Display, language: str) -> Iterat
             "At the end",
             f"{section}.questions[{number}]",
             "\n".join((page.text, *page.choices)),
-            lambda page=page: maker.question(page, "", 0),
+            partial(maker.question, page, "", 0),
         )
     thanks = fill(texts.thanks, response)
-    yield ShownText("thanks", "Last", f"{section}.thanks", thanks, lambda: maker.page(thanks))
+    yield ShownText("thanks", "Last", f"{section}.thanks", thanks, partial(maker.page, thanks))
     yield from _questions(study, display, language)
     for place, says, said in (
         ("preparing", "While stimuli are loaded", texts.preparing),
@@ -181,4 +180,4 @@ def _words(name: str, says: str, place: str, picture: Picture, labels: str = "")
     assert isinstance(words, Words)
     under = map("{} [{}]".format, words.labels, words.keys)
     text = "\n".join((words.text, *under))
-    return ShownText(name, says, place, text, lambda: sheet_of(words), labels)
+    return ShownText(name, says, place, text, partial(sheet_of, words), labels)

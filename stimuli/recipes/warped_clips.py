@@ -38,8 +38,8 @@ class WarpedClipBuilder(Builder):
                 try:
                     check_method_name(method.registry_name)
                 except InputError as error:
-                    key = "method" if method.method else "name"
-                    yield Problem(f"{place}.{key}", f"{error}; the true view is 'reference'")
+                    place += ".method" if method.method else ".name"
+                    yield Problem(place, f"{error}; the true view is 'reference'")
                     continue
             while said := _amiss(method, left):
                 at_fault = (k for k in left if _amiss(method, _without(left, k)) != said)
