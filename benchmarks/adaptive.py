@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import spearmanr
 
+from benchmarks.estimates import of_posterior, of_reversals
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record
 from protocols.adaptive import active_pairs, quest_plus, up_down
@@ -170,7 +171,7 @@ def run_quest(people: Observers, grid: Grid) -> Run:
         for trial in range(people.uniform.shape[1]):
             level = quest_plus.next_level(history, grid)
             history.append((level, people.answers(observer, trial, level)))
-        found.append(quest_plus.estimate(history, grid).threshold.mean)
+        found.append(of_posterior(history, grid).threshold.mean)
         shown.append([level for level, _ in history])
     return Run(np.array(found), np.array(shown))
 
@@ -220,7 +221,7 @@ def run_up_down(people: Observers, settings: UpDown) -> Run:
         for trial in range(people.uniform.shape[1]):
             level = up_down.next_level(history, settings)
             history.append((level, people.answers(observer, trial, level)))
-        level_found = up_down.estimate(history, settings).level
+        level_found = of_reversals(history, settings).level
         found.append(np.nan if level_found is None else level_found)
         shown.append([level for level, _ in history])
     return Run(np.array(found), np.array(shown))

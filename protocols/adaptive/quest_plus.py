@@ -137,32 +137,6 @@ class Grid:
         return guess, threshold, width, lapse
 
 
-@dataclass(frozen=True)
-class Marginal:
-    """One parameter's posterior: mean and standard deviation, in the unit of the parameter."""
-
-    mean: float
-    sd: float
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What the answers say about each parameter.
-
-    Attributes
-    ----------
-    guess, threshold, width, lapse : Marginal
-    entropy_nats : float
-        Of the posterior over the whole grid.
-    """
-
-    guess: Marginal
-    threshold: Marginal
-    width: Marginal
-    lapse: Marginal
-    entropy_nats: float
-
-
 @dataclass(frozen=True, eq=False)
 class Tables:
     """What depends on the grid alone; all (levels, grid points) but the prior."""
@@ -259,27 +233,6 @@ def next_level(history: History, grid: Grid) -> float:
     """
     entropy = expected_entropy(history, grid)
     return grid.levels[int(np.argmax(entropy < entropy.min() + TIE_NATS))]
-
-
-def estimate(history: History, grid: Grid) -> Estimate:
-    """Return posterior means and standard deviations.
-
-    Raises
-    ------
-    StudyError
-        If a level of the history is not in the grid.
-    """
-    weight = posterior(history, grid)
-    found = {}
-    for axis, name in enumerate(PARAMETERS):
-        values = np.asarray(getattr(grid, name).values)
-        share = weight.sum(axis=tuple(other for other in range(4) if other != axis))
-        if values.size == 1:  # known, whatever its share is rounded to
-            found[name] = Marginal(float(values[0]), 0.0)
-            continue
-        mean = float(share @ values)
-        found[name] = Marginal(mean, math.sqrt(float(share @ (values - mean) ** 2)))
-    return Estimate(**found, entropy_nats=float(entr(weight).sum()))
 
 
 def _check_axis(axis: Axis, name: str) -> None:

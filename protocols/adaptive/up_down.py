@@ -29,7 +29,6 @@ distance between levels, as it should be, both are the same.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -162,32 +161,6 @@ class Track:
     reversals: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """The level at which a track hovered.
-
-    Attributes
-    ----------
-    level : float or None
-        Mean over the reversals used; None where there are not two of them.
-    sd : float or None
-        Standard deviation of their levels. Neighbours depend on each other, so this is no
-        standard error.
-    reversals : int
-        How many there were.
-    used : int
-        How many of them, the last ones, are in the mean.
-    performance : float
-        Share of correct answers that the level stands for.
-    """
-
-    level: float | None
-    sd: float | None
-    reversals: int
-    used: int
-    performance: float
-
-
 def performance(settings: UpDown) -> float:
     """Return the share of correct answers to which the last steps converge."""
     harder, easier = settings.harder[-1], settings.easier[-1]
@@ -242,35 +215,6 @@ def next_level(history: History, settings: UpDown) -> float:
         As `track`.
     """
     return track(history, settings).next_level
-
-
-def estimate(history: History, settings: UpDown, *, discard: int | None = None) -> Estimate:
-    """Return the mean level of the reversals.
-
-    Parameters
-    ----------
-    discard : int or None
-        Reversals at the start that do not count. None: those before the last step size, and
-        one more. After that, one more is left out where their number is odd, so that turns
-        upwards and downwards count the same (Levitt 1971).
-
-    Raises
-    ------
-    StudyError
-        As `track`, and if `discard` is negative.
-    """
-    skipped = len(settings.harder) if discard is None else discard
-    if skipped < 0:
-        raise StudyError(f"discard: must be at least 0 (got {skipped})")
-    followed = track(history, settings)
-    turns = [followed.shown[trial] for trial in followed.reversals]
-    used = max(0, len(turns) - skipped) // 2 * 2
-    if not used:
-        return Estimate(None, None, len(turns), 0, performance(settings))
-    last = turns[-used:]
-    mean = math.fsum(last) / used
-    sd = math.sqrt(math.fsum((level - mean) ** 2 for level in last) / (used - 1))
-    return Estimate(mean, sd, len(turns), used, performance(settings))
 
 
 def _nearest(position: float, levels: tuple[float, ...]) -> float:

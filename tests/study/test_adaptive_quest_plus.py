@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.estimates import Marginal, of_posterior
 from protocols.adaptive import quest_plus
 from protocols.adaptive.psychometric import probability
 from protocols.adaptive.quest_plus import (
     PARAMETERS,
     Axis,
     Grid,
-    Marginal,
-    estimate,
     expected_entropy,
     next_level,
     posterior,
@@ -63,7 +62,7 @@ def test_expected_entropies_by_hand():
 
 
 def test_the_marginals_by_hand():
-    found = estimate([(0.0, True)], STEP)
+    found = of_posterior([(0.0, True)], STEP)
 
     assert found.threshold.mean == pytest.approx(4.0)
     assert found.threshold.sd == pytest.approx(np.sqrt(0.6 * 16 + 0.4 * 36))
@@ -125,7 +124,9 @@ def test_the_posterior_sums_to_one_and_the_next_level_is_allowed(history):
     assert weight.sum() == pytest.approx(1.0, abs=1e-12)
     assert np.all(weight >= 0)
     assert next_level(history, GRID) in GRID.levels
-    assert np.all(expected_entropy(history, GRID) <= estimate(history, GRID).entropy_nats + 1e-9)
+    assert np.all(
+        expected_entropy(history, GRID) <= of_posterior(history, GRID).entropy_nats + 1e-9
+    )
 
 
 @given(histories, st.randoms(use_true_random=False))
@@ -141,8 +142,8 @@ def test_the_order_of_answers_changes_nothing(history, random):
 def test_a_wrong_answer_means_a_higher_threshold_than_a_correct_one(history, level):
     """Where the threshold alone is unknown; else a wrong answer may speak for a wider function."""
     grid = replace(GRID, width=Axis((2.0,)), guess=Axis((0.3,)), lapse=Axis((0.05,)))
-    right = estimate([*history, (level, True)], grid).threshold.mean
-    wrong = estimate([*history, (level, False)], grid).threshold.mean
+    right = of_posterior([*history, (level, True)], grid).threshold.mean
+    wrong = of_posterior([*history, (level, False)], grid).threshold.mean
 
     assert right <= wrong + 1e-9
 
@@ -217,7 +218,7 @@ def test_false_alarms_of_a_yes_no_task_are_found(rng):
         share = probability(level, threshold=5.0, width=2.0, guess=0.2, lapse=0.02)
         history.append((level, bool(rng.random() < share)))
 
-    found = estimate(history, grid)
+    found = of_posterior(history, grid)
 
     assert found.guess.mean == pytest.approx(0.2, abs=0.05)
     assert found.threshold.mean == pytest.approx(5.0, abs=0.3)
@@ -276,7 +277,7 @@ def test_a_grid_that_cannot_be_is_refused(change, told):
     assert told in str(raised.value)
 
 
-@pytest.mark.parametrize("job", [posterior, next_level, estimate, expected_entropy])
+@pytest.mark.parametrize("job", [posterior, next_level, of_posterior, expected_entropy])
 def test_an_answer_at_another_level_is_refused(job):
     with pytest.raises(StudyError, match=r"history\[1\]: must be one of the 6 allowed levels"):
         job([(0.0, True), (5.0, True)], GRID)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.adaptive.up_down import UpDown, estimate, next_level, performance, track
+from benchmarks.estimates import of_reversals
+from protocols.adaptive.up_down import UpDown, next_level, performance, track
 from protocols.errors import StudyError
 
 ORACLE = json.loads(
@@ -77,18 +78,18 @@ def test_an_estimate_by_hand():
     assert [level for level, _ in history] == [8, 7, 6, 9, 8, 10, 9, 8, 7, 10]
     assert track(history, QUARTERS).reversals == (2, 3, 4, 5, 8, 9)
 
-    found = estimate(history, QUARTERS)
+    found = of_reversals(history, QUARTERS)
 
     # 8, 10, 7 and 10: deviations -.75, 1.25, -1.75, 1.25, whose squares sum to 6.75.
     assert (found.reversals, found.used) == (6, 4)
     assert found.level == pytest.approx(8.75)
     assert found.sd == pytest.approx(1.5)
     assert found.performance == 0.75
-    assert estimate(history, QUARTERS, discard=0).used == 6
+    assert of_reversals(history, QUARTERS, discard=0).used == 6
 
 
 def test_without_two_reversals_there_is_no_estimate():
-    found = estimate(walk(QUARTERS, [True, False]), QUARTERS)
+    found = of_reversals(walk(QUARTERS, [True, False]), QUARTERS)
 
     assert (found.level, found.sd, found.reversals, found.used) == (None, None, 1, 0)
 
@@ -185,4 +186,4 @@ def test_a_target_that_is_no_share_is_refused(target):
 
 def test_a_negative_number_of_reversals_to_discard_is_refused():
     with pytest.raises(StudyError, match=r"discard: must be at least 0 \(got -1\)"):
-        estimate([], QUARTERS, discard=-1)
+        of_reversals([], QUARTERS, discard=-1)
