@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import entr
 
-from protocols.adaptive.quest_plus import PARAMETERS, Grid, History, posterior
-from protocols.adaptive.up_down import History as Levels
+from protocols.adaptive.levels import History
+from protocols.adaptive.quest_plus import PARAMETERS, Grid, posterior
 from protocols.adaptive.up_down import UpDown, performance, track
 from protocols.errors import StudyError
 
@@ -87,7 +87,7 @@ class Reversals:
     performance: float
 
 
-def of_reversals(history: Levels, settings: UpDown, *, discard: int | None = None) -> Reversals:
+def of_reversals(history: History, settings: UpDown, *, discard: int | None = None) -> Reversals:
     """Return the mean level of the reversals.
 
     Parameters
