@@ -11,7 +11,8 @@ from scipy import optimize, stats
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.response import Link
-from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
+from protocols.adaptive.levels import Shape
+from protocols.adaptive.psychometric import WIDTH_EDGE
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from scipy.special import betaln, expit, log_expit, logit, ndtr, ndtri
 from analysis.clustered import holm
 from analysis.contrasts import pairs_of
 from analysis.response import axis_of
-from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
+from protocols.adaptive.levels import Shape
+from protocols.adaptive.psychometric import WIDTH_EDGE
 
 Floats = NDArray[np.float64]
 

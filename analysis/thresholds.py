@@ -15,7 +15,8 @@ from analysis.psychometric import LINKS, SKEWED
 from analysis.quadrature import STARTS, PeopleFit, fit_people
 from analysis.rates import Difference
 from analysis.response import Response, axis_of
-from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
+from protocols.adaptive.levels import Shape
+from protocols.adaptive.psychometric import WIDTH_EDGE
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

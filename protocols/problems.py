@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -104,8 +105,8 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
     elif kind in _WANTED_TYPE:
         yield Problem(place, f"must be {_WANTED_TYPE[kind]} (got {_show(found)})")
     elif kind == "literal_error":
-        choices = [choice.strip(" '") for choice in context["expected"].split(",")]
-        near = did_you_mean(found, " or ".join(choices).split(" or ")) if _is_text(found) else ""
+        choices = re.findall("'([^']*)'", context["expected"])
+        near = did_you_mean(found, choices) if _is_text(found) else ""
         yield Problem(place, f"must be {context['expected']} (got {_show(found)}){near}")
     elif kind == "union_tag_invalid":
         tags = context["expected_tags"].replace("'", "").split(", ")

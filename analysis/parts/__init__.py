@@ -7,7 +7,7 @@ plug-in) shows all of a part: section, sentences, methods, tables, figures.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -16,25 +16,35 @@ from matplotlib.figure import Figure
 from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from protocols.errors import StudyError
+from protocols.tasks.base import Analysis
 
 T = TypeVar("T")
 
 
-class Plan:
-    """What every part may read of an analysis's settings; parts of one family read more."""
+class Plan(Analysis):
+    """The section `[analysis]` of a study, and what its study or table are about.
+
+    What a table is told is such a section too. Parts of one family read more.
+    """
 
     study: str
     """Name of the study, or of the table's file."""
     title: str
     """What stands at the top of the page."""
-    protocol_sha256: str | None
+    protocol_sha256: str | None = None
     """Hash of the protocol; None for a plain table."""
-    alpha: float
-    """Level of every test."""
-    reaction: Literal["summary", "models"]
-    """Of reaction times: medians and means, or models of them too."""
-    alternatives: int | None
+    alternatives: int | None = None
     """How many answers there are, one of them right; None: not said, or none is right."""
+
+    @classmethod
+    def of(cls, asked: Analysis, **facts: Any) -> Self:
+        """Return the plan of such a section; `facts` of the study or table come first."""
+        own = {name: value for name, value in asked if name in cls.model_fields}
+        return cls(**own | facts)
+
+    def but(self, **changes: Any) -> Self:
+        """Return the same plan with some values changed."""
+        return self.model_copy(update=changes)
 
     @property
     def confidence(self) -> float:
@@ -50,6 +60,11 @@ class Plan:
     def compared_title(self) -> str:
         """What heads these values."""
         return ", ".join(self.compared) or "Trials"
+
+    @property
+    def counted(self) -> str:
+        """What is compared, in two or three words for the top of the page."""
+        return f"by {', '.join(self.compared)}" if self.compared else "all together"
 
     def label(self, name: str) -> str:
         """Return what reports print for a value."""

@@ -1,6 +1,6 @@
 """Parts that installed packages add: entry points of ``metamerlab.parts``."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from analysis.parts import AnyPart, Part
 from protocols.plugins import based_on, misfit, registered
@@ -11,17 +11,18 @@ ADDED: Mapping[str, Callable[[], AnyPart]] = registered(
 """By name. A report of any kind asks each whether it is `wanted`."""
 
 
-def added_parts(taken: Collection[str]) -> tuple[AnyPart, ...]:
-    """Return them; `taken` are the names of results that the report has already.
+def with_added(own: Sequence[AnyPart]) -> tuple[AnyPart, ...]:
+    """Return the parts of a kind of analysis, and those after them.
 
     Raises
     ------
     StudyError
-        If one takes such a name.
+        If one takes the name of such a part.
     """
+    taken = {part.name for part in own}
     parts = tuple(make() for make in ADDED.values())
     for entry, part in zip(ADDED, parts, strict=True):
         if part.name in taken:
             must = f"name a part with a name of its own, not {part.name!r}, which is taken"
             raise misfit("parts", entry, must, part)
-    return parts
+    return (*own, *parts)

@@ -94,7 +94,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
         return Shown(
             blocks=(
                 Picture("correct"),
-                rate_table(f"Right answers by {plan.by or 'condition'}", rates, plan),
+                rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan),
                 Paragraph(
                     f"p: against chance, with {errors(rates)}; limits"
                     " belong to the same test. Pooled exact p takes trials as independent, which"

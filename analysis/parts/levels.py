@@ -45,7 +45,7 @@ from analysis.report.wording import (
     size_range,
 )
 from analysis.thresholds import ThresholdModel, fit_thresholds
-from protocols.adaptive.psychometric import Shape
+from protocols.adaptive.levels import Shape
 
 Floats = NDArray[np.float64]
 Ends = tuple[float | None, float | None]

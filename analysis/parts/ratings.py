@@ -51,8 +51,8 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
 
     def of(self, table: pd.DataFrame, plan: RatingSettings) -> Ratings:
         """Fit the model; count each participant's ratings."""
-        how: dict[str, Any] = {"reference": plan.baseline, "link": plan.link}
-        if plan.by is None:
+        how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
+        if not plan.by:
             model = paired_ratings(table, level=plan.confidence, **how)
         else:
             blank = "scene" in table and (table["scene"] == "").all()
@@ -72,7 +72,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
 
     def show(self, found: Ratings, plan: RatingSettings) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
-        model, pairs = found.model, plan.by is None
+        model, pairs = found.model, not plan.by
         first = min(model.contrasts, key=lambda one: (math.isnan(one.p), one.p))
         count = sum(_decisive(one, plan) < plan.alpha for one in model.contrasts)
         several = plan.correction == "holm" and len(model.contrasts) > 1
@@ -130,7 +130,7 @@ def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
 
 def _methods(found: Ratings, plan: RatingSettings) -> str:
     model = found.model
-    kind = "graded comparisons of pairs" if plan.by is None else "ordered ratings"
+    kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
     df = sorted({f"{round(one.df, 1):g}" for one in model.contrasts}, key=float)
     law = f"t of {' to '.join(dict.fromkeys((df[0], df[-1])))}"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
@@ -144,7 +144,7 @@ def _methods(found: Ratings, plan: RatingSettings) -> str:
 
 
 def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
-    pairs, unit = plan.by is None, _unit(model)
+    pairs, unit = not plan.by, _unit(model)
     level = f"{100 * model.level:g} % limits"
     steps = [] if pairs else [(f"{name}", "") for name in model.categories]
     places = Table.of(

@@ -39,9 +39,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
 
     def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
         """Return whether there is a level, or conditions to compare."""
-        return plan.level is not None or (
-            plan.by is not None and baseline_in(table, plan) is not None
-        )
+        return plan.level is not None or (bool(plan.by) and baseline_in(table, plan) is not None)
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> RightModels:
         """Fit the models, with names that a formula can hold."""
@@ -50,9 +48,9 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         if plan.level is not None:
             held[_identifier(plan.level)] = pd.to_numeric(table[plan.level]).astype(float)
         baseline = baseline_in(table, plan)
-        if baseline is not None and plan.by is not None:
-            held[_identifier(plan.by)] = table[plan.compared[0]]
-            reference[_identifier(plan.by)] = baseline
+        if baseline is not None and plan.by:
+            held[_identifier(plan.by_name)] = table[plan.compared[0]]
+            reference[_identifier(plan.by_name)] = baseline
         groups = [name for name in ("participant", "scene") if name in table]
         rows = table[["correct", *groups]].assign(**held)
         formula = "logit(correct) ~ 1 + " + " + ".join(held)

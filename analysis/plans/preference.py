@@ -3,21 +3,18 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Literal
 
 import pandas as pd
-from pydantic import Field
 
 from analysis.pairings import ALL_SIZES, found_pairings
 from analysis.parts import Plan
-from analysis.preference import Test
-from analysis.tasks.base import NamedOptions
+from analysis.plans.told import PreferencesTold
 from protocols.errors import StudyError
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Cell
-from protocols.tasks.pairs import PairTask, PreferenceAnalysis
+from protocols.tasks.pairs import PairTask, PreferenceAnalysis, Preferences
 
 
 @dataclass(frozen=True)
@@ -31,34 +28,29 @@ class Comparison:
     repeats: int
 
 
-@dataclass(frozen=True)
-class Settings(Plan):
-    """Names, labels and rules of a study's analysis.
+class Settings(Preferences, Plan):
+    """Names, labels and rules of a study's analysis."""
 
-    `primary` is (method, against, size), size "all" for all together, or None where a plain
-    table declares no primary comparison. `margin` is the smallest effect of interest as a
-    distance from one half. `pairings` give whose share is counted. `reaction` "models": of
-    reaction times too.
-    """
-
-    study: str
-    title: str
     methods: tuple[str, ...]
     sizes: tuple[str, ...]
     pairings: tuple[tuple[str, str], ...]
-    comparisons: tuple[Comparison, ...]
+    """Methods; whose share is counted comes first."""
+    comparisons: tuple[Comparison, ...] = ()
     labels: Mapping[str, str]
     primary: tuple[str, str, str] | None
-    alpha: float
-    margin: float
-    test: Test
-    correction: Literal["holm", "none"]
-    planned_participants: int | None
-    planned_trials: int | None
-    protocol_sha256: str | None
-    reaction: Literal["summary", "models"] = "summary"
+    """Method, against, and size, "all" for all together; None: a table declares none."""
+    planned_participants: int | None = None
+    planned_trials: int | None = None
 
-    alternatives = None
+    @property
+    def margin(self) -> float:
+        """Smallest effect of interest, as a distance from one half."""
+        return self.smallest_effect_rate
+
+    @property
+    def counted(self) -> str:
+        """How many methods are compared."""
+        return f"{len(self.methods)} methods"
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -123,44 +115,26 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
         for size in sizes
         for method, against in turned
     )
-    return Settings(
+    return Settings.of(
+        analysis,
         study=protocol.study.name,
         title=protocol.study.title,
+        protocol_sha256=protocol.sha256,
         methods=tuple(map(str, recipe.values(task.compare))),
         sizes=sizes,
         pairings=turned,
         comparisons=tuple(entry for entry in comparisons if entry.scenes),
         labels=dict(recipe.labels()),
         primary=(primary.method, primary.against, primary.size or "all"),
-        alpha=analysis.alpha,
-        margin=analysis.smallest_effect_rate,
-        test=analysis.test,
-        correction=analysis.correction,
         planned_participants=protocol.study.participants,
         planned_trials=sum(
             len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
         ),
-        protocol_sha256=protocol.sha256,
-        reaction=analysis.reaction,
     )
 
 
-class PreferenceOptions(NamedOptions):
-    """What a table of preferences may be told."""
-
-    primary: str | None = None
-    """The comparison that the report leads with and does not adjust, as METHOD/AGAINST or
-    METHOD/AGAINST/SIZE; left out: none."""
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Level of every test."""
-    margin: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
-    """Smallest effect of interest, as a distance from one half."""
-    reaction: Literal["summary", "models"] = "summary"
-    """Of reaction times: medians and means, or a model of them too."""
-
-
 def from_decisions(
-    decisions: pd.DataFrame, name: str, options: PreferenceOptions | None = None
+    decisions: pd.DataFrame, name: str, told: PreferencesTold | None = None
 ) -> Settings:
     """Return settings for a table without a protocol: every pairing found.
 
@@ -169,45 +143,37 @@ def from_decisions(
     StudyError
         If the options name methods or comparisons that the table does not have.
     """
-    options = options or PreferenceOptions()
+    told = told or PreferencesTold()
     found = found_pairings(decisions)
-    methods = options.sort(sorted({method for pairing in found for method in pairing}))
+    methods = told.sort(sorted({method for pairing in found for method in pairing}))
     sizes = tuple(sorted(map(str, decisions["size"].unique())))
     pairings = tuple(pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
     primary = None
-    if options.primary is not None:
+    if told.primary is not None:
         known = {
             f"{one}/{other}" + (f"/{size}" if size else ""): (one, other, size or "all")
             for pair in pairings
             for one, other in (pair, (pair[1], pair[0]))
             for size in ("", *sizes)
         }
-        text = "/".join(part.strip() for part in options.primary.split("/"))
+        text = "/".join(part.strip() for part in told.primary.split("/"))
         if text not in known:
             raise StudyError(
-                f"--set primary={options.primary}: must be a comparison of the table, as"
+                f"--set primary={told.primary}: must be a comparison of the table, as"
                 f" METHOD/AGAINST ({', '.join('/'.join(pair) for pair in pairings)})"
                 f"{did_you_mean(text, known)}"
             )
         primary = known[text]
         pairings = _turned(pairings, primary[0], primary[1], set())
-    return Settings(
+    return Settings.of(
+        told,
         study=name,
         title=name,
         methods=tuple(methods),
         sizes=sizes,
         pairings=pairings,
-        comparisons=(),
-        labels=options.label,
+        labels=told.label,
         primary=primary,
-        alpha=options.alpha,
-        margin=options.margin,
-        test="participant-scene",
-        correction="holm",
-        planned_participants=None,
-        planned_trials=None,
-        protocol_sha256=None,
-        reaction=options.reaction,
     )
 
 

@@ -1,101 +1,50 @@
 """What the analyses of tasks with right answers need to know of a study."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
 
 import pandas as pd
-from pydantic import Field
 
 from analysis.ideal_observer import AbxRule
 from analysis.parts import Plan
-from analysis.tasks.base import NamedOptions
-from protocols.adaptive.psychometric import Shape
+from analysis.plans.told import RatesTold
+from protocols.adaptive.levels import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Scalar
 
-Test = Literal["participant-scene", "participant"]
 EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
 
 
-class RatesOptions(NamedOptions):
-    """What a table of right and wrong answers may be told."""
+class RateSettings(RatesAnalysis, Plan):
+    """Names and rules of the analysis of right and wrong answers."""
 
-    by: str | None = None
-    """The column whose values are compared, or several with commas between, whose combinations
-    are; left out: `method`, if there is one."""
-    baseline: Scalar | None = None
-    """The value of `by` that the others are compared with; left out: the first in order."""
+    by: str | tuple[str, ...] = ""
     level: str | None = None
-    """A column of numbers along which answers get better or worse."""
-    falling: bool = False
-    """Answers get worse as `level` rises."""
-    test: Test = "participant-scene"
-    """Whose variation the inference respects."""
-    correction: Literal["holm", "none"] = "holm"
-    """Over all comparisons with the baseline."""
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Level of every test."""
-    shape: Shape = "gauss"
-    """Of psychometric functions; `weibull` where levels are above 0."""
-    reaction: Literal["summary", "models"] = "summary"
-    """Of reaction times: medians and means, or models of them too."""
-
-
-@dataclass(frozen=True)
-class RateSettings(Plan):
-    """Names and rules of the analysis of right and wrong answers.
-
-    Attributes
-    ----------
-    by : str or None
-        The column whose values are compared, or several with commas between; and `values` in
-        order, the baseline first.
-    answers : tuple of str
-        All that can be answered; empty where a table does not say.
-    alternatives : int
-        How many answers there are: chance is 1 / alternatives.
-    adaptive : bool
-        Levels were chosen from the answers: shares of right answers say nothing, thresholds do.
-    shape : str
-        Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``.
-    rule : str
-        ABX: how participants are taken to decide.
-    reaction : str
-        ``models``: of reaction times too.
-    """
-
-    study: str
-    title: str
-    kind: str
-    by: str | None
     values: tuple[str, ...]
-    level: str | None
-    falling: bool
-    adaptive: bool
+    """What `by` compares, in order, the baseline first."""
+    adaptive: bool = False
+    """Levels were chosen from the answers: shares of right answers say nothing, thresholds do."""
     answers: tuple[str, ...]
+    """All that can be answered, the signal's first; empty where a table does not say."""
     alternatives: int
+    """How many answers there are: chance is 1 / alternatives."""
+    signal: Scalar = ""
     labels: Mapping[str, str]
-    test: Test
-    correction: str
-    alpha: float
-    planned_participants: int | None
-    planned_trials: int | None
-    protocol_sha256: str | None
+    planned_participants: int | None = None
+    planned_trials: int | None = None
     rule: AbxRule = "differencing"
+    """ABX: how participants are taken to decide."""
+    guess: float | None
+    """Rate of guessing of psychometric functions; None: unknown."""
+    log: bool = False
     shape: Shape = "gauss"
-    reaction: Literal["summary", "models"] = "summary"
-
-    @property
-    def baseline(self) -> str:
-        """The value that the others are compared with."""
-        return self.values[0]
+    """Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``."""
 
     @property
     def chance(self) -> float:
@@ -103,14 +52,14 @@ class RateSettings(Plan):
         return 1.0 / self.alternatives
 
     @property
-    def guess(self) -> float | None:
-        """Rate of guessing of psychometric functions; None: unknown."""
-        return self.chance
-
-    @property
     def logarithmic(self) -> bool:
         """Whether psychometric functions are of the logarithm of levels."""
-        return self.shape == "weibull"
+        return self.log or self.shape == "weibull"
+
+    @property
+    def counted(self) -> str:
+        """How many conditions are compared."""
+        return count_of(len(self.values), "condition")
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -136,11 +85,6 @@ class RateSettings(Plan):
         if name in self.labels:
             return self.labels[name]
         return BETWEEN.join(self.labels.get(part, part) for part in name.split(BETWEEN))
-
-
-def by_columns(by: str | None) -> tuple[str, ...]:
-    """Return the columns that `by` names."""
-    return () if by is None else tuple(by.replace(BETWEEN, ",").split(","))
 
 
 def combined(values: Iterable[object]) -> str:
@@ -174,28 +118,45 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         level = level or rule.column
         falling = bool(getattr(rule, "falling", falling))
         shape = getattr(rule, "shape", shape)
-    return RateSettings(
+    return RateSettings.of(
+        analysis,
         study=study.study.name,
         title=study.study.title,
-        kind=analysis.kind,
-        by=analysis.by_name,
+        protocol_sha256=study.sha256,
         values=tuple(value for value in values if value in shown),
         level=level,
         falling=falling,
         adaptive=rule is not None,
         answers=task.answers(),
         alternatives=len(task.answers()),
+        signal=task.answers()[0],
+        guess=1.0 / len(task.answers()),
         labels={**answers, **study.stimuli.labels(), **task.labels()},
         planned_participants=study.study.participants,
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
-        protocol_sha256=study.sha256,
         shape=shape,
-        **_told(analysis, "test", "correction", "alpha", "reaction", "rule"),
     )
 
 
+class CurveSettings(RateSettings):
+    """Of an analysis along a level; all pairs of conditions are compared."""
+
+    @property
+    def counted(self) -> str:
+        """Along what answers change."""
+        return f"by {self.level}"
+
+    def reference_in(self, _names: Sequence[str]) -> str | None:
+        """Return nothing."""
+        return None
+
+
 def common_settings_of_table(
-    decisions: pd.DataFrame, name: str, kind: str, options: RatesOptions, answers: tuple[str, ...]
+    decisions: pd.DataFrame,
+    name: str,
+    told: RatesTold,
+    answers: tuple[str, ...],
+    plan: type[RateSettings] = RateSettings,
 ) -> RateSettings:
     """Return the settings of a table without a protocol.
 
@@ -204,8 +165,9 @@ def common_settings_of_table(
     StudyError
         If the table does not have a column or value that the options name.
     """
-    by = options.by or ("method" if "method" in decisions else None)
-    named = [*(("by", column) for column in by_columns(by)), ("level", options.level)]
+    columns = told.by_columns or (("method",) if "method" in decisions else ())
+    by = BETWEEN.join(columns)
+    named = [*(("by", column) for column in columns), ("level", told.level)]
     for key, column in named:
         if column is not None and column not in decisions:
             raise StudyError(
@@ -213,47 +175,37 @@ def common_settings_of_table(
                 f" ({', '.join(map(str, decisions.columns))})"
                 f"{did_you_mean(column, list(map(str, decisions.columns)))}"
             )
-    if options.level == TAKEN:
+    if told.level == TAKEN:
         raise StudyError(
             f"--set level={TAKEN}: must not be {TAKEN!r}, as reports call what is compared; give it"
             f" another name: --map level={TAKEN} --set level=level"
         )
     values = [EVERYTHING]
-    if by is not None:
-        columns = list(by_columns(by))
-        found = decisions[columns].drop_duplicates().sort_values(columns, kind="stable")
+    if columns:
+        found = decisions[[*columns]].drop_duplicates().sort_values([*columns], kind="stable")
         values = list(map(combined, found.itertuples(index=False)))
     parts = {*(part for name in values for part in name.split(BETWEEN)), *answers}
-    values = options.sort(values, sorted(parts))
-    if options.baseline is not None:
-        first = name_of(options.baseline)
+    values = told.sort(values, sorted(parts))
+    if told.baseline is not None:
+        first = name_of(told.baseline)
         if first not in values:
             raise StudyError(
                 f"--set baseline={first}: must be a value of {by!r} ({', '.join(values)})"
                 f"{did_you_mean(first, values)}"
             )
         values.sort(key=lambda value: value != first)
-    return RateSettings(
+    return plan.of(
+        told,
         study=name,
         title=name,
-        kind=kind,
         by=by,
         values=tuple(values),
         adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
         answers=answers,
         alternatives=len(answers),
-        labels=options.label,
-        planned_participants=None,
-        planned_trials=None,
-        protocol_sha256=None,
-        **_told(options, "level", "falling", "shape"),
-        **_told(options, "test", "correction", "alpha", "reaction", "rule"),
+        guess=getattr(told, "guess", 1.0 / len(answers)),
+        labels=told.label,
     )
-
-
-def _told(by: RatesAnalysis | RatesOptions, *names: str) -> dict[str, Any]:
-    """Return what a protocol or options say; those of other tasks lack a rule."""
-    return {name: getattr(by, name) for name in names if hasattr(by, name)}
 
 
 def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
@@ -267,7 +219,7 @@ def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
     """
     rows = decisions.copy()
     rows["correct"] = pd.to_numeric(rows["correct"]).astype(int)
-    columns = list(by_columns(settings.by))
+    columns = list(settings.by_columns)
     names: Sequence[str] | str = EVERYTHING
     if columns:
         names = list(map(combined, rows[columns].itertuples(index=False)))

@@ -1,16 +1,12 @@
 """What the analysis of ratings needs to know of a table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import pandas as pd
-from pydantic import Field
 
-from analysis.ordinal import OrdinalLink
 from analysis.parts import Plan
-from analysis.tables.ratings import scale_of
-from analysis.tasks.base import TableOptions
+from analysis.plans.told import RatingsTold
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
@@ -18,53 +14,32 @@ from protocols.tasks.rates import name_of
 from protocols.tasks.rating import Rating, RatingsAnalysis
 
 
-class RatingsOptions(TableOptions):
-    """What a table of ratings may be told."""
+class RatingSettings(RatingsAnalysis, Plan):
+    """Names and rules of the analysis of ratings; without `by` they are of pairs."""
 
-    by: str | None = None
-    """The column of conditions; left out: each row rates a pair, `first` against `second`."""
-    baseline: str | None = None
-    """The condition that the others are compared with; left out: all pairs are compared."""
-    scale: str | None = None
-    """Ratings from the lowest, with commas between, where they are no numbers."""
-    link: OrdinalLink = "probit"
-    """Of the cumulative-link model."""
-    correction: Literal["holm", "none"] = "holm"
-    """Over all comparisons."""
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Level of every test."""
+    by: str = ""
+    scale: tuple[str, ...] = ()
+    """Ratings from the lowest; empty: they are numbers."""
+    reaction: Literal["models"] = "models"
 
-
-@dataclass(frozen=True)
-class RatingSettings(Plan):
-    """Names and rules of the analysis of ratings; `by` None: ratings of pairs."""
-
-    study: str
-    title: str
-    by: str | None
-    baseline: str | None
-    scale: tuple[str, ...]
-    link: OrdinalLink
-    correction: Literal["holm", "none"]
-    alpha: float
-    protocol_sha256: str | None = None
-
-    reaction = "models"
-    alternatives = None
+    @property
+    def counted(self) -> str:
+        """What is rated."""
+        return f"ratings by {self.by}" if self.by else "pairs, graded"
 
     @property
     def compared(self) -> tuple[str, ...]:
         """The column of conditions; none where pairs are rated."""
-        return () if self.by is None else (self.by,)
+        return (self.by,) if self.by else ()
 
     def reference_in(self, _names: Sequence[str]) -> str | None:
         """Return the baseline."""
-        return self.baseline
+        return None if self.baseline is None else name_of(self.baseline)
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns that hold conditions."""
-        return ("first", "second") if self.by is None else (self.by,)
+        return self.compared or ("first", "second")
 
 
 def from_protocol(study: StudyProtocol) -> RatingSettings:
@@ -81,20 +56,17 @@ def from_protocol(study: StudyProtocol) -> RatingSettings:
             f"analysis.kind: must be 'ratings' with the task 'rating' (got {analysis.kind!r} with"
             f" {task.kind!r})"
         )
-    return RatingSettings(
+    return RatingSettings.of(
+        analysis,
         study=study.study.name,
         title=study.study.title,
-        by=analysis.by,
-        baseline=None if analysis.baseline is None else name_of(analysis.baseline),
-        scale=task.scale,
-        link=analysis.link,
-        correction=analysis.correction,
-        alpha=analysis.alpha,
         protocol_sha256=study.sha256,
+        scale=task.scale,
+        reaction="models",
     )
 
 
-def settings_of(decisions: pd.DataFrame, name: str, options: RatingsOptions) -> RatingSettings:
+def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> RatingSettings:
     """Return the settings of a table.
 
     Raises
@@ -102,21 +74,12 @@ def settings_of(decisions: pd.DataFrame, name: str, options: RatingsOptions) -> 
     StudyError
         If the baseline is no condition of the table.
     """
-    settings = RatingSettings(
-        study=name,
-        title=name,
-        by=options.by,
-        baseline=options.baseline,
-        scale=scale_of(options.scale, "--set scale"),
-        link=options.link,
-        correction=options.correction,
-        alpha=options.alpha,
-    )
-    known = conditions_of(decisions, settings)
-    if options.baseline is not None and options.baseline not in known:
+    settings = RatingSettings.of(told, study=name, title=name, reaction="models")
+    known, baseline = conditions_of(decisions, settings), settings.reference_in(())
+    if baseline is not None and baseline not in known:
         raise StudyError(
-            f"--set baseline={options.baseline}: must be one of the conditions"
-            f" ({', '.join(known)}){did_you_mean(options.baseline, known)}"
+            f"--set baseline={baseline}: must be one of the conditions"
+            f" ({', '.join(known)}){did_you_mean(baseline, known)}"
         )
     return settings
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.parts import Estimate, Part, Plan, computed
+from analysis.parts.added import with_added
 from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range, p_number
 from analysis.tasks.base import AnyAnalysis
 from protocols.errors import StudyError
-
-USUAL_ALPHA = 0.05
-"""Of an analysis whose settings name none."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Beside:
 
 def beside(source: Source) -> Beside | None:
     """Return the numbers with and without exclusions; None where no rule left anything out."""
-    alpha = float(getattr(source.settings, "alpha", USUAL_ALPHA))
+    alpha = source.settings.alpha
     if source.tidy is None:
         return None
     main = source.tidy.decisions[source.tidy.decisions["kind"] == "main"]
@@ -77,11 +75,12 @@ def estimates_of(
     ValueError or StudyError
         If nothing can be said of these decisions.
     """
-    main = {p.name: p for p in analysis.parts if type(p).estimates is not Part.estimates}
+    every = with_added(analysis.parts)
+    main = {p.name: p for p in every if type(p).estimates is not Part.estimates}
     asked = set(main)
-    for part in analysis.parts[::-1]:
+    for part in every[::-1]:
         asked |= {*part.needs} if part.name in asked else set()
-    parts = [part for part in analysis.parts if part.name in asked]
+    parts = [part for part in every if part.name in asked]
     found, _ = computed(parts, analysis.table(decisions, plan), plan)
     return tuple(
         one

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import warnings as python_warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -85,6 +85,7 @@ def report_decisions(
     protocol: StudyProtocol | None = None,
     title: str | None = None,
     where: Sequence[str] = (),
+    told: Mapping[str, str] | None = None,
     replace: bool = False,
     figure_files: bool = True,
     progress: Progress | None = None,
@@ -95,10 +96,10 @@ def report_decisions(
     because a plain table does not hold what they need. Without one, the task is the one that
     `analysis import` noted beside the table; a table without that note must hold preferences.
     `title` stands at the top of the page; left out: the protocol's, or the table's name. `where`
-    are conditions that rows must fulfil.
+    are conditions that rows must fulfil; `told` are keys of the analysis, in place of those noted.
     """
     check_result(out, replace=replace, reads=[path])
-    source = from_table(path, protocol, title, where)
+    source = from_table(path, protocol, title, where, told)
     return write_report(
         source, path, out, replace=replace, figure_files=figure_files, progress=progress
     )
@@ -137,7 +138,7 @@ def write_report(
         numbers: dict[str, Json] = {
             "format": 2,
             "simulated": source.simulated,
-            "settings": as_json(source.settings),
+            "settings": source.settings.model_dump(mode="json"),
             "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "without_exclusions": as_json(both),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from analysis.parts import Shown, computed
-from analysis.parts.added import added_parts
+from analysis.parts.added import with_added
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
 from analysis.report.values import as_json
@@ -55,8 +55,8 @@ class Content:
 def content_of(source: Source, step: Callable[[str], None] = lambda _name: None) -> Content:
     """Analyse a source, part by part."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
-    parts = (*analysis.parts_of(plan), *added_parts({part.name for part in analysis.parts}))
-    parts = tuple(one for one in parts if not source.only or one.name in source.only)
+    every = with_added(analysis.parts_of(plan))
+    parts = tuple(one for one in every if not source.only or one.name in source.only)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     if not found:
         raise StudyError(
@@ -77,18 +77,18 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
         planned.append(part.planned_p(found[part.name]))
-    every = (said, *(one for _, one in shown))
-    sentences = tuple(sentence for one in every for sentence in one.sentences)
+    told = (said, *(one for _, one in shown))
+    sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."
     return Content(
-        counted=f"{counted} · {analysis.counted(plan)}",
-        lead=tuple(block for one in every for block in one.lead),
+        counted=f"{counted} · {plan.counted}",
+        lead=tuple(block for one in told for block in one.lead),
         sections=tuple(one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections),
         figures=tuple(figures),
-        methods=" ".join([*(one.methods for one in every if one.methods), version]),
+        methods=" ".join([*(one.methods for one in told if one.methods), version]),
         sentences=sentences,
-        headline=next(filter(None, (*(one.headline for one in every), *sentences)), ""),
-        tables={name: table for one in every for name, table in one.tables.items()},
+        headline=next(filter(None, (*(one.headline for one in told), *sentences)), ""),
+        tables={name: table for one in told for name, table in one.tables.items()},
         numbers={name: as_json(one) for name, one in found.items()},
         planned_p=next((p for p in planned if p is not None), None),
         warnings=(

@@ -1,8 +1,7 @@
 """At which planned look a study stands."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 from analysis.parts import Estimate
 from analysis.plots import sized
@@ -42,8 +41,7 @@ def look_of(source: Source, planned_p: float | None) -> Look | None:
     now = standing(plan, people, planned_p)
     if now.reject_p is None or now.reject_p < LEAST or plan.rule == "bayes-factor":
         return Look(plan, now)
-    settings: Any = source.settings
-    at_bound = replace(settings, alpha=now.reject_p)
+    at_bound = source.settings.but(alpha=now.reject_p)
     return Look(plan, now, estimates_of(source.analysis, source.decisions, at_bound, planned=True))
 
 

@@ -1,21 +1,23 @@
 """What a report is made from: sessions, or a table of decisions."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
 from analysis.parts import Plan
+from analysis.plans.told import PreferencesTold
 from analysis.recording import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
-from analysis.tasks.base import AnyAnalysis, TableOptions
-from analysis.tasks.note import note_path, read_note
+from analysis.tasks.base import AnyAnalysis
+from analysis.tasks.note import note_path, read_note, options_from
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_file
 from protocols.schema import StudyProtocol
+from protocols.tasks.base import Analysis
 
 Progress = Callable[[str, int, int], None]
 
@@ -88,10 +90,12 @@ def from_table(
     protocol: StudyProtocol | None,
     title: str | None = None,
     where: Sequence[str] = (),
+    told: Mapping[str, str] | None = None,
 ) -> Source:
     """Read a table of decisions; a protocol, where given, says task, conditions and rules.
 
-    `where` as `analysis.tables.table.Table` takes it.
+    `where` as `analysis.tables.table.Table` takes it; `told` are keys that take the place of those
+    beside the table.
 
     Raises
     ------
@@ -105,16 +109,17 @@ def from_table(
     if protocol is not None:
         analysis = analysis_of(protocol.analysis.kind)
         settings = analysis.settings(protocol)
-        decisions = _main(path, analysis.read(table, {}, analysis.options_of(settings)))
+        decisions = _main(path, analysis.read(table, {}, analysis.told_by(settings)))
         analysis.check_table(path, decisions, settings)
         notes.append("the protocol's exclusion rules were not applied to this table")
     else:
-        kind, options = noted or _guessed(table)
-        analysis = analysis_of(kind)
-        decisions = _main(path, analysis.read(table, {}, options))
-        settings = analysis.settings_of_table(decisions, path.stem, options)
+        noted = noted or _guessed(table)
+        analysis = analysis_of(noted.kind)
+        asked = options_from(noted.kind, told or {}, noted)
+        decisions = _main(path, analysis.read(table, {}, asked))
+        settings = analysis.settings_of_table(decisions, path.stem, asked)
     if title is not None:
-        settings = replace(settings, title=title)
+        settings = settings.but(title=title)
     return Source(
         analysis,
         decisions,
@@ -128,9 +133,9 @@ def from_table(
 
 
 def from_question(
-    analysis: AnyAnalysis, table: Table, options: TableOptions, only: Collection[str] = ()
+    analysis: AnyAnalysis, table: Table, told: Analysis, only: Collection[str] = ()
 ) -> Source:
-    """Read a table for one question: a kind of analysis, and its options as a command has them.
+    """Read a table for one question: a kind of analysis, and what a command was told.
 
     `only` are the parts that answer it; none: all.
 
@@ -139,8 +144,8 @@ def from_question(
     StudyError
         If the table lacks a column, or holds what cannot be.
     """
-    decisions = analysis.read(table, {}, options)
-    settings = analysis.settings_of_table(decisions, table.path.stem, options)
+    decisions = analysis.read(table, {}, told)
+    settings = analysis.settings_of_table(decisions, table.path.stem, told)
     return Source(
         analysis,
         decisions,
@@ -166,7 +171,7 @@ def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:
     return kept.reset_index(drop=True)
 
 
-def _guessed(table: Table) -> tuple[str, TableOptions]:
+def _guessed(table: Table) -> Analysis:
     """Take a table for one of preferences unless its columns speak of right answers."""
     path, columns = table.path, set(table.rows.columns)
     if not {"first", "second"} & columns and {"correct", "answer"} & columns:
@@ -175,5 +180,4 @@ def _guessed(table: Table) -> tuple[str, TableOptions]:
             " --task TASK', which notes the task beside the table"
             f" (there is no {note_path(path).name} here, and the columns fit several tasks)"
         )
-    analysis = analysis_of("preference")
-    return "preference", analysis.options()
+    return PreferencesTold()

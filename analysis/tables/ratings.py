@@ -111,22 +111,3 @@ def _ratings(table: Table, by: str | None, scale: Sequence[str], option: str) ->
         return ratings
     table.number("rating", rare=by is not None)
     return pd.to_numeric(ratings)
-
-
-def scale_of(text: str | None, option: str = "--scale") -> tuple[str, ...]:
-    """Return ratings from a text with commas between, from the lowest; none of None.
-
-    Raises
-    ------
-    StudyError
-        If fewer than two are named, or one twice.
-    """
-    if text is None:
-        return ()
-    names = tuple(name.strip() for name in text.split(","))
-    if len(names) < 2 or "" in names or len(set(names)) < len(names):
-        raise StudyError(
-            f"{option} must name two different ratings or more, from the lowest on, with commas"
-            f" between (got {text!r})"
-        )
-    return names

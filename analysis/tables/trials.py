@@ -10,6 +10,7 @@ from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from protocols.tasks.rates import name_of
+from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS
 
 OURS = ("participant", "scene", "order", "expected", "answer", "correct", "rt_s")
@@ -250,15 +251,17 @@ def as_decisions(rows: pd.DataFrame) -> pd.DataFrame:
 
 def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
     """Return the columns of a table that was read: ours first, those of its conditions between."""
-    ours = decided((), ANSWER_COLUMNS)
-    known = {column.name for column in ours}
+    answer = (*RATING_COLUMNS, *ANSWER_COLUMNS)
+    known = {column.name for column in decided((), answer)}
     condition = tuple(
-        Column(str(name), "value", "", "Column of the table's conditions")
-        for name in decisions.columns
+        Column("scene", "text", "", "Scene")
+        if name == "scene"
+        else Column(name, "value", "", "Column of the table's conditions")
+        for name in map(str, decisions.columns)
         if name not in known
     )
     return tuple(
         column
-        for column in decided(condition, ANSWER_COLUMNS)
+        for column in decided(condition, answer)
         if column.name in decisions or column.name in _ALWAYS
     )

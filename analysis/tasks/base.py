@@ -1,4 +1,4 @@
-"""What the analysis of a task offers: settings, results, its part of the report, its power.
+"""What the analysis of a task offers: its parts, their plan, its tables, its power.
 
 The report, the tables and the commands ask it, and know no task themselves.
 """
@@ -13,52 +13,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field
 
 from analysis.parts import AnyPart, Plan
 from analysis.seed import SEED
 from analysis.tables.table import Source
+from analysis.tables.trials import answer_columns
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
-from protocols.suggest import did_you_mean
-from protocols.units import Model
+from protocols.tasks.base import Analysis
 
 Counted = Callable[[int, int], None]
-
-
-class TableOptions(Model):
-    """What a table without a protocol must be told, such as which column holds the level.
-
-    Subclasses say it in fields; `metamerlab analysis import --set KEY=VALUE` fills them.
-    """
-
-
-class NamedOptions(TableOptions):
-    """How a report of a table names and sorts its conditions."""
-
-    order: str | None = None
-    """Conditions in the order of the report, with commas between; others follow."""
-    label: dict[str, str] = Field(default_factory=dict)
-    """What the report calls a condition, as label.NAME = "TEXT"."""
-
-    def sort(self, names: Sequence[str], parts: Sequence[str] = ()) -> list[str]:
-        """Return conditions in the order that is asked for.
-
-        Raises
-        ------
-        StudyError
-            If `order` or `label` name what is no condition, nor (`label`) one of its parts.
-        """
-        first = [] if self.order is None else [name.strip() for name in self.order.split(",")]
-        for key, given, known in (("order", first, names), ("label", self.label, (*names, *parts))):
-            for name in given:
-                if name not in known:
-                    raise StudyError(
-                        f"--set {key}: must name conditions of the table ({', '.join(known)})"
-                        f" (got {name!r}){did_you_mean(name, known)}"
-                    )
-        return sorted(names, key=lambda name: (*first, name).index(name))
 
 
 @dataclass(frozen=True)
@@ -110,9 +75,9 @@ S = TypeVar("S", bound=Plan)
 
 
 class TaskAnalysis(ABC, Generic[S]):
-    """The analysis of a kind of task: how its tables are read, its parts, its power.
+    """The analysis of a kind of task: its parts, and how a study or a table becomes their plan.
 
-    `S` are its settings.
+    `S` is that plan.
     """
 
     kind: ClassVar[str]
@@ -121,15 +86,13 @@ class TaskAnalysis(ABC, Generic[S]):
     """What several trials are called in a sentence."""
     parts: ClassVar[tuple[AnyPart, ...]] = ()
     """Its statistics, in reading order."""
-    options: ClassVar[type[TableOptions]] = TableOptions
-    """What a table without a protocol must be told."""
+    options: ClassVar[type[Analysis]]
+    """What a table without a protocol is told."""
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
     """What results depend on beside data and settings; the report's provenance lists it."""
 
-    # Where settings and decisions come from.
-
     def settings(self, _study: StudyProtocol) -> S:
-        """Return the settings that a protocol fixes.
+        """Return the plan that a protocol fixes.
 
         Raises
         ------
@@ -141,26 +104,17 @@ class TaskAnalysis(ABC, Generic[S]):
         )
 
     @abstractmethod
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> S:
-        """Return the settings of a table without a protocol.
-
-        Parameters
-        ----------
-        options : TableOptions
-            Of this analysis.
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> S:
+        """Return the plan of a table without a protocol.
 
         Raises
         ------
         StudyError
-            If the options do not fit the table.
+            If what was told does not fit the table.
         """
 
     @abstractmethod
-    def options_of(self, settings: S) -> TableOptions:
-        """Return what a table must be told to be read as these settings say."""
-
-    @abstractmethod
-    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
         """Read decisions from a table of any tool; what was left out is added to its notes.
 
         Parameters
@@ -175,9 +129,13 @@ class TaskAnalysis(ABC, Generic[S]):
             With the column, line and value at fault.
         """
 
-    @abstractmethod
+    def told_by(self, plan: S) -> Analysis:
+        """Return what a table must be told to be read as the plan of a study says."""
+        return self.options(**{name: one for name, one in plan if name in self.options.model_fields})
+
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of a table that was read, for its data dictionary."""
+        return answer_columns(decisions)
 
     def table_notes(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[str]:
         """Return what is odd about the answers of a table that was read."""
@@ -186,8 +144,6 @@ class TaskAnalysis(ABC, Generic[S]):
     def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
         """Refuse a table that does not fit the protocol given with it (StudyError)."""
 
-    # Results.
-
     def parts_of(self, _settings: S) -> Sequence[AnyPart]:
         """Return the parts of such a report, in reading order."""
         return self.parts
@@ -195,6 +151,12 @@ class TaskAnalysis(ABC, Generic[S]):
     def table(self, decisions: pd.DataFrame, _settings: S) -> pd.DataFrame:
         """Return decisions as the parts take them."""
         return decisions
+
+    def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+        """Return the decisions in forms that other programs read, by file name."""
+        return {}
+
+    # Power.
 
     def simulated_p(
         self,
@@ -220,16 +182,6 @@ class TaskAnalysis(ABC, Generic[S]):
             f"analysis.kind: looks at {study.analysis.kind!r} cannot be simulated; bounds hold for"
             " any p"
         )
-
-    def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-        """Return the decisions in forms that other programs read, by file name."""
-        return {}
-
-    @abstractmethod
-    def counted(self, settings: S) -> str:
-        """Return what is compared, in two or three words for the top of the page."""
-
-    # Power.
 
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return what a simulation of power takes for true, with values that fit the study."""
@@ -281,7 +233,10 @@ class TaskAnalysis(ABC, Generic[S]):
         StudyError
             If the study compares nothing, or this analysis simulates nothing.
         """
-        raise StudyError(f"analysis.kind: power of {study.analysis.kind!r} cannot be simulated")
+        raise StudyError(
+            f"analysis.kind: the power of {study.analysis.kind!r} cannot be simulated; plan by a"
+            " pilot, whose report gives the limits of every difference"
+        )
 
 
 AnyAnalysis: TypeAlias = TaskAnalysis[Any]

@@ -1,22 +1,25 @@
-"""Which task a table of decisions is of: a small JSON file beside it, of the same name."""
+"""What a table of decisions was told: a small JSON file beside it, of the same name."""
 
 import json
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
+from analysis.plans.told import keys_of, said_of
 from analysis.tasks import analysis_of
-from analysis.tasks.base import TableOptions
 from protocols.errors import StudyError
+from protocols.load import with_tuples
 from protocols.outside import json_bytes, parsed_json
 from protocols.problems import problems_of
 from protocols.read_file import read_bytes
 from protocols.suggest import did_you_mean
+from protocols.tasks.base import Analysis
 
-FORMAT = 1
+FORMAT = 2
 
 
 def note_path(table: Path) -> Path:
@@ -24,19 +27,15 @@ def note_path(table: Path) -> Path:
     return table.with_suffix(".json")
 
 
-def write_note(table: Path, kind: str, options: TableOptions) -> None:
-    """Say beside a table by which analysis, and how, it is to be read."""
-    content = {
-        "format": FORMAT,
-        "table": table.name,
-        "analysis": {"kind": kind, **options.model_dump(mode="json")},
-    }
+def write_note(table: Path, told: Analysis) -> None:
+    """Keep beside a table what it was told: the analysis, and how it is to be read."""
+    content = {"format": FORMAT, "table": table.name, "analysis": said_of(told)}
     text = json.dumps(content, indent=1, ensure_ascii=False)
     note_path(table).write_bytes(json_bytes(text + "\n"))
 
 
-def read_note(table: Path) -> tuple[str, TableOptions] | None:
-    """Return kind and options of the analysis that a note names; None where there is no note.
+def read_note(table: Path) -> Analysis | None:
+    """Return what a note says that the table was told; None where there is no note.
 
     Raises
     ------
@@ -51,45 +50,62 @@ def read_note(table: Path) -> tuple[str, TableOptions] | None:
     content = parsed_json(path, read_bytes(path, "the note"), must, StudyError, cure)
     try:
         said = dict(content["analysis"])
-        kind = str(said.pop("kind"))
-        known = content["format"] == FORMAT
+        kind, found = str(said.pop("kind")), content["format"]
     except (ValueError, KeyError, TypeError):
         raise StudyError(f"{path}: must be {must}; {cure}") from None
-    if not known:
-        raise StudyError(f"{path}: format must be {FORMAT} (got {content['format']!r})")
-    return kind, _checked(kind, said, f"{path}: analysis")
+    if found != FORMAT:
+        raise StudyError(
+            f"{path}: format must be {FORMAT} (got {found!r}, of another metamerlab); make it anew:"
+            f" metamerlab analysis import {table} --task TASK --out FOLDER, or analysis tidy"
+        )
+    return _checked(
+        kind, {key: with_tuples(value) for key, value in said.items()}, f"{path}: analysis"
+    )
 
 
-def options_from(kind: str, texts: Mapping[str, str]) -> TableOptions:
-    """Return the options of an analysis from texts, as a command line gives them.
+def options_from(
+    kind: str, texts: Mapping[str, str], known: Analysis | None = None, place: str = "--set"
+) -> Analysis:
+    """Return what a table is told in texts, as a command line gives them.
+
+    `known` was told before; `place` stands before a key in messages.
 
     Raises
     ------
     StudyError
         If a key is unknown, or a value cannot be.
     """
+    model = analysis_of(kind).options
+    fields = model.model_fields
     values: dict[str, Any] = {}
+    if known is not None:
+        values |= {name: getattr(known, name) for name in keys_of(model)}
     for key, text in texts.items():
         name, dot, part = key.partition(".")
         if dot:  # label.ours=Our method
-            values.setdefault(name, {})[part] = text.strip("\"'")
+            values[name] = {**values.get(name, {}), part: text.strip("\"'")}
         else:
-            values[name] = _value(text)
-    return _checked(kind, values, "--set")
+            values[name] = _value(text, fields[name].annotation if name in fields else str)
+    return _checked(kind, values, place)
 
 
-def _value(text: str) -> object:
-    """Return a number, true or false, or a text."""
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
-        return text
-    return value if isinstance(value, bool | int | float) else text.strip("\"'")
+def _value(text: str, wanted: object) -> object:
+    """Return a number, true or false where such are wanted; else the text."""
+    if _numeric(wanted):
+        with suppress(ValueError, RecursionError):
+            value = tomllib.loads(f"value = {text}")["value"]
+            if isinstance(value, bool | int | float):
+                return value
+    return text.strip("\"'")
 
 
-def _checked(kind: str, values: Mapping[str, Any], place: str) -> TableOptions:
+def _numeric(wanted: object) -> bool:
+    return wanted in (bool, int, float) or any(map(_numeric, get_args(wanted)))
+
+
+def _checked(kind: str, values: Mapping[str, Any], place: str) -> Analysis:
     model = analysis_of(kind).options
-    known = list(model.model_fields)
+    known = keys_of(model)
     for key in values:
         if key not in known:
             raise StudyError(

@@ -1,7 +1,7 @@
 """The analysis of ordered ratings, kind `ratings`."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import pandas as pd
 
@@ -9,16 +9,14 @@ from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingSettings, RatingsOptions, from_protocol, settings_of
-from analysis.tables.ratings import read_ratings, scale_of
+from analysis.plans.ratings import RatingSettings, from_protocol, settings_of
+from analysis.plans.told import RatingsTold
+from analysis.tables.ratings import read_ratings
 from analysis.tables.table import Source
-from analysis.tasks.base import TableOptions, TaskAnalysis
-from protocols.columns import Column, decided
-from protocols.errors import StudyError
+from analysis.tables.trials import as_decisions
+from analysis.tasks.base import TaskAnalysis
 from protocols.schema import StudyProtocol
-from protocols.tasks.rating import RATING_COLUMNS
-
-_ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
+from protocols.tasks.base import Analysis
 
 
 class Ratings(TaskAnalysis[RatingSettings]):
@@ -27,64 +25,19 @@ class Ratings(TaskAnalysis[RatingSettings]):
     kind: ClassVar[str] = "ratings"
     task: ClassVar[str] = "ratings"
     parts: ClassVar[tuple[AnyPart, ...]] = (RatingsPart(), StepLearning(), TimesPart())
-    options: ClassVar[type[TableOptions]] = RatingsOptions
+    options: ClassVar[type[Analysis]] = RatingsTold
 
     def settings(self, study: StudyProtocol) -> RatingSettings:
-        """Return the settings that a protocol fixes."""
+        """Return the plan that a protocol fixes."""
         return from_protocol(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RatingSettings:
-        """Return what the options say."""
-        return settings_of(decisions, name, options)
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatingSettings:
+        """Return what was told."""
+        return settings_of(decisions, name, told)
 
-    def options_of(self, settings: RatingSettings) -> RatingsOptions:
-        """Return the options that say the same."""
-        return RatingsOptions(
-            by=settings.by,
-            baseline=settings.baseline,
-            scale=",".join(settings.scale) or None,
-            link=settings.link,
-            correction=settings.correction,
-            alpha=settings.alpha,
-        )
-
-    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
         """Read ratings: who gave which to what."""
-        scale = scale_of(options.scale, "--set scale")
-        rows = read_ratings(table, mapping, by=options.by, scale=scale, option="--set {}=")
-        return rows.assign(
-            session=rows["participant"],
-            trial=[f"row-{number}" for number in range(1, len(rows) + 1)],
-            kind="main",
-            included=1,
-            exclusion="",
-        )[[column.name for column in _columns(rows)]]
-
-    def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
-        """Return the columns of the table."""
-        return _columns(decisions)
-
-    def counted(self, settings: RatingSettings) -> str:
-        """Return what is rated."""
-        return "pairs, graded" if settings.by is None else f"ratings by {settings.by}"
-
-    def assumptions(self, _study: StudyProtocol) -> NoReturn:
-        """Refuse: nobody simulates ratings yet."""
-        raise StudyError(
-            "analysis.kind: the power of 'ratings' cannot be simulated; plan by a pilot, whose"
-            " report gives the limits of every difference"
+        by = told.by or None
+        return as_decisions(
+            read_ratings(table, mapping, by=by, scale=told.scale, option="--set {}=")
         )
-
-
-def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
-    known = {*_ALWAYS, "scene", "rating", "rt_s"}
-    condition = [
-        Column("scene", "text", "", "Scene"),
-        *(
-            Column(str(name), "text", "", "Column of the table's conditions")
-            for name in decisions.columns
-            if name not in known
-        ),
-    ]
-    there = {*_ALWAYS, *decisions.columns}
-    return tuple(column for column in decided(condition, RATING_COLUMNS) if column.name in there)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from protocols.errors import StudyError
+
+Shape: TypeAlias = Literal["gauss", "logistic", "gumbel", "weibull"]
+"""Of a psychometric function (`protocols.adaptive.psychometric`)."""
 
 Answer: TypeAlias = tuple[float, bool]
 """The level that was shown, and whether the answer was correct (or "yes")."""

@@ -29,16 +29,16 @@ are not. The analysis has gauss, logistic and weibull.
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from typing import TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtr, ndtri
 
+from protocols.adaptive.levels import Shape
 from protocols.errors import StudyError
 
 Floats: TypeAlias = NDArray[np.float64]
-Shape: TypeAlias = Literal["gauss", "logistic", "gumbel", "weibull"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 
 WIDTH_EDGE = 0.05

@@ -32,8 +32,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import entr
 
-from protocols.adaptive.levels import History, check_history, check_levels
-from protocols.adaptive.psychometric import Floats, Shape, check_shape, probability
+from protocols.adaptive.levels import History, Shape, check_history, check_levels
+from protocols.adaptive.psychometric import Floats, check_shape, probability
 from protocols.errors import StudyError
 
 PARAMETERS = ("guess", "threshold", "width", "lapse")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from protocols.adaptive.levels import Shape
 from protocols.chance import Chance
 from protocols.errors import Problem, StudyError
 from protocols.pool import Pool
@@ -161,7 +162,7 @@ class QuestPlusLevels(AdaptiveLevels):
     """Possible guess rates."""
     lapse: Annotated[tuple[Share, ...], Field(max_length=1000)] = (0.02,)
     """Possible lapse rates."""
-    shape: Literal["gauss", "logistic", "gumbel", "weibull"] = "gauss"
+    shape: Shape = "gauss"
     """Shape of the psychometric function, also in the report. `weibull` needs levels above 0."""
     falling: bool = False
     """Answers get worse as the level rises."""

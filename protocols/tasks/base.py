@@ -122,7 +122,7 @@ class Analysis(Grown):
 
     kind: str
     """The analysis that belongs to the task."""
-    alpha: Annotated[float, Field(ge=1e-9, lt=0.5)] = 0.05
+    alpha: Annotated[float, Field(ge=1e-9, le=0.5)] = 0.05
     """Significance level."""
     exclusions: Exclusions = Exclusions()
     """Default: the defaults of Exclusions."""

@@ -72,18 +72,23 @@ class PrimaryComparison(Model):
     """Default: all sizes together."""
 
 
-class PreferenceAnalysis(Analysis):
-    """Preference shares, a scale of all methods, what they depend on."""
+class Preferences(Analysis):
+    """How preferences are tested, whatever is compared."""
 
-    kind: Literal["preference"]
-    primary: PrimaryComparison
-    """Tested alone, without correction for multiple comparisons."""
     smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
     """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
+
+
+class PreferenceAnalysis(Preferences):
+    """Preference shares, a scale of all methods, what they depend on."""
+
+    kind: Literal["preference"]
+    primary: PrimaryComparison
+    """Tested alone, without correction for multiple comparisons."""
 
     def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield names that do not exist, and a primary comparison that is not shown."""

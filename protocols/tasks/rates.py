@@ -85,8 +85,10 @@ class RatesAnalysis(Analysis):
 
     @property
     def by_columns(self) -> tuple[str, ...]:
-        """The columns that `by` names."""
-        return (self.by,) if isinstance(self.by, str) else self.by
+        """The columns that `by` names; none: nothing is compared."""
+        if isinstance(self.by, str):  # a table's may be named with commas between
+            return tuple(self.by.replace(BETWEEN, ",").split(",")) if self.by else ()
+        return self.by
 
     @property
     def by_name(self) -> str:
@@ -103,7 +105,7 @@ class RatesAnalysis(Analysis):
         shown = (cell.arrangements[0].condition for cell in cells)
         return tuple(dict.fromkeys(value_of(condition, self.by_columns) for condition in shown))
 
-    def compared(self, task: Task, pool: Pool) -> tuple[str, ...]:
+    def ordered(self, task: Task, pool: Pool) -> tuple[str, ...]:
         """Return the values of `by`, the baseline first."""
         values = list(dict.fromkeys(map(str, self.known(task, pool))))
         if self.baseline is not None:
@@ -112,7 +114,7 @@ class RatesAnalysis(Analysis):
 
     def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
         """Return the analysis in sentences."""
-        baseline, *others = self.compared(task, pool)
+        baseline, *others = self.ordered(task, pool)
         respected = {
             "participant-scene": "participants and of scenes",
             "participant": "participants",

@@ -174,8 +174,7 @@ def tidy(
             analysis = analysis_of(study.analysis.kind)
             for name, table in analysis.tidy_tables(tables.analysed).items():
                 write_table(table, work / name)
-            options = analysis.options_of(analysis.settings(study))
-            write_note(work / "decisions.csv", analysis.kind, options)
+            write_note(work / "decisions.csv", analysis.told_by(analysis.settings(study)))
     for warning in tables.warnings:
         say(f"note: {warning}")
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
@@ -392,7 +391,7 @@ def import_(
             }
             for name, frame in tables.items():
                 write_table(frame, work / name)
-            write_note(work / "decisions.csv", analysis.kind, chosen)
+            write_note(work / "decisions.csv", chosen)
     for note in plain.notes:
         say(f"note: {note}")
     people = count_of(decisions["participant"].nunique(), "participant")

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analysis.plans.told import CurvesTold, DetectionTold, RatingsTold, TimesTold
 from protocols.errors import StudyError
+from protocols.key_docs import key_docs
+from protocols.tasks.base import Analysis
 from study_app.cli.assumed import pairs
 from study_app.cli.errors import user_errors
-from study_app.cli.options import ReplaceOption, one_of
+from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.from_csv.found import Found
-    from analysis.ordinal import OrdinalLink
     from analysis.report.blocks import Table as Rows
     from analysis.report.content import Content
     from analysis.tables.table import Table as AnyTable
@@ -61,39 +64,71 @@ OutOption = Annotated[
     Path | None,
     typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json."),
 ]
-ByOption = Annotated[str | None, typer.Option(help="Column whose values are compared.")]
-BaselineOption = Annotated[
-    str | None, typer.Option(help="The value of --by that the others are compared with.")
-]
-LINKS: tuple[OrdinalLink, ...] = ("probit", "logit")
 LevelOption = Annotated[
     float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
 ]
 
 
-def psychometric(
-    table: TrialsArgument,
-    level: Annotated[str, typer.Option(help="Column of numbers along which answers change.")],
-    by: ByOption = None,
-    guess: Annotated[
-        str, typer.Option(metavar="RATE|fit", help="Rate of guessing, such as 0.5; fit: unknown.")
-    ] = "0.5",
-    shape: Annotated[
-        str, typer.Option(help="Of the curve: gauss, logistic, gumbel or weibull.")
-    ] = "gauss",
-    falling: Annotated[
-        bool, typer.Option("--falling", help="Answers get worse as the level rises.")
-    ] = False,
-    log: Annotated[
-        bool, typer.Option("--log", help="Fit on the logarithm of the level; weibull always does.")
-    ] = False,
-    columns: MapOption = None,
-    where: WhereOption = None,
-    answer: AnswerOption = None,
-    confidence: LevelOption = 0.95,
-    out: OutOption = None,
-    replace: ReplaceOption = False,
-) -> None:
+def _question(
+    told: type[Analysis], keys: Sequence[str], only: Sequence[str] = (), needed: Sequence[str] = ()
+) -> Callable[[Callable[[], None]], Callable[..., None]]:
+    """Make a command of a kind of analysis, whose options are keys of what a table is told.
+
+    `only` are the parts that answer the question; none: all of them.
+    """
+
+    def command(
+        table: TrialsArgument,
+        columns: MapOption = None,
+        where: WhereOption = None,
+        answer: AnswerOption = None,
+        confidence: LevelOption = 0.95,
+        out: OutOption = None,
+        replace: ReplaceOption = False,
+        **given: str | bool | None,
+    ) -> None:
+        texts = {key: "true" if one is True else str(one) for key, one in given.items() if one}
+        texts["alpha"] = f"{1.0 - confidence:.12g}"
+        kind = str(told.model_fields["kind"].default)
+        with user_errors():
+            ask(kind, table, (columns, where, answer), texts, out, replace=replace, only=only)
+
+    def made(described: Callable[[], None]) -> Callable[..., None]:
+        hints = get_type_hints(command, include_extras=True)
+        table, *common, _ = (
+            one.replace(kind=one.KEYWORD_ONLY, annotation=hints[one.name])
+            for one in inspect.signature(command).parameters.values()
+        )
+        own = [_option(told, key, needed=key in needed) for key in keys]
+        every = [table, *own, *common]
+        command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+        command.__annotations__ = {one.name: one.annotation for one in every}
+        command.__name__, command.__doc__ = described.__name__, described.__doc__
+        return command
+
+    return made
+
+
+def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Parameter:
+    """Return the option of a key: its help is what the format says of it."""
+    field = told.model_fields[key]
+    said = next(filter(None, (key_docs(owner).get(key) for owner in told.__mro__)), "")
+    how: dict[str, Any] = {"help": " ".join(said.replace("`", "").split())}
+    if get_origin(field.annotation) is Literal:
+        how["metavar"] = "|".join(get_args(field.annotation))
+    hint: Any = str | None
+    default: Any = str(field.default) if field.default else None
+    if needed:
+        hint, default = str, inspect.Parameter.empty
+    flag = field.annotation is bool
+    if flag:
+        hint, default = bool, False
+    hint = Annotated[hint, typer.Option(*(f"--{key}",) * flag, **how)]
+    return inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+
+
+@_question(CurvesTold, ("level", "by", "guess", "shape", "falling", "log"), needed=("level",))
+def psychometric() -> None:
     """Fit psychometric functions: thresholds of each person and of all people, compared.
 
     Needs the columns participant, correct (1/0; or expected and answer) and the level. Each
@@ -108,35 +143,10 @@ def psychometric(
         metamerlab analysis psychometric data/ --level contrast --log --by method
         --map correct=key_resp.corr
     """
-    from protocols.adaptive.psychometric import SHAPES
-
-    with user_errors():
-        options = {
-            "level": level,
-            "by": by,
-            "guess": _guess(guess),
-            "shape": one_of("--shape", shape, SHAPES),
-            "falling": falling,
-            "log": log,
-            "alpha": round(1.0 - confidence, 12),
-        }
-        ask("psychometric", table, (columns, where, answer), options, out, replace=replace)
 
 
-def detection(
-    table: TrialsArgument,
-    signal: Annotated[
-        str, typer.Option(help="The answer that is right where the signal is.")
-    ] = "yes",
-    by: ByOption = None,
-    baseline: BaselineOption = None,
-    columns: MapOption = None,
-    where: WhereOption = None,
-    answer: AnswerOption = None,
-    confidence: LevelOption = 0.95,
-    out: OutOption = None,
-    replace: ReplaceOption = False,
-) -> None:
+@_question(DetectionTold, ("signal", "by", "baseline"), ("sensitivity", "typical"))
+def detection() -> None:
     """Measure detection in a yes-no task: d', criterion and bias by condition.
 
     Needs the columns participant, expected and answer; limits account for participants, and for
@@ -145,28 +155,10 @@ def detection(
     Example: metamerlab analysis detection seen.csv --signal seen --by method --map answer=said
     --out seen
     """
-    options = {
-        "signal": signal,
-        "by": by,
-        "baseline": baseline,
-        "alpha": round(1.0 - confidence, 12),
-    }
-    with user_errors():
-        only = ("sensitivity", "typical")
-        ask("detection", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
-def reaction(
-    table: TrialsArgument,
-    by: ByOption = None,
-    baseline: BaselineOption = None,
-    columns: MapOption = None,
-    where: WhereOption = None,
-    answer: AnswerOption = None,
-    confidence: LevelOption = 0.95,
-    out: OutOption = None,
-    replace: ReplaceOption = False,
-) -> None:
+@_question(TimesTold, ("by", "baseline"))
+def reaction() -> None:
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
 
     Needs the columns participant and rt_s (seconds), of any task, and scene if there are several.
@@ -175,29 +167,10 @@ def reaction(
 
     Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
     """
-    options = {"by": by, "baseline": baseline, "alpha": round(1.0 - confidence, 12)}
-    with user_errors():
-        ask("reaction", table, (columns, where, answer), options, out, replace=replace)
 
 
-def ratings(
-    table: TrialsArgument,
-    by: ByOption = None,
-    scale: Annotated[
-        str | None,
-        typer.Option(metavar="LOWEST,...,HIGHEST", help="Ratings, if they are not numbers."),
-    ] = None,
-    baseline: BaselineOption = None,
-    link: Annotated[
-        str, typer.Option(metavar="|".join(LINKS), help="Of the cumulative-link model.")
-    ] = "probit",
-    columns: MapOption = None,
-    where: WhereOption = None,
-    answer: AnswerOption = None,
-    confidence: LevelOption = 0.95,
-    out: OutOption = None,
-    replace: ReplaceOption = False,
-) -> None:
+@_question(RatingsTold, ("by", "scale", "baseline", "link"), ("ratings",))
+def ratings() -> None:
     """Compare ordered ratings, or graded comparisons of pairs with ties.
 
     Needs the columns participant, rating and --by, and scene if there are several. Without --by
@@ -211,16 +184,6 @@ def ratings(
 
         metamerlab analysis ratings pairs.csv --map first=left --map second=right --out graded
     """
-    with user_errors():
-        options = {
-            "by": by,
-            "scale": scale,
-            "baseline": baseline,
-            "link": one_of("--link", link, LINKS),
-            "alpha": round(1.0 - confidence, 12),
-        }
-        only = ("ratings",)
-        ask("ratings", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
 def bayes(
@@ -273,18 +236,6 @@ def register(app: typer.Typer) -> None:
     app.command()(bayes)
 
 
-def _guess(text: str) -> float | None:
-    if text == "fit":
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < 1.0:
-        raise StudyError(f"--guess must be a rate from 0 to below 1, or 'fit' (got {text!r})")
-    return value
-
-
 Told = tuple[list[str] | None, list[str] | None, str | None]
 """What the options --map, --where and --answer say."""
 
@@ -310,7 +261,7 @@ def ask(
     kind: str,
     path: Path,
     told: Told,
-    options: Mapping[str, object],
+    texts: Mapping[str, str],
     out: Path | None,
     *,
     replace: bool,
@@ -324,6 +275,7 @@ def ask(
     from analysis.report.content import content_of
     from analysis.report.source import from_question
     from analysis.tasks import analysis_of
+    from analysis.tasks.note import options_from
     from protocols.result_folder import check_result
 
     analysis = analysis_of(kind)
@@ -332,9 +284,10 @@ def ask(
     with one_line() as progress:
         rows = table_told(path, told)
         try:
-            source = from_question(analysis, rows, analysis.options(**options), only)
+            source = from_question(analysis, rows, options_from(kind, texts), only)
         except StudyError as problem:  # its keys are options here
-            raise StudyError(re.sub(r"--set (\w+)[= ]", r"--\1 ", str(problem))) from None
+            said = re.sub(r"--set (\w+)=", r"--\1 ", str(problem)).replace("--set ", "--")
+            raise StudyError(said) from None
         if out is None:
             content = content_of(source, lambda name: progress(name, 0, 0))
         else:

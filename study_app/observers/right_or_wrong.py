@@ -61,7 +61,7 @@ class SensitivityModel(ObserverModel):
             for value in study.stimuli.values(analysis.level or "")
             if not isinstance(value, str)
         ] or [0.0, 1.0]
-        compared = analysis.compared(study.task, study.pool)
+        compared = analysis.ordered(study.task, study.pool)
         slope = 0.0 if analysis.level is None else -2.0 if analysis.falling else 2.0
         return cls(
             strength={name: 1.0 + 0.6 * (place % 3) for place, name in enumerate(compared)},

@@ -201,7 +201,7 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
         return folder / "report"
     kind, options, make = TABLES[name]
     make().to_csv(folder / f"{name}.csv", index=False)
-    write_note(folder / f"{name}.csv", kind, analysis_of(kind).options(**options))
+    write_note(folder / f"{name}.csv", analysis_of(kind).options(**options))
     report_decisions(folder / f"{name}.csv", folder / "report", figure_files=False)
     return folder / "report"
 

@@ -12,7 +12,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.parts import computed
-from analysis.plans.preference import PreferenceOptions, from_decisions
+from analysis.plans.preference import from_decisions
+from analysis.plans.told import PreferencesTold
 from analysis.plots.preference import forest_plot
 from analysis.preference import preferences
 from analysis.report.wording import grouped
@@ -46,7 +47,7 @@ def choices() -> pd.DataFrame:
 def decisions(choices, tmp_path_factory) -> pd.DataFrame:
     file = tmp_path_factory.mktemp("choices") / "choices.csv"
     choices.to_csv(file, index=False)
-    return analysis_of("preference").read(file, {}, PreferenceOptions())
+    return analysis_of("preference").read(file, {}, PreferencesTold())
 
 
 def settings(decisions: pd.DataFrame, **texts: str):

@@ -26,7 +26,8 @@ from analysis.parts import computed
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.right_models import apa_term
-from analysis.plans.ratings import RatingsOptions, settings_of
+from analysis.plans.ratings import settings_of
+from analysis.plans.told import RatingsTold
 from analysis.plots import reaction_plot
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
@@ -101,9 +102,9 @@ def test_change_over_the_session_counts_steps_of_the_declared_scale(words):
     numbers = words.assign(rating=[4 if place % 10 > 4 else 2 for place in range(len(words))])
     numbers.loc[[0, 11], "rating"] = [1, 5]
     changes = []
-    for rows, scale in ((numbers, None), (numbers.replace(dict(enumerate(SCALE, 1))), STEPS)):
+    for rows, scale in ((numbers, ()), (numbers.replace(dict(enumerate(SCALE, 1))), STEPS)):
         rows = rows.assign(order=rows.groupby("participant").cumcount() + 1, rt_s=np.nan)
-        settings = settings_of(rows, "table", RatingsOptions(by="method", scale=scale))
+        settings = settings_of(rows, "table", RatingsTold(by="method", scale=scale))
         found, _ = computed((RatingsPart(), StepLearning()), rows, settings)
         changes.append(found["learning"].trends[0].change)
 

@@ -257,7 +257,7 @@ def trials() -> pd.DataFrame:
 
 def times_of(folder, rows: pd.DataFrame) -> Any:
     rows.to_csv(folder / "rows.csv", index=False)
-    write_note(folder / "rows.csv", "reaction", analysis_of("reaction").options(by="method"))
+    write_note(folder / "rows.csv", analysis_of("reaction").options(by="method"))
     with undrawn():
         made = report_decisions(folder / "rows.csv", folder / "out", replace=True)
     return json.loads(made.json.read_text())["results"]["times"]
@@ -322,7 +322,7 @@ class Draws(Part[Any, Number]):
         return Shown(sentences=(f"{found.value}",))
 
 
-PLAN = TimesSettings("s", "s", None, None, None, 0.05)
+PLAN = TimesSettings(study="s", title="s")
 NOTHING = pd.DataFrame({"participant": []})
 
 
@@ -394,4 +394,4 @@ def test_a_table_along_a_level_can_be_imported_and_reported(tmp_path):
 
     numbers = json.loads((tmp_path / "out" / "results.json").read_text())
     assert len(numbers["results"]["psychometric"]["people"]) == 4
-    assert numbers["settings"]["guessed"] == 0.25
+    assert numbers["settings"]["guess"] == 0.25

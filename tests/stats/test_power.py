@@ -24,7 +24,7 @@ def settings(demo_protocol) -> Settings:
     """The demonstration study with six scenes and eleven people, as the paper's."""
     found = from_protocol(demo_protocol)
     wide = tuple(replace(entry, scenes=SCENES) for entry in found.comparisons)
-    return replace(found, comparisons=wide, planned_participants=11)
+    return found.but(comparisons=wide, planned_participants=11)
 
 
 def test_running_sums_give_what_the_test_gives_for_the_first_people(rng):
@@ -91,7 +91,7 @@ def test_power_over_sizes_promises_least_where_people_are_alike_at_all_sizes(set
 def test_a_study_that_cannot_show_equivalence_is_told_so(settings, rng):
     few, many = (
         power_curve(
-            replace(settings, planned_participants=people, margin=margin),
+            settings.but(planned_participants=people, smallest_effect_rate=margin),
             Assumptions(0.6),
             rng=rng,
             participants=[people],
@@ -178,7 +178,7 @@ def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rn
     def notes(scenes: int) -> list[str]:
         entry = replace(settings.comparisons[0], scenes=tuple("abcdef"[:scenes]))
         curve = power_curve(
-            replace(settings, comparisons=(entry,)),
+            settings.but(comparisons=(entry,)),
             Assumptions(0.7),
             rng=rng,
             participants=[8, 30],

@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.ordinal import paired_ratings, rating_model
 from analysis.tasks import analysis_of
+from analysis.tasks.note import options_from
 from protocols.errors import StudyError
 
 SCALE = ("bad", "fair", "good", "best")
@@ -118,7 +119,7 @@ def test_graded_pairs_with_ties_become_a_report_too(tmp_path):
     [
         ({}, {}, "line 2: rating must be a number, or .* --set scale=bad,fair,good"),
         ({}, {"scale": "bad,fair,good"}, "rating must be one of bad, fair, good"),
-        ({}, {"scale": "bad"}, "--set scale must name two different ratings"),
+        ({}, {"scale": "bad"}, "--set scale: must name two different ratings"),
         ({"vote": "rate"}, {}, "must have the columns rating"),
         ({"method": "which"}, {"scale": ",".join(SCALE)}, "must have the columns method"),
     ],
@@ -134,7 +135,7 @@ def test_tables_that_hold_no_ratings_are_refused_with_the_cure(
     mapping = {} if "vote" not in change else {"rating": "nothing"}
 
     with pytest.raises(StudyError, match=wanted if not mapping else "nothing"):
-        analysis.read(file, mapping, analysis.options(by="method", **options))
+        analysis.read(file, mapping, options_from("ratings", {"by": "method", **options}))
 
 
 def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):

@@ -261,7 +261,7 @@ def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, aske
     file = tmp_path / "times.csv"
     times.drop(columns="rating").to_csv(file, index=False)
     options = analysis_of("identification").options(by="cond", alternatives=2, reaction=asked)
-    write_note(file, "identification", options)
+    write_note(file, options)
     made = report_decisions(file, tmp_path / "r", figure_files=False)
     found = json.loads(made.json.read_text())["results"]["times"]
 

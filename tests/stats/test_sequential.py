@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -250,7 +249,7 @@ def test_limits_at_a_look_leave_out_one_half_exactly_where_it_stops(demo_protoco
     """Shares of all strengths: the look's bound, and the limits that invert the test there."""
     plan = plan_of(Sequential(rule="pocock", looks=(8, 16, 24)), 0.05)
     bound = plan.reject_p[plan.looks.index(people)]
-    settings = replace(analysis_of("preference").settings(demo_protocol), alpha=bound)
+    settings = analysis_of("preference").settings(demo_protocol).but(alpha=bound)
     method, against, size = settings.primary
     stopped = set()
     for each in range(4, 13):

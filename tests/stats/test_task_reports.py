@@ -387,7 +387,7 @@ def test_tidy_tables_say_their_task_and_give_the_same_numbers_again(reported, tm
         made = report_decisions(tmp_path / "t" / "decisions.csv", tmp_path / "r")
     found = json.loads(made.json.read_text())
 
-    kind, _ = read_note(tmp_path / "t" / "decisions.csv")
+    kind = read_note(tmp_path / "t" / "decisions.csv").kind
     assert kind == reported.protocol.analysis.kind
     assert found["simulated"] is True
     for part, numbers in (("rates", "conditions"), ("comparisons", None), ("curves", "counts")):
@@ -516,7 +516,7 @@ def test_conditions_that_always_hold_the_signal_share_the_noise_of_the_reference
     (gap,) = results["comparisons"].differences
     assert (gap.first, gap.second) == ("ours", "blur")
     assert any("share those of the others" in note for note in results["sensitivity"].notes)
-    assert settings.baseline == "blur"
+    assert settings.values[0] == "blur"
 
 
 def test_a_test_over_participants_alone_leaves_scenes_out(tmp_path):
@@ -586,7 +586,7 @@ def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
     }
     table = tmp_path / "t.csv"
     change(made[kind]()).to_csv(table, index=False)
-    write_note(table, kind, analysis_of(kind).options(**options[kind]))
+    write_note(table, analysis_of(kind).options(**options[kind]))
     with drawn_narrow():
         html = report_decisions(table, tmp_path / "r", figure_files=False).html.read_text()
 
@@ -662,7 +662,7 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
         (["--task", "abc"], "did you mean 'abx'"),
         (["--task", "abx", "--set", "levels=ecc"], "did you mean 'level'"),
         (["--task", "abx", "--set", "level=eccc"], r"eccc.*did you mean 'ecc'|'eccc'"),
-        (["--task", "abx", "--set", "alpha=2"], r"--set alpha: must be less than 1 \(got 2\)"),
+        (["--task", "abx", "--set", "alpha=2"], r"--set alpha: must be at most 0.5 \(got 2\)"),
         (["--task", "abx", "--set", "shape=cauchy"], "--set shape: must be 'gauss', 'logistic'"),
         (["--task", "abx", "--set", "level"], "--set must read NAME=VALUE"),
         (["--task", "abx", "--set", "by=how", "--set", "baseline=c"], "must be a value of 'how'"),
@@ -692,9 +692,11 @@ def test_a_table_of_right_answers_without_a_note_asks_for_its_task(hits, tmp_pat
     [
         ("[]", "must be what 'metamerlab analysis import' notes"),
         ("not json", "must be what 'metamerlab analysis import' notes"),
-        ('{"format": 9, "analysis": {"kind": "abx"}}', "format must be 1"),
-        ('{"format": 1, "analysis": {"kind": "abc"}}', "analysis 'abc': must be one of"),
-        ('{"format": 1, "analysis": {"kind": "abx", "bye": "x"}}', "did you mean 'by'"),
+        ('{"format": 9, "analysis": {"kind": "abx"}}', "format must be 2"),
+        ('{"format": 1, "analysis": {"kind": "abx"}}', "make it anew: metamerlab analysis import"),
+        ('{"format": 2, "analysis": {"kind": "abc"}}', "analysis 'abc': must be one of"),
+        ('{"format": 2, "analysis": {"kind": "abx", "bye": "x"}}', "did you mean 'by'"),
+        ('{"format": 2, "analysis": {"kind": "abx", "exclusions": {}}}', "must have keys of"),
     ],
 )
 def test_a_file_beside_a_table_that_is_no_note_is_named(tmp_path, content, wanted):
@@ -707,9 +709,9 @@ def test_a_file_beside_a_table_that_is_no_note_is_named(tmp_path, content, wante
 
 def test_a_note_read_again_says_what_was_written(tmp_path):
     options = analysis_of("detection").options(by="method", level="x", falling=True, signal="seen")
-    write_note(tmp_path / "d.csv", "detection", options)
+    write_note(tmp_path / "d.csv", options)
 
-    assert read_note(tmp_path / "d.csv") == ("detection", options)
+    assert read_note(tmp_path / "d.csv") == options
     assert read_note(tmp_path / "e.csv") is None
 
 

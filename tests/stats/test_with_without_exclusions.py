@@ -10,12 +10,13 @@ import pytest
 from undrawn_reports import undrawn
 
 from analysis.parts import Estimate
+from analysis.plans.told import DetectionTold, IdentificationTold
 from analysis.preference import preferences
 from analysis.report.beside import Beside, beside, beside_blocks, estimates_of
 from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions
-from analysis.tasks.detection import Detection, DetectionOptions
-from analysis.tasks.identification import Identification, IdentificationOptions
+from analysis.tasks.detection import Detection
+from analysis.tasks.identification import Identification
 
 
 def slow_out(protocol, limit_s):
@@ -104,10 +105,10 @@ def _answers(share: float, people: int = 6) -> pd.DataFrame:
 def test_yes_no_tasks_give_d_prime_and_others_shares():
     rows = _answers(0.8)
     detection = Detection()
-    settings = detection.settings_of_table(rows, "t", DetectionOptions(by="method"))
+    settings = detection.settings_of_table(rows, "t", DetectionTold(by="method"))
     identification = Identification()
     other = identification.settings_of_table(
-        rows, "t", IdentificationOptions(by="method", alternatives=2)
+        rows, "t", IdentificationTold(by="method", alternatives=2)
     )
 
     found = [one.what for one in estimates_of(detection, rows, settings)]

@@ -1,26 +1,20 @@
 """The analyses of `abx` and `which-half`: d', and critical scalings."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import pandas as pd
 
 from analysis.detection import DiscriminationResults, abx
-from analysis.ideal_observer import AbxRule, abx_share
+from analysis.ideal_observer import abx_share
 from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
-from analysis.tasks.base import TableOptions
+from analysis.plans.rates import RateSettings, baseline_in
+from analysis.plans.told import AbxTold, WhichHalfTold
 from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import Floats, tabulated
-
-
-class AbxOptions(RatesOptions):
-    """What a table of an ABX task may be told."""
-
-    rule: AbxRule = "differencing"
-    """How participants are taken to decide."""
+from protocols.tasks.base import Analysis
 
 
 def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
@@ -37,7 +31,7 @@ class Abx(RatesTask):
     """Shares of right answers, d' and d' against the level: task `abx`."""
 
     kind: ClassVar[str] = "abx"
-    options: ClassVar[type[TableOptions]] = AbxOptions
+    options: ClassVar[type[Analysis]] = AbxTold
     task: ClassVar[str] = "ABX answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
         DiscriminationPart(_sense, sides=True), levels=(CriticalPart(),)
@@ -45,7 +39,7 @@ class Abx(RatesTask):
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
 
-    def table_answers(self, decisions: pd.DataFrame, _options: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
         """Return the two answers: as the table names them, if it does."""
         if "answer" in decisions:
             found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
@@ -58,16 +52,10 @@ class Abx(RatesTask):
         return tabulated(lambda d: abx_share(d, settings.rule))
 
 
-class WhichHalfOptions(AbxOptions):
-    """What a table of a which-half task may be told."""
-
-    rule: Literal["dual-pair"] = "dual-pair"
-
-
 class WhichHalf(Abx):
     """The same of halves that change: task `which-half`."""
 
     kind: ClassVar[str] = "which-half"
-    options: ClassVar[type[TableOptions]] = WhichHalfOptions
+    options: ClassVar[type[Analysis]] = WhichHalfTold
     task: ClassVar[str] = "answers which half had changed"
     named: ClassVar[tuple[str, str]] = ("left", "right")

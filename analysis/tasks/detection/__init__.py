@@ -10,37 +10,30 @@ from scipy.special import ndtr
 from analysis.detection import d_prime_influence
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
-from analysis.plans.rates import RateSettings, RatesOptions
+from analysis.plans.rates import RateSettings
+from analysis.plans.told import DetectionTold
 from analysis.rates import Influence, share_influence
 from analysis.tables.table import Source, opened
-from analysis.tasks.base import TableOptions
 from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
 from protocols.errors import StudyError
+from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
-from protocols.units import Scalar
-
-
-class DetectionOptions(RatesOptions):
-    """What a table of a yes-no task must be told."""
-
-    signal: Scalar = "yes"
-    """The answer that is right where the signal is, as the table writes it."""
 
 
 class Detection(RatesTask):
     """Sensitivity and criterion by condition: task `yes-no`."""
 
     kind: ClassVar[str] = "detection"
-    options: ClassVar[type[TableOptions]] = DetectionOptions
+    options: ClassVar[type[Analysis]] = DetectionTold
     task: ClassVar[str] = "yes-no answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
-    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
         table = opened(table, mapping)
-        rows = super().read(table, {}, options)
+        rows = super().read(table, {}, told)
         if "answer" not in rows or (rows["answer"] == "").any():
             raise StudyError(
                 f"{table.path}: must have the columns expected and answer: whether answers were"
@@ -50,7 +43,7 @@ class Detection(RatesTask):
             )
         return rows
 
-    def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the signal's answer and the other.
 
         Raises
@@ -58,7 +51,7 @@ class Detection(RatesTask):
         StudyError
             If the table does not speak of two answers, one of them the signal's.
         """
-        signal = name_of(options.signal)
+        signal = name_of(told.signal)
         found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)})
         if signal not in found or len(found) > 2:
             raise StudyError(

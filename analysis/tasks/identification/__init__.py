@@ -1,27 +1,20 @@
 """The analysis of identification among m answers, kind `identification`."""
 
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import pandas as pd
-from pydantic import Field
 
 from analysis.detection import DiscriminationResults, identification
 from analysis.ideal_observer import forced_choice_share
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
-from analysis.tasks.base import TableOptions
+from analysis.plans.rates import RateSettings, baseline_in
+from analysis.plans.told import IdentificationTold
 from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import Floats, tabulated
 from protocols.errors import StudyError
-
-
-class IdentificationOptions(RatesOptions):
-    """What a table of identifications must be told."""
-
-    alternatives: Annotated[int, Field(ge=2)] | None = None
-    """How many answers there were; left out: as many as the columns expected and answer hold."""
+from protocols.tasks.base import Analysis
 
 
 def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
@@ -38,11 +31,11 @@ class Identification(RatesTask):
     """Shares of right answers and d' by condition: task `identification`."""
 
     kind: ClassVar[str] = "identification"
-    options: ClassVar[type[TableOptions]] = IdentificationOptions
+    options: ClassVar[type[Analysis]] = IdentificationTold
     task: ClassVar[str] = "identifications"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_sense))
 
-    def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers, or numbers in their place where the table does not name all.
 
         Raises
@@ -53,11 +46,11 @@ class Identification(RatesTask):
         found: list[str] = []
         if {"expected", "answer"} <= set(decisions.columns):
             found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)} - {""})
-        count = options.alternatives or len(found)
+        count = told.alternatives or len(found)
         if count < max(2, len(found)):
             raise StudyError(
                 "--set alternatives: must say how many answers there were to choose from (got"
-                f" {options.alternatives or 'nothing'}; the columns expected and answer hold"
+                f" {told.alternatives or 'nothing'}; the columns expected and answer hold"
                 f" {len(found)}: {', '.join(found[:8]) or 'none'})"
             )
         return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))

@@ -18,11 +18,11 @@ from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
-    PreferenceOptions,
     Settings,
     from_decisions,
     from_protocol,
 )
+from analysis.plans.told import PreferencesTold
 from analysis.plots import power_plot, sized
 from analysis.seed import SEED
 from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
@@ -31,7 +31,6 @@ from analysis.tasks.base import (
     Assumption,
     Counted,
     PowerReport,
-    TableOptions,
     TaskAnalysis,
 )
 from analysis.tasks.preference.pilot import pilot_deviations
@@ -47,6 +46,7 @@ from analysis.tidy import pwcmp_table
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
+from protocols.tasks.base import Analysis
 
 POWER_STUDIES = 10_000
 
@@ -55,7 +55,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"
-    options: ClassVar[type[TableOptions]] = PreferenceOptions
+    options: ClassVar[type[Analysis]] = PreferencesTold
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         ChoiceModelsPart(),
@@ -70,17 +70,15 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         """Return pairings, primary comparison and rules of a protocol."""
         return from_protocol(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> Settings:
-        """Return every pairing found, as the options name and turn them."""
-        return from_decisions(decisions, name, options)
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> Settings:
+        """Return every pairing found, as named and turned."""
+        return from_decisions(decisions, name, told)
 
-    def options_of(self, settings: Settings) -> PreferenceOptions:
-        """Return alpha and margin."""
-        return PreferenceOptions(
-            alpha=settings.alpha, margin=settings.margin, reaction=settings.reaction
-        )
+    def told_by(self, plan: Settings) -> Analysis:
+        """Return rules and names; a table with what is compared declares no primary comparison."""
+        return super().told_by(plan.but(primary=None))
 
-    def read(self, table: Source, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], _told: Any) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""
         return read_decisions(table, mapping)
 
@@ -132,10 +130,6 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the table of the program pwcmp."""
         return {"pwcmp.csv": pwcmp_table(decisions)}
-
-    def counted(self, settings: Settings) -> str:
-        """Return how many methods are compared."""
-        return f"{len(settings.methods)} methods"
 
     def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
         """Return the share to find, and how much people and scenes differ."""

@@ -208,7 +208,7 @@ def _designs(
     for count, times in product(scenes, repeats):
         names = tuple(f"scene {number}" for number in range(count))
         other = tuple(replace(entry, scenes=names, repeats=times) for entry in primary)
-        changed = replace(settings, comparisons=other)
+        changed = settings.but(comparisons=other)
         p = primary_p_values(changed, assumptions, [people], studies=studies, rng=rng)
         found.append(DesignPower(count, times, float((p < settings.alpha).mean())))
     return tuple(found)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.clustered import holm
-from analysis.plans.rates import RateSettings, by_columns, combined
+from analysis.plans.rates import RateSettings, combined
 from analysis.power import (
     Power,
     default_participants,
@@ -181,7 +181,7 @@ def cell_design(cells: Sequence[Cell], settings: RateSettings, repeats: int) -> 
     if not cells:
         raise StudyError("task: must show at least one condition (there is no stimulus for it)")
     conditions = [cell.arrangements[0].condition for cell in cells]
-    columns = by_columns(settings.by)
+    columns = settings.by_columns
     names = [combined(one.get(column) for column in columns) for one in conditions]
     levels = np.array([_number(one.get(settings.level or "")) for one in conditions])
     span = float(np.ptp(levels)) or 1.0
@@ -472,7 +472,7 @@ def _adaptive_studies(
     conditions = len(settings.values)
     if conditions < 2:
         raise StudyError(
-            f"analysis.by: {settings.by!r} must have two values, or there is no difference of"
+            f"analysis.by: {settings.by_name!r} must have two values, or there is no difference of"
             " thresholds to find"
         )
     errors = _track_errors(study, settings, assumed, rng)

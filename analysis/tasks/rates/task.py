@@ -19,19 +19,16 @@ from analysis.parts.right_models import ModelsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
     RateSettings,
-    RatesOptions,
-    by_columns,
     common_settings,
     common_settings_of_table,
     prepared,
 )
 from analysis.tables.table import Source, opened
-from analysis.tables.trials import answer_columns, as_decisions, read_trials
+from analysis.tables.trials import as_decisions, read_trials
 from analysis.tasks.base import (
     Assumption,
     Counted,
     PowerReport,
-    TableOptions,
     TaskAnalysis,
 )
 from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
@@ -44,9 +41,7 @@ from analysis.tasks.rates.power import (
     rate_power,
 )
 from protocols.adaptive.section import AdaptiveLevels
-from protocols.columns import Column
 from protocols.errors import StudyError
-from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 
@@ -75,14 +70,13 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
 class RatesTask(TaskAnalysis[RateSettings]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
-    options: ClassVar[type[TableOptions]] = RatesOptions
     two: ClassVar[bool] = False
     """There are two answers, of which a table may name one."""
 
     # What differs between tasks.
 
     @abstractmethod
-    def table_answers(self, decisions: pd.DataFrame, options: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
 
     def draw(self, settings: RateSettings) -> Draw:
@@ -127,35 +121,19 @@ class RatesTask(TaskAnalysis[RateSettings]):
         """Return columns, values and rules of a protocol."""
         return common_settings(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> RateSettings:
-        """Return what the options say; without a protocol nothing was planned."""
-        answers = self.table_answers(decisions, options)
-        return common_settings_of_table(decisions, name, self.kind, options, answers)
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RateSettings:
+        """Return what was told; without a protocol nothing was planned."""
+        return common_settings_of_table(decisions, name, told, self.table_answers(decisions, told))
 
-    def options_of(self, settings: RateSettings) -> TableOptions:
-        """Return the options that say the same."""
-        held = vars(settings) | {
-            "baseline": settings.baseline if settings.by is not None else None,
-            "guess": settings.guess,
-            "signal": next(iter(settings.answers), ""),
-        }
-        return self.options(
-            **{name: held[name] for name in self.options.model_fields & held.keys()}
-        )
-
-    def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
         rows = opened(table, mapping)
-        wanted = list(by_columns(options.by))
-        levels = [name for name in (options.level,) if name is not None]
+        wanted = list(told.by_columns)
+        levels = [name for name in (told.level,) if name is not None]
         found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
         # What was mapped is there under our name; it need not be there twice.
-        renamed = rows.renamed - {*wanted, options.level}
+        renamed = rows.renamed - {*wanted, told.level}
         return as_decisions(found.drop(columns=renamed, errors="ignore"))
-
-    def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
-        """Return the columns of the table: ours, and those of its conditions."""
-        return answer_columns(decisions)
 
     def table_notes(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[str]:
         """Return whether answers are below guessing, or get worse where they should not."""
@@ -164,7 +142,7 @@ class RatesTask(TaskAnalysis[RateSettings]):
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: RateSettings) -> None:
         """Refuse conditions and answers that the protocol does not have."""
         rows = prepared(decisions, settings)
-        checked = [(settings.by, "condition", settings.values)] if settings.by else []
+        checked = [(settings.by_name, "condition", settings.values)] if settings.by else []
         if "answer" in decisions:
             checked.append(("answer", "answer", settings.answers))
         for name, column, known in checked:
@@ -182,10 +160,6 @@ class RatesTask(TaskAnalysis[RateSettings]):
     def parts_of(self, settings: RateSettings) -> Sequence[AnyPart]:
         """Return the parts; where levels were chosen from the answers, thresholds come first."""
         return sorted(self.parts, key=lambda part: settings.adaptive and part.section != SECTION)
-
-    def counted(self, settings: RateSettings) -> str:
-        """Return how many conditions are compared."""
-        return count_of(len(settings.values), "condition")
 
     # Power.
 

@@ -1,0 +1,170 @@
+"""What a table without a protocol is told: the section `[analysis]` of its kind, and more.
+
+`metamerlab analysis import` keeps it as JSON beside the table, and commands take its keys as
+options. It loads no statistics, so that they can list them.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from protocols.adaptive.levels import Shape
+from protocols.errors import StudyError
+from protocols.suggest import did_you_mean
+from protocols.tasks.abx import AbxAnalysis
+from protocols.tasks.base import Analysis
+from protocols.tasks.identification import IdentificationAnalysis
+from protocols.tasks.pairs import Preferences
+from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.rating import RatingsAnalysis
+from protocols.tasks.which_half import WhichHalfAnalysis
+from protocols.tasks.yes_no import DetectionAnalysis
+from protocols.units import Model, Scalar
+
+NEVER_TOLD = frozenset({"kind", "exclusions", "sequential"})
+"""Keys of `[analysis]` that are of sessions, not of tables; the kind is said beside."""
+
+
+def _listed(text: object) -> object:
+    return tuple(one.strip() for one in text.split(",")) if isinstance(text, str) else text
+
+
+def _scale(given: object) -> object:
+    names = _listed(given)
+    if names and isinstance(names, tuple) and ("" in names or len(set(names)) < max(2, len(names))):
+        raise ValueError(
+            "must name two different ratings or more, from the lowest on, with commas between"
+            f" (got {given!r})"
+        )
+    return names
+
+
+def _rate(value: object) -> object:
+    number = value if isinstance(value, float | int) else -1.0
+    if value is not None and value != "fit" and not 0.0 <= number < 1.0:
+        raise ValueError(f"must be a rate from 0 to below 1, or 'fit' (got {value!r})")
+    return None if value is None or value == "fit" else float(number)
+
+
+Listed = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+"""Texts; in one text they have commas between."""
+
+
+class Named(Model):
+    """How a report of a table names and sorts its conditions."""
+
+    order: Listed = ()
+    """Conditions in the order of the report, with commas between; others follow."""
+    label: dict[str, str] = Field(default_factory=dict)
+    """What the report calls a condition, as label.NAME = "TEXT"."""
+
+    def sort(self, names: Sequence[str], parts: Sequence[str] = ()) -> list[str]:
+        """Return conditions in the order that is asked for.
+
+        Raises
+        ------
+        StudyError
+            If `order` or `label` name what is no condition, nor (`label`) one of its parts.
+        """
+        asked = ("order", self.order, names), ("label", self.label, (*names, *parts))
+        for key, given, known in asked:
+            for name in given:
+                if name not in known:
+                    raise StudyError(
+                        f"--set {key}: must name conditions of the table ({', '.join(known)})"
+                        f" (got {name!r}){did_you_mean(name, known)}"
+                    )
+        return sorted(names, key=lambda name: (*self.order, name).index(name))
+
+
+class PreferencesTold(Preferences, Named):
+    """What a table of preferences may be told."""
+
+    kind: Literal["preference"] = "preference"
+    primary: str | None = None
+    """The comparison that the report leads with and does not adjust, as METHOD/AGAINST or
+    METHOD/AGAINST/SIZE. Default: none."""
+
+
+class RatesTold(RatesAnalysis, Named):
+    """What a table of right and wrong answers may be told."""
+
+    by: str | tuple[str, ...] = ""
+    """Column whose values are compared, or several with commas between, whose combinations are.
+    Default: `method`, if there is one."""
+    level: str | None = None
+    """Column of numbers along which answers change."""
+    shape: Shape = "gauss"
+    """Of the curve: gauss, logistic, or weibull where levels are above 0."""
+
+
+class DetectionTold(RatesTold, DetectionAnalysis):
+    """What a table of a yes-no task must be told."""
+
+    kind: Literal["detection"] = "detection"
+    signal: Scalar = "yes"
+    """The answer that is right where the signal is."""
+
+
+class IdentificationTold(RatesTold, IdentificationAnalysis):
+    """What a table of identifications must be told."""
+
+    kind: Literal["identification"] = "identification"
+    alternatives: Annotated[int, Field(ge=2)] | None = None
+    """How many answers there were. Default: as many as the columns expected and answer hold."""
+
+
+class AbxTold(RatesTold, AbxAnalysis):
+    """What a table of an ABX task may be told."""
+
+    kind: Literal["abx"] = "abx"
+
+
+class WhichHalfTold(RatesTold, WhichHalfAnalysis):
+    """What a table of a which-half task may be told."""
+
+    kind: Literal["which-half"] = "which-half"
+
+
+class CurvesTold(RatesTold):
+    """What a table of right answers along a level must be told."""
+
+    kind: Literal["psychometric"] = "psychometric"
+    by: str | tuple[str, ...] = ""
+    """Column whose values are compared, or several with commas between."""
+    guess: Annotated[float | None, BeforeValidator(_rate)] = 0.5
+    """Rate of guessing, such as 0.5; fit: unknown."""
+    log: bool = False
+    """Fit on the logarithm of the level; weibull always does."""
+
+
+class RatingsTold(RatingsAnalysis):
+    """What a table of ratings may be told."""
+
+    kind: Literal["ratings"] = "ratings"
+    by: str = ""
+    """Column whose values are compared. Default: each row rates a pair, `first` with `second`."""
+    scale: Annotated[tuple[str, ...], BeforeValidator(_scale)] = ()
+    """Ratings from the lowest, if they are not numbers."""
+
+
+class TimesTold(Analysis):
+    """What a table of reaction times may be told."""
+
+    kind: Literal["reaction"] = "reaction"
+    by: str = ""
+    """Column whose values are compared."""
+    baseline: Scalar | None = None
+    """The value of `by` that the others are compared with. Default: all pairs are compared."""
+
+
+def keys_of(told: type[Analysis]) -> list[str]:
+    """Return the keys that a table is told."""
+    return [name for name in told.model_fields if name not in NEVER_TOLD]
+
+
+def said_of(told: Analysis) -> dict[str, Any]:
+    """Return kind and keys as JSON has them."""
+    kept = told.model_dump(mode="json", exclude=set(NEVER_TOLD - {"kind"}))
+    return {name: kept[name] for name in ("kind", *keys_of(type(told))) if name in kept}
