@@ -15,6 +15,7 @@ from protocols.hashing import Json
 from protocols.journal import EVENT
 from protocols.manifest import Manifest
 from protocols.plan import Plan
+from protocols.results import Results
 from protocols.schema import StudyProtocol
 from protocols.script import TrialScript
 
@@ -25,6 +26,7 @@ _FORMATS: dict[str, tuple[TypeAdapter[Any], str]] = {
     "journal": (EVENT, "one line of a metamerlab session journal"),
     "plan": (TypeAdapter(Plan), "trials of one participant of a metamerlab study"),
     "script": (TypeAdapter(TrialScript), "metamerlab trial, as it is drawn"),
+    "results": (TypeAdapter(Results), "results of a metamerlab report"),
 }
 
 

@@ -25,11 +25,11 @@ from analysis.tidy import write_tables
 from protocols.hashing import Json
 from protocols.outside import inline_svg, json_bytes, page_bytes
 from protocols.result_folder import check_result, whole_folder
+from protocols.results import FORMAT, NAME
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 
 HTML_NAME = "report.html"
-JSON_NAME = "results.json"
 _WIDTHS = {"narrow": (ONE_COLUMN_IN, "1-column"), "wide": (TWO_COLUMNS_IN, "2-column")}
 _LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "matplotlib")
 
@@ -136,7 +136,7 @@ def write_report(
         _write_csv(source, content, tables)
         both = beside(source)
         numbers: dict[str, Json] = {
-            "format": 2,
+            "format": FORMAT,
             "simulated": source.simulated,
             "settings": source.settings.model_dump(mode="json"),
             "results": {**content.numbers},
@@ -152,10 +152,10 @@ def write_report(
         )
         (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
-        (work / JSON_NAME).write_bytes(json_bytes(text + "\n"))
+        (work / NAME).write_bytes(json_bytes(text + "\n"))
     return ReportPaths(
         html=out / HTML_NAME,
-        json=out / JSON_NAME,
+        json=out / NAME,
         content=content,
         simulated=source.simulated,
     )

@@ -12,7 +12,7 @@ from analysis.recording import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis
-from analysis.tasks.note import note_path, read_note, options_from
+from analysis.tasks.note import note_path, options_from, read_note
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_file

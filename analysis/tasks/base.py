@@ -131,7 +131,8 @@ class TaskAnalysis(ABC, Generic[S]):
 
     def told_by(self, plan: S) -> Analysis:
         """Return what a table must be told to be read as the plan of a study says."""
-        return self.options(**{name: one for name, one in plan if name in self.options.model_fields})
+        keys = self.options.model_fields
+        return self.options(**{name: value for name, value in plan if name in keys})
 
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of a table that was read, for its data dictionary."""

@@ -13,7 +13,8 @@ from protocols.errors import StudyError
 from protocols.limits import check_cells
 from protocols.load import load_protocol
 from protocols.manifest import read_manifest
-from protocols.outside import bounded_bytes, lines_of, parsed_json, reading
+from protocols.outside import bounded_bytes, lines_of, reading
+from protocols.results import NAME, read_results
 from study_app.cli.errors import user_errors
 from study_app.cli.terminal import say
 
@@ -157,23 +158,18 @@ def _crops(given: list[str]) -> list[Crop]:
 
 def _scores(report: Path, kind: str, size: str | None) -> tuple[Mapping[str, str], bool]:
     """Return a line of a report for each method, and whether its data are simulated."""
-    path = report / "results.json"
+    path = report / NAME
     try:
-        data = bounded_bytes(path, StudyError)
-        read: dict[str, Any] = parsed_json(path, data, "a report of preferences", StudyError)
-        simulated = bool(read["simulated"])
-        if read["format"] != 2:
-            raise StudyError(
-                f"{path}: format must be 2 (got {read['format']!r}); write the report anew"
-            )
+        read = read_results(path)
         if kind == "jod":
-            return _jods(read["results"]["scale"]["sizes"], size), simulated
+            scale: Any = read.results["scale"]
+            return _jods(scale["sizes"], size), read.simulated
         path = report / "tables" / "preferences.csv"
         with reading(path, "a table of preferences in UTF-8", StudyError):
             text = bounded_bytes(path, StudyError, "table").decode("utf-8")
             check_cells(path, text)
             rows = list(csv.DictReader(lines_of(text)))
-        return _shares(rows, size), simulated
+        return _shares(rows, size), read.simulated
     except FileNotFoundError as error:
         raise StudyError(
             f"--report: must be a folder that 'metamerlab analysis report' wrote (there is no"

@@ -189,7 +189,7 @@ app.command()(script)
 def schema(
     name: Annotated[
         str,
-        typer.Argument(help="study, display, manifest, journal, plan or script.", metavar="FORMAT"),
+        typer.Argument(help=f"One of {', '.join(schema_names())}.", metavar="FORMAT"),
     ] = "study",
     write: Annotated[
         bool,

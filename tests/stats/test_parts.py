@@ -15,7 +15,8 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.parts import Part, Shown, computed
+from analysis.parts import Estimate, Part, Shown, added, computed
+from analysis.report.beside import estimates_of
 from analysis.report.build import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -23,6 +24,7 @@ from analysis.tasks import ANALYSES, analysis_of
 from analysis.tasks.note import write_note
 from analysis.tasks.times import TimesSettings
 from protocols.errors import StudyError
+from protocols.results import read_results
 from study_app.cli import app
 
 # The door: a report of a fixed table, or a command on one; the parts that it must show.
@@ -181,12 +183,12 @@ SAID = {
 
 
 def check(folder, parts, page: str) -> None:
-    numbers = json.loads((folder / "results.json").read_text())
-    assert numbers["format"] == 2
+    numbers = read_results(folder / "results.json").results
+    assert set(parts) <= set(numbers)
     methods, sentences = page.split('id="methods"')[1].split('id="apa"')
     for name in parts:
         said = SAID[name]
-        assert numbers["results"][name]
+        assert numbers[name]
         section = page.split(f'<h2 id="{said["section"]}">')[1].split("<h2")[0]
         if "caption" in said:
             assert f"<caption>{escape(said['caption'])}" in section
@@ -395,3 +397,38 @@ def test_a_table_along_a_level_can_be_imported_and_reported(tmp_path):
     numbers = json.loads((tmp_path / "out" / "results.json").read_text())
     assert len(numbers["results"]["psychometric"]["people"]) == 4
     assert numbers["settings"]["guess"] == 0.25
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            {"format": 1, "results": {}},
+            "format must be 2 (got 1, of another metamerlab); write the",
+        ),
+        ({"title": "t", "result": {}}, "must be the results.json of a report"),
+        ([], "must be the results.json of a report"),
+        ({"format": 2, "simulated": False}, "(settings is not as its format says)"),
+    ],
+)
+def test_results_of_before_or_of_something_else_get_one_message(tmp_path, content, said):
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    with pytest.raises(StudyError, match=re.escape(said)):
+        read_results(tmp_path / "results.json")
+
+
+def test_what_exclusions_change_is_told_of_a_labs_part_too(monkeypatch):
+    """Before, only shipped parts told their main numbers without exclusions."""
+
+    class Told(Draws):
+        def wanted(self, _table, _plan):
+            return True
+
+        def estimates(self, found, _plan):
+            return (Estimate("a lab's number", found.value, 0.0, 1.0, 0.5, 3),)
+
+    monkeypatch.setattr(added, "ADDED", {"lab": lambda: Told("lab", needs=("times",))})
+    table = TABLES["ratings"][2]().assign(rt_s=1.0)
+    monkeypatch.setattr(Draws, "compute", lambda *_: Number(0.25))
+    found = estimates_of(analysis_of("reaction"), table, PLAN)
+    assert [one.what for one in found] == ["a lab's number"]

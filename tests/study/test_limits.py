@@ -585,7 +585,7 @@ def test_json_that_no_parser_holds_is_one_message(tmp_path, text):
     assert done.exit_code == 2
     assert "power.json: must be JSON" in " ".join(done.output.split())
     (tmp_path / "results.json").write_text(text)
-    with pytest.raises(StudyError, match=r"results\.json: must be a report of preferences"):
+    with pytest.raises(StudyError, match=r"results\.json: must be the results\.json of a report"):
         _scores(tmp_path, "jod", None)
 
 
