@@ -1,7 +1,7 @@
 """What a report is made from: sessions, or a table of decisions."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -103,6 +103,8 @@ def from_table(
         If the table cannot be read, holds no decision, or does not fit the protocol; if nothing
         says which task it is of.
     """
+    if protocol is not None and told:
+        raise StudyError("--set must be left out with --protocol, which says how to analyse")
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
     noted = read_note(path)
     table = Table(path, where=where, command=BY_IMPORT)
@@ -120,16 +122,7 @@ def from_table(
         settings = analysis.settings_of_table(decisions, path.stem, asked)
     if title is not None:
         settings = settings.but(title=title)
-    return Source(
-        analysis,
-        decisions,
-        None,
-        protocol,
-        settings,
-        _simulated(decisions),
-        {"table_sha256": sha256_file(path), "protocol_sha256": settings.protocol_sha256},
-        (*table.notes, *notes),
-    )
+    return _of_table(analysis, table, decisions, settings, notes, protocol)
 
 
 def from_question(
@@ -146,21 +139,26 @@ def from_question(
     """
     decisions = analysis.read(table, {}, told)
     settings = analysis.settings_of_table(decisions, table.path.stem, told)
-    return Source(
-        analysis,
-        decisions,
-        None,
-        None,
-        settings,
-        _simulated(decisions),
-        {"table_sha256": sha256_file(table.path) if table.path.is_file() else None},
-        (*table.notes, *analysis.table_notes(decisions, settings)),
-        tuple(only),
-    )
+    notes = analysis.table_notes(decisions, settings)
+    return replace(_of_table(analysis, table, decisions, settings, notes), only=tuple(only))
 
 
-def _simulated(decisions: pd.DataFrame) -> bool:
-    return "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
+def _of_table(
+    analysis: AnyAnalysis,
+    table: Table,
+    decisions: pd.DataFrame,
+    settings: Plan,
+    notes: Sequence[str],
+    protocol: StudyProtocol | None = None,
+) -> Source:
+    digest = sha256_file(table.path) if table.path.is_file() else None  # a folder has none
+    simulated = "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
+    provenance: dict[str, Json] = {
+        "table_sha256": digest,
+        "protocol_sha256": settings.protocol_sha256,
+    }
+    said = (*table.notes, *notes)
+    return Source(analysis, decisions, None, protocol, settings, simulated, provenance, said)
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:

@@ -85,6 +85,16 @@ def report(
         typer.Option(help="Top of the page, for a table only; left out: its file's name."),
     ] = None,
     where: WhereOption = None,
+    told: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="How to analyse a table, in place of what is noted beside it, such as"
+            " primary=ours/blur, alpha=0.01 or label.ours='Our method'; may be given more than"
+            " once.",
+        ),
+    ] = None,
     figures: Annotated[
         bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
     ] = True,
@@ -111,6 +121,7 @@ def report(
                     protocol=study,
                     title=title,
                     where=where or (),
+                    told=pairs("--set", told or ()),
                     replace=replace,
                     figure_files=figures,
                     progress=progress,
@@ -125,10 +136,10 @@ def report(
                     "--title must be left out for sessions: the protocol has it as study.title"
                     f" ({study.study.title!r})"
                 )
-            elif where is not None:
+            elif where is not None or told is not None:
                 raise StudyError(
-                    "--where must be left out for sessions: analysis.exclusions of the protocol"
-                    " leaves data out"
+                    "--where and --set must be left out for sessions: the protocol says in"
+                    " [analysis] what is left out, and how they are analysed"
                 )
             else:
                 made = report_sessions(

@@ -224,6 +224,8 @@ def test_power_prints_a_table_and_draws_the_curve(tmp_path):
         (["tidy", ".", "--protocol", "nothing", "--out", "t"], "must be a .toml file or one of"),
         (["tidy", ".", "--protocol", "demo", "--out", "t"], "no journal.jsonl was found"),
         (["report", "nowhere", "--protocol", "demo", "--title", "T", "--out", "r"], "study.title"),
+        (["report", "nowhere", "--protocol", "demo", "--set", "alpha=0.1", "--out", "r"], "--set"),
+        (["report", "no.csv", "--protocol", "demo", "--set", "test=pooled", "--out", "r"], "--set"),
         (["import", "none.csv", "--out", "i"], "no such file"),
         (["import", "none.csv", "--map", "x", "--out", "i"], "OURS=THEIRS"),
         (["power", "nothing"], "must be a .toml file or one of"),

@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import norm
+from typer.main import get_group
 from typer.testing import CliRunner, Result
 
-from study_app.cli import app
+from analysis.tasks import analysis_of
+from study_app.cli import analysis_commands, app
 
 
 def run(*arguments: object) -> Result:
@@ -47,6 +49,22 @@ def seen(tmp_path_factory) -> Path:
     file = tmp_path_factory.mktemp("seen") / "seen.csv"
     rows.drop(columns=["time", "there"]).to_csv(file, index=False)
     return file
+
+
+@pytest.mark.parametrize("kind", ["psychometric", "detection", "reaction", "ratings"])
+def test_what_a_command_asks_is_what_the_format_of_its_kind_says(kind):
+    told = analysis_of(kind).options
+    given = get_group(analysis_commands.app).commands[kind].params
+    common = {"table", "columns", "where", "answer", "confidence", "out", "replace"}
+    own = {one.name: one for one in given if one.name not in common}
+    described = told.model_json_schema()["properties"]
+
+    assert own
+    for name, option in own.items():
+        assert option.help == " ".join(described[name]["description"].replace("`", "").split())
+        assert option.required or str(option.default or "") == str(
+            told.model_fields[name].default or ""
+        )
 
 
 def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):

@@ -106,6 +106,16 @@ def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
     assert numbers["preferences"]["primary"]["chosen"] == (both["chosen"] == "ours").sum()
     assert numbers["preferences"]["primary"]["trials"] == len(both)
 
+    # A report says otherwise what is noted, key by key.
+    result = run(
+        "report", tmp_path / "in" / "decisions.csv", "--out", tmp_path / "again", "--no-figures",
+        "--set", "label.ours=Mine", "--set", "test=participant",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "Mine was chosen over Original" in result.output
+    settings = json.loads((tmp_path / "again" / "results.json").read_text())["settings"]
+    assert (settings["test"], settings["primary"]) == ("participant", ["ours", "none", "all"])
+
 
 def test_a_table_of_answers_takes_order_and_labels():
     table = pd.DataFrame({"participant": "P", "method": ["a", "b", "c"] * 2, "correct": [1, 0] * 3})
