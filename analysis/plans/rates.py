@@ -15,7 +15,6 @@ from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
-from protocols.units import Scalar
 
 EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
@@ -34,7 +33,7 @@ class RateSettings(RatesAnalysis, Plan):
     """All that can be answered, the signal's first; empty where a table does not say."""
     alternatives: int
     """How many answers there are: chance is 1 / alternatives."""
-    signal: Scalar = ""
+    signal: str = ""
     labels: Mapping[str, str]
     planned_participants: int | None = None
     planned_trials: int | None = None

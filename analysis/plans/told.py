@@ -103,8 +103,8 @@ class DetectionTold(RatesTold, DetectionAnalysis):
     """What a table of a yes-no task must be told."""
 
     kind: Literal["detection"] = "detection"
-    signal: Scalar = "yes"
-    """The answer that is right where the signal is."""
+    signal: str = "yes"
+    """The answer that is right where the signal is, as the table writes it."""
 
 
 class IdentificationTold(RatesTold, IdentificationAnalysis):

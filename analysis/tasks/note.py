@@ -83,7 +83,8 @@ def options_from(
     for key, text in texts.items():
         name, dot, part = key.partition(".")
         if dot:  # label.ours=Our method
-            values[name] = {**values.get(name, {}), part: text.strip("\"'")}
+            held = values.get(name)
+            values[name] = {**(held if isinstance(held, dict) else {}), part: text.strip("\"'")}
         else:
             values[name] = _value(text, fields[name].annotation if name in fields else str)
     return _checked(kind, values, place)

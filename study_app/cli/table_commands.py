@@ -87,7 +87,8 @@ def _question(
         replace: ReplaceOption = False,
         **given: str | bool | None,
     ) -> None:
-        texts = {key: "true" if one is True else str(one) for key, one in given.items() if one}
+        said = {key: one for key, one in given.items() if one is not None and one is not False}
+        texts = {key: "true" if one is True else str(one) for key, one in said.items()}
         texts["alpha"] = f"{1.0 - confidence:.12g}"
         kind = str(told.model_fields["kind"].default)
         with user_errors():

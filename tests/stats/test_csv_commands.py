@@ -198,6 +198,7 @@ def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
     [
         (("psychometric", "--level", "eccc"), "did you mean 'ecc'"),
         (("psychometric", "--level", "ecc", "--guess", "half"), "--guess: must be a rate"),
+        (("psychometric", "--level", "ecc", "--guess", ""), "--guess: must be a rate"),
         (("psychometric", "--level", "ecc", "--shape", "gaus"), "did you mean 'gauss'"),
         (("psychometric", "--level", "ecc", "--map", "who"), "OURS=THEIRS"),
         (("psychometric", "--level", "who", "--log"), "leave --log away"),

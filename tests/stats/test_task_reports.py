@@ -664,6 +664,12 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
         (["--task", "abx", "--set", "level=eccc"], r"eccc.*did you mean 'ecc'|'eccc'"),
         (["--task", "abx", "--set", "alpha=2"], r"--set alpha: must be at most 0.5 \(got 2\)"),
         (["--task", "abx", "--set", "shape=cauchy"], "--set shape: must be 'gauss', 'logistic'"),
+        (["--task", "abx", "--set", "alpha.a=2"], "--set alpha: must be a number"),
+        (
+            ["--task", "abx", "--set", "alpha=0.1", "--set", "alpha.a=2"],
+            "--set alpha: must be a num",
+        ),
+        (["--task", "abx", "--set", "exclusions=x"], "must have keys of the analysis 'abx'"),
         (["--task", "abx", "--set", "level"], "--set must read NAME=VALUE"),
         (["--task", "abx", "--set", "by=how", "--set", "baseline=c"], "must be a value of 'how'"),
         (["--task", "yes-no"], "must have the columns expected and answer"),

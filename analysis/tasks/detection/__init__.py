@@ -18,7 +18,6 @@ from analysis.tasks.rates import RatesTask, rate_parts
 from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
-from protocols.tasks.rates import name_of
 
 
 class Detection(RatesTask):
@@ -51,7 +50,7 @@ class Detection(RatesTask):
         StudyError
             If the table does not speak of two answers, one of them the signal's.
         """
-        signal = name_of(told.signal)
+        signal = told.signal
         found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)})
         if signal not in found or len(found) > 2:
             raise StudyError(
