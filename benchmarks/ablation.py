@@ -26,6 +26,7 @@ from rich.progress import track
 from benchmarks import colour_edges
 from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
+from benchmarks.pictures import most_holes
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.inpaint import reference as inpaint
@@ -44,7 +45,6 @@ from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from protocols.revision import code_revision, package_version
 from stimuli.scenes.registry import scene_names
-from study_app.cli.demo.pictures import most_holes
 
 PART = PagePart("ablation table")
 SEED = 1

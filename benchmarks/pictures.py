@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
@@ -22,7 +23,6 @@ from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.registry import build_scene
 from stimuli.steps import metameric_steps
-from study_app.cli.demo.pictures import most_holes
 
 FILLS = "push-pull", "metameric", "background-extension", "coherence-transport"
 
@@ -93,6 +93,24 @@ def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) 
         ("the true view", truth),
     ]
     return pictures.sheet(tiles, columns=4)
+
+
+def most_holes(hole: NDArray[np.bool_], size: tuple[int, int]) -> tuple[int, int]:
+    """Return top and left of the window of `size` (height, width) with the most hole pixels.
+
+    The picture's own border is left out where it can be: what enters there is no disocclusion.
+    """
+    height, width = (min(a, b) for a, b in zip(size, hole.shape, strict=True))
+    sums = np.pad(hole.astype(np.int64), ((1, 0), (1, 0))).cumsum(0).cumsum(1)
+    counts = (
+        sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width]
+        + sums[:-height, :-width]
+    )  # fmt: skip
+    border = hole.shape[1] // 10
+    if counts.shape[1] > 2 * border:
+        counts[:, :border] = counts[:, counts.shape[1] - border :] = -1
+    top, left = np.unravel_index(int(counts.argmax()), counts.shape)
+    return int(top), int(left)
 
 
 if __name__ == "__main__":

@@ -87,6 +87,7 @@ def test_the_path_file_names_one_folder_and_runs_no_code(wheel):
         ("protocols/studies/demo.toml", "studies"),
         ("protocols/templates/study.toml", "a new study's files"),
         ("study_app/cli/demo/page.html", "page of the demonstration"),
+        ("study_app/cli/demo/steps.toml", "steps of the demonstration"),
         ("stimuli/score/scores.html", "page of scores"),
         ("analysis/report/template.html", "report"),
     ],

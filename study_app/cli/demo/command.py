@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from protocols.errors import StudyError
-from protocols.result_folder import remove_listed, stranger, whole_folder
+from protocols.result_folder import remove_listed, stranger
 from study_app.cli.errors import user_errors
 from study_app.cli.terminal import PlainConsole
 
@@ -37,7 +37,9 @@ def demo(
     ] = False,
     no_studies: Annotated[
         bool,
-        typer.Option("--no-studies", help="Leave out the studies on foveated pictures."),
+        typer.Option(
+            "--no-studies", help="Leave out foveated pictures, their studies, and another task."
+        ),
     ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Delete an earlier demonstration there first.")
@@ -50,9 +52,9 @@ def demo(
 
     A pair of photographs and two rendered scenes are warped, and their holes are filled.
     Simulated observers compare the fills in real sessions, one of them in a real window. Their
-    answers are analysed. Each study on foveated pictures shows a trial and a report. One page
-    shows everything: OUT/index.html. The same command continues after an interruption, and keeps
-    what is done.
+    answers are analysed. Each study on foveated pictures shows its trials and a report. The
+    demonstration runs the commands that a study runs, and prints them. One page shows and links
+    all: OUT/index.html. The same command continues after an interruption, and keeps what is done.
 
     Examples:
 
@@ -61,16 +63,12 @@ def demo(
         metamerlab demo --pictures-only --out out/pictures
     """
     with user_errors():
-        if pictures_only:
-            _pictures(out, seed)
-            return
         if no_window and display is not None:
             raise StudyError(
                 "--no-window and --display exclude each other: a display is where the window goes"
             )
-        from study_app.cli.demo.layout import RECORD_NAME
-        from study_app.cli.demo.observers import Options
-        from study_app.cli.demo.run import run_demo
+        from study_app.cli.demo.run import RECORD_NAME, run_demo
+        from study_app.cli.demo.steps import Options
 
         if fresh and out.exists():
             if not (out / RECORD_NAME).is_file():
@@ -86,29 +84,17 @@ def demo(
                 )
             remove_listed(out)
         console = PlainConsole(soft_wrap=True)
-        console.print("The demonstration takes some minutes. Observers are simulated.")
+        if not pictures_only:
+            console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
             out,
             observers=observers,
             window=not no_window,
-            display=display,
+            # Commands run in the folder of the demonstration.
+            display=str(Path(display).resolve()) if display and Path(display).exists() else display,
             seed=seed,
             studies=not no_studies,
+            pictures_only=pictures_only,
         )
-        layout = run_demo(options, console)
-        console.print(f"Look at {layout.page} (open it in a browser)", style="bold")
-
-
-def _pictures(out: Path, seed: int) -> None:
-    from study_app.cli.demo.pictures import SHEET, fill_photographs
-
-    console = PlainConsole(soft_wrap=True)
-    with (
-        console.status("warping and filling the motorcycle pair ..."),
-        whole_folder(out) as work,
-    ):
-        made = fill_photographs(work, seed)
-    height, width = made.size_px
-    console.print(f"renderer: {made.renderer}")
-    console.print(f"{width} x {height} px, holes {100 * made.hole_share:.1f} % of the frame")
-    console.print(f"look at {out / SHEET}")
+        page = run_demo(options, console)
+        console.print(f"Look at {page} (open it in a browser)", style="bold")

@@ -1,197 +1,208 @@
-"""The demonstration: every step of a study on real input, one after the other."""
+"""The demonstration: the commands of every step, what they said, and one page that links all."""
 
 from __future__ import annotations
 
+import json
+import os
+import shlex
 import shutil
+import subprocess
+import sys
 import time
-from dataclasses import asdict
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import Console
 
-from analysis.report.build import report_sessions
 from protocols.errors import StudyError
-from protocols.feasibility import require_feasible
-from protocols.hashing import sha256_file, sha256_json
-from protocols.journal_file import JOURNAL_NAME
-from protocols.load import load_display, load_protocol
-from protocols.manifest import Manifest
-from protocols.result_folder import unlisted, write_listing
+from protocols.hashing import sha256_json
+from protocols.load import load_study
+from protocols.outside import page_bytes
+from protocols.result_folder import remove_listed, unlisted, write_listing
 from protocols.revision import code_revision, package_version
-from stimuli.build import build
-from stimuli.check import check_batch
-from stimuli.executors import cores, local_processes
-from stimuli.orders import Orders
-from study_app.cli.demo import pictures, studies
-from study_app.cli.demo.layout import RECORD_NAME, Layout, Record
-from study_app.cli.demo.observers import Observers, Options
-from study_app.cli.demo.page import Facts, write_page
-from study_app.cli.demo.screen import require_screen
-from study_app.cli.demo.steps import Step, Steps
+from stimuli.executors import cores
+from stimuli.whole_file import write_whole
+from study_app.cli.demo.screen import require_screen, virtual_screen
+from study_app.cli.demo.steps import SCREEN, Options, Step, steps_of
+from study_app.sittings import is_stillborn
+
+RECORD_NAME = "demo.json"
+PAGE_NAME = "index.html"
+_OURS = (
+    PAGE_NAME, "pictures", "clips", "sessions", "report", "trial.html", "studies", SCREEN,
+)  # fmt: skip
 
 
-def run_demo(options: Options, console: Console) -> Layout:
-    """Do all that is not done yet, then write the page.
+def run_demo(options: Options, console: Console) -> Path:
+    """Run the commands of all steps that are not done yet, then write the page.
+
+    Returns
+    -------
+    Path
+        The page.
 
     Raises
     ------
-    StudyError, InputError, GLUnavailableError, OSError
-        As the steps raise them; what was finished is kept, and the next run goes on from there.
+    StudyError, OSError
+        With what a command said that failed; what was finished is kept, and the next run goes on
+        from there.
     """
-    if options.window and options.display is None:
+    if options.window and options.display is None and not options.pictures_only:
         require_screen()
-    layout = Layout(options.out)
-    layout.prepare()
-    theirs = set(unlisted(options.out)) - {options.out / RECORD_NAME}
+    out = options.out
+    out.mkdir(parents=True, exist_ok=True)
+    if not (out / RECORD_NAME).exists():
+        for name in _OURS:
+            if (out / name).exists():
+                raise StudyError(
+                    f"{out}: must be empty or made by 'metamerlab demo' (it holds {name}"
+                    f" but no {RECORD_NAME}); choose another --out, or move it away"
+                )
+    theirs = set(unlisted(out)) - {out / RECORD_NAME}
     try:
-        return _Demo(options, layout, console).run()
+        return _Demo(options, console).run()
     finally:
-        write_listing(options.out, theirs)
+        write_listing(out, theirs)
 
 
 class _Demo:
-    def __init__(self, options: Options, layout: Layout, console: Console) -> None:
-        self.options, self.layout, self.console = options, layout, console
-        self.record = Record(layout)
-        self.protocol = load_protocol(options.study)
-        with as_file(files("study_app.cli.demo") / "screen.toml") as path:
-            shutil.copyfile(path, layout.screen)
-        own = str(layout.screen.resolve())
-        self.display_name = own if options.display is None else options.display
-        self.display = load_display(self.display_name)
-        require_feasible(self.protocol, self.display)
-        self.folder = layout.sessions / self.protocol.study.name
-        self.manifest: Manifest
+    def __init__(self, options: Options, console: Console) -> None:
+        self.options, self.out, self.console = options, options.out, console
+        with as_file(files("study_app.cli.demo") / SCREEN) as path:
+            shutil.copyfile(path, self.out / SCREEN)
+        self.protocol, self.display = load_study(
+            Path(options.study), options.display or str(self.out / SCREEN)
+        )
+        self.keys: dict[str, str] = {}
+        """What each step depends on."""
+        self.record: dict[str, dict[str, Any]] = {}
+        """By step: key, and if it is done, seconds and what its commands said."""
+        try:
+            known = json.loads((self.out / RECORD_NAME).read_text(encoding="utf-8"))
+            self.record = {name: dict(step) for name, step in known.items()}
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+            pass  # it begins anew
+        self._note()
 
-    def run(self) -> Layout:
-        options, layout = self.options, self.layout
-        with Steps(self.console, 6 + options.window + options.studies) as steps:
-            with steps.step("fill the holes of a photograph") as step:
-                photographs = self._photographs(step)
-            with steps.step("build the study's clips") as step:
-                self._build(step)
-            with steps.step("check the clips") as step:
-                self._check(step)
-            observers = self._observers()
-            observers.drop_stale()
-            if options.window:
-                with steps.step("one observer before a window") as step:
-                    observers.sit_in_window(step)
-            with steps.step("observers on a virtual display") as step:
-                observers.simulate(step)
-            observers.strip_from_log()
-            with steps.step("analyse") as step:
-                headline = self._report(step)
-            if options.studies:
-                with steps.step("studies on foveated pictures") as step:
-                    self._studies(step)
-            with steps.step("write the page") as step:
-                facts = Facts(
-                    protocol=self.protocol,
-                    study=str(options.study),
-                    display=self.display,
-                    own_display=options.display,
-                    observers=options.observers,
-                    window=options.window,
-                    photographs=photographs,
-                    manifest=self.manifest,
-                    headline=headline,
-                    cores=cores(),
-                    version=f"{package_version()}, revision {code_revision()}",
-                )
-                write_page(layout, self.record, facts)
-                step.result = str(layout.page)
-        return layout
+    def run(self) -> Path:
+        steps = steps_of(self.options, self.protocol.study.name)
+        for number, step in enumerate(steps, 1):
+            self._run(step, f"{number}/{len(steps)} {step.title}")
+        environment = Environment(
+            loader=PackageLoader("study_app.cli.demo", "."), autoescape=True,
+            undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        )  # fmt: skip
+        text = environment.get_template("page.html").render(
+            steps=steps,
+            record=self.record,
+            shown={step.name: self._shown(step) for step in steps},
+            longest_s=max(self.record[step.name]["seconds"] for step in steps) or 1.0,
+            version=f"{package_version()}, revision {code_revision()}",
+            options=self.options,
+            out=os.path.relpath(self.out),
+        )
+        write_whole(self.out / PAGE_NAME, page_bytes(text))
+        return self.out / PAGE_NAME
 
-    def _photographs(self, step: Step) -> pictures.Photographs:
-        key = f"{code_revision()} {self.options.seed}"
-        names = (*pictures.METHODS, pictures.WARPED, pictures.TRUTH)
-        there = all((self.layout.pictures / f"{name}.png").is_file() for name in names)
-        if there and self.record.matches("pictures", key):
-            step.result = "kept"
-            notes = dict(self.record.notes("pictures"))
-            return pictures.Photographs.from_notes(notes)
+    def _shown(self, step: Step) -> list[str]:
+        paths = [path for pattern in step.shows for path in sorted(self.out.glob(pattern))]
+        return [path.relative_to(self.out).as_posix() for path in paths]
+
+    def _run(self, step: Step, label: str) -> None:
+        key = self.keys[step.name] = sha256_json(
+            [
+                code_revision(), self.protocol.sha256, self.display.model_dump(mode="json"),
+                step.chains(), [self.keys.get(name) for name in step.needs],
+            ]
+        )  # fmt: skip
+        known = self.record.get(step.name, {})
+        begun = known.get("key") == key
+        if (
+            begun
+            and "said" in known
+            and all((self.out / name).exists() for name in step.named(step.makes))
+        ):
+            self.console.print(f"{label}: kept")
+            return
+        if not begun:
+            self._clear(step.named(step.clears))
+        self.record[step.name] = {"key": key}
+        self._note()
+        self.console.print(f"{label} ...", style="bold")
+        own_screen = step.when == "window" and self.options.display is None
         began_s = time.monotonic()
-        made = pictures.fill_photographs(self.layout.pictures, self.options.seed)
-        self.record.done("pictures", key, time.monotonic() - began_s, asdict(made))
-        height, width = made.size_px
-        step.result = f"{width} x {height} px, holes {100 * made.hole_share:.1f} % of the frame"
-        return made
-
-    def _build(self, step: Step) -> None:
-        orders = Orders(self.protocol, self.display, self._study_folder())
-        began_s = time.monotonic()
-        parallel = min(cores(), len(orders.clip_names))
-        with local_processes(parallel) as executor:
-            outcome = build(
-                orders, self.layout.clips.absolute(), executor, parallel=parallel, report=step
+        chains = step.chains()
+        with (
+            virtual_screen(self.display) if own_screen else nullcontext(dict(os.environ)) as env,
+            ThreadPoolExecutor(min(cores(), len(chains))) as pool,
+        ):
+            done = pool.map(
+                lambda chain: [self._command(one, env, len(chains) == 1) for one in chain], chains
             )
-        self.manifest = outcome.manifest
-        if outcome.built or not self.record.seconds("clips"):
-            self.record.done("clips", self.manifest.sha256, time.monotonic() - began_s)
-        step.result = f"{len(outcome.built)} clips built, {len(outcome.kept)} kept"
-
-    def _check(self, step: Step) -> None:
-        began_s = time.monotonic()
-        verdict = check_batch(self.layout.clips, step)
-        if not verdict.in_order:
-            wrong = [*verdict.missing, *verdict.changed, *verdict.extra]
-            raise StudyError(
-                f"{self.layout.clips}: every file must be as the manifest says"
-                f" ({len(wrong)} are not, such as {wrong[0]}); run this again"
-            )
-        notes = {"frames": verdict.frames}
-        self.record.done("check", self.manifest.sha256, time.monotonic() - began_s, notes)
-        step.result = f"{verdict.frames} frames, every hash as in the manifest"
-
-    def _observers(self) -> Observers:
-        return Observers(
-            self.options,
-            self.layout,
-            self.record,
-            self.protocol,
-            self.display,
-            self.display_name,
-            self.manifest,
-            self.console,
-        )
-
-    # The end
-
-    def _report(self, step: Step) -> str:
-        journals = sorted(self.folder.glob(f"*/{JOURNAL_NAME}"))
-        key = sha256_json(
-            [code_revision(), self.options.figures, *(sha256_file(path) for path in journals)]
-        )
-        headline = str(self.record.notes("report").get("headline", ""))
-        if headline and self.record.matches("report", key) and self.layout.report.is_dir():
-            step.result = "kept"
-            return headline
-        began_s = time.monotonic()
-        made = report_sessions(
-            self.layout.sessions,
-            self.protocol,
-            self.layout.report,
-            replace=True,
-            figure_files=self.options.figures,
-            progress=lambda name, done, total: step(done, total, name),
-        )
+            said = [one for chain in done for one in chain]
         took_s = time.monotonic() - began_s
-        self.record.done("report", key, took_s, {"headline": made.headline})
-        step.result = "report written"
-        return made.headline
+        self.record[step.name] |= {"seconds": round(took_s, 2), "said": said}
+        self._note()
+        self.console.print(f"{label}: {took_s:.0f} s")
 
-    def _studies(self, step: Step) -> None:
-        key = code_revision()
-        if not self.record.matches("studies", key):
-            self.layout.clear(self.layout.studies)
-        began_s = time.monotonic()
-        for name in studies.unfinished(self.layout.studies):
-            self.layout.clear(self.layout.studies / name)  # what an interruption left
-        studies.show_studies(self.layout.studies, step)
-        if not self.record.matches("studies", key):
-            self.record.done("studies", key, time.monotonic() - began_s)
+    def _command(self, command: list[str], env: dict[str, str], alone: bool) -> tuple[str, str]:
+        """Run a command, print it with what it says, and return both."""
+        if command[:2] == ["session", "run"]:
+            code = command[command.index("--participant") + 1]
+            sitting = self.out / "sessions" / self.protocol.study.name / code
+            if sitting.exists() and not is_stillborn(sitting):
+                command = ["session", "resume", *command[2:]]
+        words = f"metamerlab {shlex.join(command)}"
+        self.console.print(f"$ {words}")
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "metamerlab", *command],
+            cwd=self.out, env=env, text=True, encoding="utf-8", errors="replace",
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=None if alone else subprocess.STDOUT,  # bars of several would overwrite another
+        )  # fmt: skip
+        lines = []
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                lines.append(line.rstrip())
+                self.console.print(lines[-1])
+        finally:
+            if process.poll() is None and sys.exc_info()[0] is not None:
+                process.terminate()
+            process.wait()
+            process.stdout.close()
+        if process.returncode != 0:
+            raise StudyError(
+                f"'{words}' must end well in {self.out} (it ended with status"
+                f" {process.returncode}; what it said stands above); mend that, and run this again:"
+                " it goes on from there"
+            )
+        return words, "\n".join(lines)
 
-    def _study_folder(self) -> Path:
-        return self.options.study.absolute().parent
+    def _clear(self, patterns: list[str]) -> None:
+        """Remove what demonstrations made, to make it again.
+
+        Raises
+        ------
+        StudyError
+            If it holds what none listed as its own: a user's, or of a demonstration that was
+            killed.
+        """
+        folders = [path for pattern in patterns for path in sorted(self.out.glob(pattern))]
+        for folder in folders:
+            for theirs in unlisted(self.out, folder):
+                raise StudyError(
+                    f"{folder}: must hold nothing but what a demonstration listed as its own (it"
+                    f" holds {theirs.relative_to(folder)}); move that folder away, or choose"
+                    " another --out"
+                )
+        for folder in folders:
+            remove_listed(self.out, folder)
+
+    def _note(self) -> None:
+        text = json.dumps(self.record, indent=1, sort_keys=True) + "\n"
+        write_whole(self.out / RECORD_NAME, text.encode("utf-8"))
