@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from stimuli.clip import Survey
     from stimuli.orders import Orders
     from stimuli.scenery import Scenery
-    from stimuli.worker import Bench
+    from stimuli.worker import SceneContext
 
 PART = PagePart("stimuli table")
 RESULTS = Path(__file__).parent / "results" / "stimuli.json"
@@ -192,13 +192,13 @@ def _again(options: argparse.Namespace) -> list[str]:
 
 def _ready(
     options: argparse.Namespace, method: str, frames: int
-) -> tuple[Bench, Scenery, Orders, ClipName, Survey]:
+) -> tuple[SceneContext, Scenery, Orders, ClipName, Survey]:
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
     from protocols.recipes.warped_clips import ClipName
     from stimuli.clip import Survey
     from stimuli.orders import Orders
-    from stimuli.worker import Bench
+    from stimuli.worker import SceneContext
 
     protocol = load_protocol(Path("demo"))
     scene = protocol.warped.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})
@@ -224,7 +224,7 @@ def _ready(
 
     orders = AsRendered(protocol, load_display("fhd27-60hz"), Path.cwd())
     clip = ClipName("scene", size.name, method)
-    bench = Bench()
+    bench = SceneContext()
     scenery = bench.scenery(orders, clip)
     survey = Survey("", 0.1, options.width // 6, 0.0, 0.0, 0.0, ())
     return bench, scenery, orders, clip, survey

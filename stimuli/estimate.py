@@ -49,11 +49,11 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
     """
     from pipeline.gl.context import describe
     from pipeline.methods.registry import create_method
-    from stimuli.worker import Bench
+    from stimuli.worker import SceneContext
 
     clips = orders.protocol.warped.clips
     first = orders.clip_names[0]
-    bench = Bench()
+    bench = SceneContext()
     try:
         started = time.perf_counter()
         scenery = bench.scenery(orders, first)

@@ -11,9 +11,11 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 import moderngl
 
@@ -39,7 +41,51 @@ class RendererInfo:
     version: str
 
 
-class Bench:
+class Held(Protocol):
+    """A thing that holds a context."""
+
+    def release(self) -> None:
+        """Free the GPU."""
+
+
+H = TypeVar("H", bound=Held)
+K = TypeVar("K")
+T = TypeVar("T")
+
+
+class GpuThread(Generic[K, H]):
+    """The one thread of this process that may touch a context, and what holds it.
+
+    Contexts cannot be sent to workers: each process opens its own, by `hold`, for what is asked.
+    """
+
+    def __init__(self, hold: Callable[[K], H]) -> None:
+        self._hold = hold
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="gpu")
+        self._held: tuple[K, H] | None = None
+
+    def do(self, key: K, job: Callable[[H], T]) -> T:
+        """Do a job with what holds the context for `key`; that of another key is freed."""
+
+        def work() -> T:
+            if self._held is None or self._held[0] != key:
+                self._release()
+                self._held = key, self._hold(key)
+            return job(self._held[1])
+
+        return self._thread.submit(work).result()
+
+    def close(self) -> None:
+        """Free the GPU; the next job opens another context."""
+        self._thread.submit(self._release).result()
+
+    def _release(self) -> None:
+        if self._held is not None:
+            self._held[1].release()
+            self._held = None
+
+
+class SceneContext:
     """A context and the scene that was opened last: clips of one scene come together."""
 
     def __init__(self) -> None:
@@ -67,34 +113,7 @@ class Bench:
         self._scenery, self._key = None, None
 
 
-class _Station:
-    """The one bench of this process, and the one thread that may touch its context."""
-
-    def __init__(self) -> None:
-        self.thread = ThreadPoolExecutor(1, thread_name_prefix="bench")
-        self.bench: Bench | None = None
-
-    def open_bench(self) -> Bench:
-        if self.bench is None:
-            self.bench = Bench()
-        return self.bench
-
-
-_station: list[_Station] = []  # per process: contexts cannot be sent to workers
-
-
-def _here() -> _Station:
-    if not _station:
-        _station.append(_Station())
-    return _station[0]
-
-
-def close_bench() -> None:
-    """Free this process's bench, if it has one; the next job opens another."""
-    station = _here()
-    if station.bench is not None:
-        station.thread.submit(station.bench.release).result()
-        station.bench = None
+SCENES: GpuThread[None, SceneContext] = GpuThread(lambda _: SceneContext())
 
 
 def start_worker(threads_per_worker: int, parent: int) -> None:
@@ -108,24 +127,24 @@ def start_worker(threads_per_worker: int, parent: int) -> None:
     print_notes(lambda line: print(line, file=sys.stderr))
 
 
+def _info(scenes: SceneContext) -> RendererInfo:
+    found = describe(scenes.ctx)
+    return RendererInfo(found.vendor, found.name, found.version)
+
+
 def describe_renderer() -> RendererInfo:
     """Name this worker's renderer."""
-
-    def job() -> RendererInfo:
-        found = describe(_here().open_bench().ctx)
-        return RendererInfo(found.vendor, found.name, found.version)
-
-    return _here().thread.submit(job).result()
+    return SCENES.do(None, _info)
 
 
 def survey_job(orders: Orders, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
     """Survey a scene and size into `folder`."""
 
-    def job() -> Survey:
-        bench = _here().open_bench()
-        return take_survey(bench.ctx, bench.scenery(orders, clip), orders, clip, folder)
+    def job(scenes: SceneContext) -> tuple[Survey, RendererInfo]:
+        scenery = scenes.scenery(orders, clip)
+        return take_survey(scenes.ctx, scenery, orders, clip, folder), _info(scenes)
 
-    return _here().thread.submit(job).result(), describe_renderer()
+    return SCENES.do(None, job)
 
 
 def clip_job(
@@ -133,12 +152,11 @@ def clip_job(
 ) -> tuple[list[str], RendererInfo]:
     """Make the frames of a clip in `folder`; return their hashes."""
 
-    def job() -> list[str]:
-        bench = _here().open_bench()
-        scenery = bench.scenery(orders, clip)
-        return make_frames(bench.ctx, scenery, orders, clip, survey, folder)
+    def job(scenes: SceneContext) -> tuple[list[str], RendererInfo]:
+        scenery = scenes.scenery(orders, clip)
+        return make_frames(scenes.ctx, scenery, orders, clip, survey, folder), _info(scenes)
 
-    return _here().thread.submit(job).result(), describe_renderer()
+    return SCENES.do(None, job)
 
 
 def preview_job(out: Path, clip: Clip) -> None:

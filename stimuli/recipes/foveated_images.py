@@ -40,8 +40,8 @@ from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, pictu
 from stimuli.read_file import file_sha256
 from stimuli.recipes.base import Estimate, Where
 from stimuli.recipes.foveated_work import (
+    STILLS,
     Order,
-    close_bench,
     colour_job,
     describe_job,
     still_job,
@@ -262,7 +262,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
 
     def close(self) -> None:
         """Free the GPU."""
-        close_bench()
+        STILLS.close()
 
     def key(self, entry: FoveatedStimulus) -> str:
         """Return the hash of all that decides a stimulus's pixels."""

@@ -1,18 +1,16 @@
 """The work on stills of `foveated-images`, as it is done here, in processes and on clusters.
 
 The symbol is drawn into the picture first; the condition is worked out for the very picture that
-holds it. A process has one bench: its context, where there is OpenGL, and every condition's passes,
-built once.
+holds it. A process has one maker: its context, where there is OpenGL, and every condition's
+passes, built once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import moderngl
@@ -40,12 +38,11 @@ from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
 from stimuli.foveated.looking import read_gaze
 from stimuli.png import encode_frame
-from stimuli.worker import RendererInfo
+from stimuli.worker import GpuThread, RendererInfo
 
 NUMPY = RendererInfo("", "none: numpy", "")
 
 Colour = NDArray[np.float32]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,7 @@ def _covering(colour: Colour, size: tuple[int, int]) -> Colour:
     return np.ascontiguousarray(scaled[top : top + height, left : left + width], np.float32)
 
 
-class Bench:
+class StillMaker:
     """Makes stills of one order; use it from one thread, which its context belongs to."""
 
     def __init__(self, order: Order) -> None:
@@ -253,56 +250,17 @@ class Bench:
         return foveator
 
 
-class _Station:
-    """The one bench of this process, and the one thread that may touch its context."""
-
-    def __init__(self) -> None:
-        self.thread = ThreadPoolExecutor(1, thread_name_prefix="stills")
-        self.bench: Bench | None = None
-
-    def on(self, order: Order, job: Callable[[Bench], T]) -> T:
-        """Do a job at a bench for that order."""
-
-        def work() -> T:
-            if self.bench is None or self.bench.order != order:
-                self._close()
-                self.bench = Bench(order)
-            return job(self.bench)
-
-        return self.thread.submit(work).result()
-
-    def close(self) -> None:
-        self.thread.submit(self._close).result()
-
-    def _close(self) -> None:
-        if self.bench is not None:
-            self.bench.release()
-            self.bench = None
-
-
-_station: list[_Station] = []  # per process: contexts cannot be sent to workers
-
-
-def _here() -> _Station:
-    if not _station:
-        _station.append(_Station())
-    return _station[0]
-
-
-def close_bench() -> None:
-    """Free this process's bench, if it has one; the next job opens another."""
-    if _station:
-        _here().close()
+STILLS = GpuThread(StillMaker)
 
 
 def describe_job(order: Order) -> RendererInfo:
     """Name what draws in this worker."""
-    return _here().on(order, lambda bench: bench.renderer)
+    return STILLS.do(order, lambda maker: maker.renderer)
 
 
 def colour_job(order: Order, entry: FoveatedStimulus) -> Colour:
     """Make a still and keep it in memory."""
-    return _here().on(order, lambda bench: bench.colour(entry))
+    return STILLS.do(order, lambda maker: maker.colour(entry))
 
 
 def still_job(
@@ -313,10 +271,10 @@ def still_job(
     Parameters
     ----------
     state : Path or None
-        See `Bench.colour`.
+        See `StillMaker.colour`.
     """
 
-    def job(bench: Bench) -> tuple[list[bytes | str], RendererInfo]:
-        return [encode_frame(bench.colour(entry, state), 8)], bench.renderer
+    def job(maker: StillMaker) -> tuple[list[bytes | str], RendererInfo]:
+        return [encode_frame(maker.colour(entry, state), 8)], maker.renderer
 
-    return _here().on(order, job)
+    return STILLS.do(order, job)

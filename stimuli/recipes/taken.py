@@ -1,41 +1,27 @@
 """Stills and videos that are made or taken in one by one, into hashed clips: what builders share.
 
-A stimulus's frames are written as PNG below ``.build``, moved to their folder when all are there,
-and noted; the manifest comes last. What matches by the hash of all that decides it is kept. Jobs
-run in threads, processes or on a cluster, a few ahead of the workers; moving and noting is done
-here.
+What matches by the hash of all that decides it is kept. `stimuli.clip_build` does the rest.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.folder_hold import only_build
 from protocols.hashing import sha256_bytes
-from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
+from protocols.manifest import Clip
 from protocols.recipes.base import Recipe
 from protocols.units import Scalar
-from stimuli.batch_folder import (
-    BUILD_FOLDER,
-    HOLES_FOLDER,
-    check_folder,
-    claim,
-    move_over,
-    remove_strangers,
-    remove_unfinished,
-    sync,
-)
-from stimuli.derived import derive
-from stimuli.executors import LocalProcesses, cores
-from stimuli.preview import PREVIEW_FOLDER, preview_path, write_preview
+from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
+from stimuli.clip_build import ClipBuild, Job
+from stimuli.executors import cores
+from stimuli.preview import PREVIEW_FOLDER
 from stimuli.recipes.base import Builder, Outcome, Report, Where
 from stimuli.records import Book, is_whole
 from stimuli.whole_file import write_whole
@@ -137,12 +123,7 @@ class TakingBuilder(Builder, Generic[E]):
             out.mkdir(parents=True, exist_ok=True)
             with only_build(out):
                 try:
-                    return self._build(out, executor, places, report)
-                except BrokenProcessPool:
-                    raise StudyError(
-                        "a worker process was killed (out of memory?); nothing that it finished is"
-                        " lost: run the same command again, with fewer --workers if memory is short"
-                    ) from None
+                    return _TakingBuild(self, out, executor, places, report).run()
                 finally:
                     self.close()
 
@@ -157,121 +138,9 @@ class TakingBuilder(Builder, Generic[E]):
             rows.append((column, ", ".join(said[:_LISTED]) + more))
         return ("column", "values (stimuli)"), rows
 
-    def _build(self, out: Path, executor: Executor, places: int, report: Report) -> Outcome[str]:
-        check_folder(out, [entry.name for entry in self.wanted])
-        book = Book(self.protocol, self.display, out, self.drawn_by(executor))
-        frames = self.recipe_of_all.frames
-        total = len(self.wanted) * frames
-        report(0, total, "hashing inputs")
-        with ThreadPoolExecutor(cores()) as readers:
-            hashed = readers.map(self.key, self.wanted)
-            keys = {entry.name: key for entry, key in zip(self.wanted, hashed, strict=True)}
-        old = book.old()
-        records: dict[str, Clip] = {}
-        for entry in self.wanted:
-            known = old.get(entry.name)
-            if (
-                known is not None
-                and known.cache_key == keys[entry.name]
-                and is_whole(out / entry.name, known)
-            ):
-                # What is told of a file may change without its pixels.
-                records[entry.name] = self.record(entry, known.cache_key, known.frames_sha256)
-        kept = list(records)
-        missing = [entry for entry in self.wanted if entry.name not in records]
-        manifest_path = out / MANIFEST_NAME
-        if missing or book.is_stale(self._in_order(records)):
-            claim(out, [entry.name for entry in self.wanted], keys.values())
-            for record in records.values():
-                book.store(record)
-            manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
-            sync(out)
-        wrong: dict[str, str] = {}
-        for entry, made in self._made(missing, keys, out, executor, places):
-            if isinstance(made, InputError):
-                wrong[entry.name] = str(made)
-                continue
-            hashes, renderer = made
-            book.check_renderer(renderer)
-            move_over(_work(out, keys[entry.name], entry), out / entry.name)
-            records[entry.name] = self.record(entry, keys[entry.name], hashes)
-            book.store(records[entry.name])
-            report(len(records) * frames, total, entry.name)
-        if wrong:
-            raise InputError(
-                "\n".join(wrong[entry.name] for entry in missing if entry.name in wrong)
-            )
-        remove_strangers(out, [entry.name for entry in self.wanted])
-        clips = self._in_order(records)
-        self._write_previews(out, clips, lambda now: report(total, total, now))
-        derive(
-            self.protocol,
-            out,
-            clips,
-            lambda now: report(total, total, now),
-            previews=self._has_previews,
-        )
-        manifest = book.manifest(clips)
-        if not manifest_path.exists():
-            write_manifest(out, manifest)
-            sync(out)
-        remove_unfinished(out)
-        return Outcome(manifest, [entry.name for entry in missing], kept)
-
     @property
     def _has_previews(self) -> bool:
         return self.recipe_of_all.frames > 1
-
-    def _write_previews(
-        self, out: Path, clips: Sequence[Clip], tell: Callable[[str], None]
-    ) -> None:
-        if not self._has_previews:
-            return
-        (out / PREVIEW_FOLDER).mkdir(exist_ok=True)
-        for clip in clips:
-            path = preview_path(out, clip)
-            if not path.exists():
-                tell(f"preview of {clip.name}")
-                write_preview(out, clip, path)
-
-    def _in_order(self, records: dict[str, Clip]) -> list[Clip]:
-        return [records[entry.name] for entry in self.wanted if entry.name in records]
-
-    def _made(
-        self,
-        missing: Sequence[E],
-        keys: Mapping[str, str],
-        out: Path,
-        executor: Executor,
-        places: int,
-    ) -> Iterator[tuple[E, tuple[tuple[str, ...], RendererInfo] | InputError]]:
-        """Have stimuli made, `places` at a time; yield each with its hashes, or what is wrong."""
-        waiting = deque(missing)
-        running: dict[Future[Made], E] = {}
-        try:
-            while waiting or running:
-                while waiting and len(running) < places:
-                    entry = waiting.popleft()
-                    work = _work(out, keys[entry.name], entry)
-                    remove_unfinished(out, work)
-                    work.mkdir(parents=True, exist_ok=True)
-                    running[self.submit(executor, entry, work)] = entry
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
-                for job in done:
-                    entry = running.pop(job)
-                    try:
-                        frames, renderer = job.result()
-                    except InputError as error:
-                        yield entry, error
-                        continue
-                    yield entry, (_stored(_work(out, keys[entry.name], entry), frames), renderer)
-        finally:
-            for job in running:
-                job.cancel()
-            if running and isinstance(executor, LocalProcesses):
-                executor.stop()
-            # No worker may write into the folder once it is let go.
-            wait([job for job in running if not job.cancelled()])
 
     def _write_frames(self, entry: E, work: Path) -> Made:
         """Write the frames of a stimulus; return their hashes."""
@@ -282,15 +151,72 @@ class TakingBuilder(Builder, Generic[E]):
         return hashes, self.renderer
 
 
+class _TakingBuild(ClipBuild[str]):
+    """Every stimulus by itself; all that is wrong is told together, after the last one."""
+
+    def __init__(
+        self, builder: TakingBuilder[E], out: Path, executor: Executor, places: int, report: Report
+    ) -> None:
+        self.entries = {entry.name: entry for entry in builder.wanted}
+        frames = builder.recipe_of_all.frames
+        super().__init__(
+            builder.protocol, out, executor, places, report, list(self.entries), frames
+        )
+        self.builder: TakingBuilder[Any] = builder
+        self.previews = builder._has_previews
+        self.hashes: dict[str, str] = {}
+        self.wrong: dict[str, str] = {}
+
+    def open_book(self) -> Book:
+        builder = self.builder
+        book = Book(self.protocol, builder.display, self.out, builder.drawn_by(self.executor))
+        self.report(0, self.total, "hashing inputs")
+        with ThreadPoolExecutor(cores()) as readers:
+            hashed = readers.map(builder.key, self.entries.values())
+            self.hashes = dict(zip(self.entries, hashed, strict=True))
+        return book
+
+    def known(self, name: str, old: Clip | None) -> Clip | None:
+        if old is None or old.cache_key != self.hashes[name] or not is_whole(self.out / name, old):
+            return None
+        # What is told of a file may change without its pixels.
+        return self.builder.record(self.entries[name], old.cache_key, old.frames_sha256)
+
+    def keys(self, missing: Sequence[str]) -> Iterable[str]:  # noqa: ARG002
+        return self.hashes.values()
+
+    def submit(self, kind: str, name: str) -> Future[Any]:  # noqa: ARG002
+        work = self.out / BUILD_FOLDER / "clips" / self.hashes[name] / name
+        remove_unfinished(self.out, work)
+        work.mkdir(parents=True, exist_ok=True)
+        self.active[name] = work
+        return self.builder.submit(self.executor, self.entries[name], work)
+
+    def finish(self, kind: str, name: str, job: Future[Any]) -> list[Job[str]]:
+        if kind == "preview":
+            job.result()
+            return []
+        try:
+            frames, renderer = job.result()
+        except InputError as error:
+            self.wrong[name] = str(error)
+            del self.active[name]
+            return []
+        hashes = _stored(self.active[name], frames)
+        record = self.builder.record(self.entries[name], self.hashes[name], hashes)
+        return self.place(name, record, renderer)
+
+    def check_all(self) -> None:
+        if self.wrong:
+            raise InputError(
+                "\n".join(self.wrong[name] for name in self.names if name in self.wrong)
+            )
+
+
 @contextmanager
 def _threads(workers: int) -> Iterator[tuple[Executor, int]]:
     with ThreadPoolExecutor(workers) as pool:
         yield pool, workers + 1
-
-
-def _work(out: Path, key: str, entry: Entry) -> Path:
-    """Where a stimulus lies while it is not whole."""
-    return out / BUILD_FOLDER / "clips" / key / entry.name
 
 
 def _stored(work: Path, frames: Sequence[bytes | str]) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
 from stimuli.orders import Orders
-from stimuli.worker import close_bench
+from stimuli.worker import SCENES
 
 
 class Inline(Executor):
@@ -65,4 +65,4 @@ def orders_of(path: Path) -> Orders:
 def bench():
     """Free the process's GL bench at the end."""
     yield
-    close_bench()
+    SCENES.close()

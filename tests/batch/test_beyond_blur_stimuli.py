@@ -16,7 +16,7 @@ from pipeline.foveation.geometry import Equirectangular, Flat, eccentricity_deg,
 from protocols.load import load_study
 from protocols.recipes.foveated_images import FoveatedImages, Shown
 from stimuli.foveated.builtin_pictures import builtin_picture, notices, picture_names
-from stimuli.recipes.foveated_work import Bench, Order
+from stimuli.recipes.foveated_work import Order, StillMaker
 
 TALL, WIDE = 108, 192
 
@@ -161,7 +161,7 @@ def test_a_condition_changes_the_picture_from_the_foveas_border_on_all_around(me
         more = {"steps": 1}
     shown = Shown(name=method, parameters={"law": "v1", "fovea_deg": FOVEA_DEG, **more})
     order = small("beyond-blur-preference", methods=(shown,))
-    bench = Bench(order)
+    bench = StillMaker(order)
     picture = rng.random((TALL, WIDE, 3)).astype(np.float32)
     try:
         bench._picture = "garden", picture
@@ -186,7 +186,7 @@ def cut():
     recipe = order.recipe
     methods = [one for one in recipe.methods if one.condition != "energy-metamer"]
     order = small("beyond-blur-detection", methods=tuple(methods), pictures=recipe.pictures[-1:])
-    bench = Bench(order)
+    bench = StillMaker(order)
     worked: list[str] = []
     foveated = bench._foveated
     bench._foveated = lambda *given: (worked.append(given[1].shown.name), foveated(*given))[1]
@@ -244,7 +244,7 @@ def test_across_the_cut_a_consistent_picture_differs_as_across_any_line(rng):
         3 * base.distance_px,
         Path(),
     )
-    bench = Bench(order)
+    bench = StillMaker(order)
     gaze = wide / 2, tall / 2
     picture = rng.random((tall, wide, 3)).astype(np.float32)
     strips = cache(lambda angle_deg: strips_beside(order, gaze, angle_deg))

@@ -38,7 +38,7 @@ from stimuli.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Where
 from stimuli.recipes.foveated_images import FoveatedBuilder
-from stimuli.recipes.foveated_work import Bench
+from stimuli.recipes.foveated_work import StillMaker
 from study_app.cli import app
 
 WIDTH, HEIGHT = 96, 72
@@ -456,7 +456,7 @@ def test_a_study_is_built_hashed_and_goes_on_where_it_was(folder, study):
 
 def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):
     out = folder / "clips"
-    real, made = Bench.colour, []
+    real, made = StillMaker.colour, []
 
     def stop(self, entry, state):
         if len(made) == 3:
@@ -465,7 +465,7 @@ def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):
         return real(self, entry, state)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Bench, "colour", stop)
+        patch.setattr(StillMaker, "colour", stop)
         with pytest.raises(KeyboardInterrupt):
             built(study, out)
     assert not (out / "manifest.json").exists()

@@ -22,6 +22,7 @@ from PIL import Image
 
 import stimuli.build
 import stimuli.clip
+import stimuli.clip_build
 import stimuli.estimate
 import stimuli.records
 from pipeline.errors import InputError
@@ -425,13 +426,13 @@ def test_work_under_a_hash_that_no_build_noted_stays(copy, orders, inline):
 
 def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, orders, inline, monkeypatch):
     (copy / "box__small__telea/000001.png").write_bytes(b"damaged")
-    real = stimuli.build.remove_strangers
+    real = stimuli.clip_build.remove_strangers
 
     def meanwhile(out: Path, names) -> None:
         (out / ".build" / "clips" / "thesis.txt").write_text("mine")
         real(out, names)
 
-    monkeypatch.setattr(stimuli.build, "remove_strangers", meanwhile)
+    monkeypatch.setattr(stimuli.clip_build, "remove_strangers", meanwhile)
     build(orders, copy, inline)
 
     assert snapshot(copy / ".build") == {"clips/thesis.txt": b"mine"}
@@ -461,13 +462,13 @@ def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monke
         orders, protocol=orders.protocol.model_copy(update={"stimuli": recipe})
     )
     assert list(smaller.clip_names) == fewer
-    real = stimuli.build.remove_strangers
+    real = stimuli.clip_build.remove_strangers
 
     def meanwhile(out: Path, names) -> None:
         (out / "box__small__telea" / "mine.txt").write_text("mine")
         real(out, names)
 
-    monkeypatch.setattr(stimuli.build, "remove_strangers", meanwhile)
+    monkeypatch.setattr(stimuli.clip_build, "remove_strangers", meanwhile)
     build(smaller, copy, inline)
 
     left = sorted(p.name for p in (copy / "box__small__telea").iterdir())
