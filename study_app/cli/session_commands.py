@@ -7,8 +7,9 @@ import gc
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -27,6 +28,7 @@ from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Scalar
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
+from study_app.cli.settings import takes_settings
 from study_app.cli.sitting_commands import register
 from study_app.cli.terminal import Description, PlainConsole, say
 from study_app.cli.undecided import require_decisions
@@ -58,12 +60,10 @@ app = typer.Typer(
 register(app)
 
 
-@app.command()
-def simulate(
-    protocol: ProtocolArgument,
-    out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
-    participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
+@dataclass(frozen=True)
+class ObserverOptions:
+    """Options of the artificial observers; what is left out stays as the task's own."""
+
     utility: Annotated[
         list[str] | None,
         typer.Option(
@@ -71,41 +71,82 @@ def simulate(
             " 75 to 25. Default: "
             + ", ".join(f"{name}={value:g}" for name, value in DEFAULT_UTILITIES.items())
         ),
-    ] = None,
+    ] = None
     strength: Annotated[
         list[str] | None,
         typer.Option(
             help="VALUE=SENSITIVITY, for tasks with a right answer: d' of a value of analysis.by at"
             " the middle level; may be given more than once."
         ),
-    ] = None,
+    ] = None
     critical: Annotated[
         list[str] | None,
         typer.Option(
             help="VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by"
             " cannot be discriminated; may be given more than once."
         ),
-    ] = None,
+    ] = None
     slope: Annotated[
         float | None, typer.Option(help="Change of the sensitivity over the range of levels.")
-    ] = None,
+    ] = None
     criterion: Annotated[
         float | None, typer.Option(help="Tendency to say no, in units of the noise (yes-no).")
-    ] = None,
+    ] = None
     participant_sd: Annotated[
         float | None,
         typer.Option(min=0, help="Deviation between participants, in logits, d' or ln critical."),
-    ] = None,
+    ] = None
     scene_sd: Annotated[
         float | None,
         typer.Option(min=0, help="Deviation between scenes, in logits, d' or ln critical."),
-    ] = None,
+    ] = None
     lapse: Annotated[
         float | None, typer.Option(min=0, max=1, help="Share of blind answers. Default: .02.")
-    ] = None,
+    ] = None
     order_bias: Annotated[
         float | None, typer.Option(help="Logit in favour of the first of two.")
-    ] = None,
+    ] = None
+
+    def model(self, study: StudyProtocol) -> ObserverModel:
+        """Return the default population of the task with what was asked for in its place.
+
+        Raises
+        ------
+        StudyError
+            If an option is not one of the task's observers, or names a value that is unknown.
+        """
+        model, task = default_model(study), study.task
+        options = {name: value for name, value in vars(self).items() if value not in (None, [])}
+        if named := options.pop("utility", None):
+            known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
+            options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", named, known)
+        for name in options.keys() & {"strength", "critical"}:
+            analysis = study.analysis
+            known = analysis.known(task, study.pool) if isinstance(analysis, RatesAnalysis) else ()
+            options[name] = _numbers(f"--{name}", options[name], known)
+        if (options.keys() & {"strength", "slope"}) and hasattr(model, "critical"):
+            options.setdefault("critical", {})  # they are for what has no critical level
+        has = {field.name for field in dataclasses.fields(model)}
+        for name in options:
+            if name not in has:
+                option = "--utility" if name == "utilities" else "--" + name.replace("_", "-")
+                known = has & {"utilities", *vars(self)} - {"utility"}
+                raise StudyError(
+                    f"{option}: must be left out for the task {task.kind!r}, whose observers have"
+                    f" {', '.join(sorted(known))}"
+                )
+        return dataclasses.replace(model, **options)
+
+
+@app.command()
+@takes_settings
+def simulate(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
+    participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
+    *,
+    observers: ObserverOptions,
     missed_per_1000: Annotated[
         float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
     ] = 0.0,
@@ -136,18 +177,7 @@ def simulate(
             study,
             screen,
             seed=seed,
-            model=_model(
-                study,
-                utilities=utility,
-                strength=strength,
-                critical=critical,
-                slope=slope,
-                criterion=criterion,
-                participant_sd=participant_sd,
-                scene_sd=scene_sd,
-                lapse=lapse,
-                order_bias=order_bias,
-            ),
+            model=observers.model(study),
             gaze=STEADY if steady_gaze else HUMAN,
             gaze_rate_hz=gaze_hz,
             missed_per_flip=missed_per_1000 / 1000,
@@ -248,45 +278,6 @@ def _sittings_above(session: Path) -> list[Sitting]:
         raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
     absolute = session.resolve()
     return find_sittings(absolute.parent.parent, absolute.parent.name)
-
-
-def _model(
-    study: StudyProtocol,
-    *,
-    utilities: list[str] | None,
-    strength: list[str] | None,
-    critical: list[str] | None,
-    **given: Any,
-) -> ObserverModel:
-    """Return the default population of the task with what was asked for in its place."""
-    model = default_model(study)
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    task = study.task
-    if utilities:
-        known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
-        options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", utilities, known)
-    for name, named in (("strength", strength), ("critical", critical)):
-        if named:
-            analysis, task = study.analysis, study.task
-            known = analysis.known(task, study.pool) if isinstance(analysis, RatesAnalysis) else ()
-            options[name] = _numbers(f"--{name}", named, known)
-    if (options.keys() & {"strength", "slope"}) and hasattr(model, "critical"):
-        options.setdefault("critical", {})  # they are for what has no critical level
-    fields = {field.name for field in dataclasses.fields(model)}
-    for name in options:
-        if name not in fields:
-            option = "--utility" if name == "utilities" else "--" + name.replace("_", "-")
-            raise StudyError(
-                f"{option}: must be left out for the task {task.kind!r}, whose observers have"
-                f" {', '.join(sorted(fields & _OPTIONS))}"
-            )
-    return dataclasses.replace(model, **options)
-
-
-_OPTIONS = {
-    "utilities", "strength", "critical", "slope", "criterion", "participant_sd", "scene_sd",
-    "lapse", "order_bias",
-}  # fmt: skip
 
 
 def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ from study_app.cli import archive_commands
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
+from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.operator_view import attempt_line
@@ -31,28 +33,6 @@ if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.run import Listener, SittingOptions
     from study_app.validation import PointQuality
 
-StimuliOption = Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
-ParticipantOption = Annotated[
-    str, typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name.")
-]
-GazeOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse; with"
-        " --simulate also replay:FILE. Needed if the protocol watches gaze."
-    ),
-]
-StripOption = Annotated[
-    bool,
-    typer.Option("--strip", help="Number and CRC of every flip at the edges, for a camera."),
-]
-PhotodiodeOption = Annotated[
-    bool,
-    typer.Option("--photodiode", help="A patch at the lower right, white at every other frame."),
-]
-MarkersOption = Annotated[
-    bool, typer.Option("--markers", help="Send the onset of every phase as LSL markers.")
-]
 PacingOption = Annotated[
     bool,
     typer.Option(
@@ -61,38 +41,92 @@ PacingOption = Annotated[
         "and machines without a display. Recorded in the header.",
     ),
 ]
-ValidationOption = Annotated[
-    bool,
-    typer.Option(
-        "--skip-validation", help="Start blocks without validating gaze. Recorded in the journal."
-    ),
-]
-SimulateOption = Annotated[
-    bool,
-    typer.Option("--simulate", help="An artificial observer answers in the real window."),
-]
 
 
+@dataclass(frozen=True)
+class SittingArguments:
+    """Options of a session, begun or resumed."""
+
+    protocol: ProtocolArgument
+    stimuli: Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
+    participant: Annotated[
+        str,
+        typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name."),
+    ]
+    out: SessionsOption = Path("sessions")
+    display: DisplayOption = None
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            help="Gaze source: lsl, lsl:NAME, lsl:NAME,x=CHANNEL,y=CHANNEL,unit=norm, or mouse;"
+            " with --simulate also replay:FILE. Needed if the protocol watches gaze."
+        ),
+    ] = None
+    strip: Annotated[
+        bool,
+        typer.Option("--strip", help="Number and CRC of every flip at the edges, for a camera."),
+    ] = False
+    photodiode: Annotated[
+        bool,
+        typer.Option(
+            "--photodiode", help="A patch at the lower right, white at every other frame."
+        ),
+    ] = False
+    markers: Annotated[
+        bool, typer.Option("--markers", help="Send the onset of every phase as LSL markers.")
+    ] = False
+    software_pacing: PacingOption = False
+    skip_validation: Annotated[
+        bool,
+        typer.Option(
+            "--skip-validation",
+            help="Start blocks without validating gaze. Recorded in the journal.",
+        ),
+    ] = False
+    simulate: Annotated[
+        bool,
+        typer.Option("--simulate", help="An artificial observer answers in the real window."),
+    ] = False
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0
+
+    def options(self, language: str | None = None) -> SittingOptions:
+        """Return what a session needs.
+
+        Raises
+        ------
+        StudyError
+            If there is no such study or display, or one is not in order.
+        """
+        from study_app.run import SittingOptions
+
+        study, screen = load_study(self.protocol, self.display)
+        return SittingOptions(
+            protocol=study,
+            display=screen,
+            stimuli=self.stimuli,
+            root=self.out,
+            participant=self.participant,
+            language=language,
+            gaze=self.gaze,
+            pacing="software" if self.software_pacing else "vsync",
+            extras=Extras(self.strip, self.photodiode),
+            markers=self.markers,
+            validate=not self.skip_validation,
+            simulate=self.simulate,
+            seed=self.seed,
+        )
+
+
+@takes_settings
 def run(
-    protocol: ProtocolArgument,
-    stimuli: StimuliOption,
-    participant: ParticipantOption,
-    out: SessionsOption = Path("sessions"),
     language: Annotated[
         str | None,
         typer.Option(
             help="Language of the texts, such as en. Default: the protocol's default_language."
         ),
     ] = None,
-    display: DisplayOption = None,
-    gaze: GazeOption = None,
-    strip: StripOption = False,
-    photodiode: PhotodiodeOption = False,
-    markers: MarkersOption = False,
-    software_pacing: PacingOption = False,
-    skip_validation: ValidationOption = False,
-    simulate: SimulateOption = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0,
+    *,
+    session: SittingArguments,
 ) -> None:
     """Run a session: display check, consent, instructions, practice, blocks, questions, thanks.
 
@@ -102,66 +136,24 @@ def run(
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import SittingOptions, run_sitting
+    from study_app.run import run_sitting
 
     with user_errors():
-        study, screen = load_study(protocol, display)
-        options = SittingOptions(
-            protocol=study,
-            display=screen,
-            stimuli=stimuli,
-            root=out,
-            participant=participant,
-            language=language,
-            gaze=gaze,
-            pacing="software" if software_pacing else "vsync",
-            extras=Extras(strip, photodiode),
-            markers=markers,
-            validate=not skip_validation,
-            simulate=simulate,
-            seed=seed,
-        )
+        options = session.options(language)
         _say_gaze(options)
         _tell(run_sitting(options, _listener()), options)
 
 
-def resume(
-    protocol: ProtocolArgument,
-    stimuli: StimuliOption,
-    participant: ParticipantOption,
-    out: SessionsOption = Path("sessions"),
-    display: DisplayOption = None,
-    gaze: GazeOption = None,
-    strip: StripOption = False,
-    photodiode: PhotodiodeOption = False,
-    markers: MarkersOption = False,
-    software_pacing: PacingOption = False,
-    skip_validation: ValidationOption = False,
-    simulate: SimulateOption = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0,
-) -> None:
+@takes_settings
+def resume(session: SittingArguments) -> None:
     """Resume a session that was quit or killed: same trials, same order, nothing twice.
 
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import SittingOptions, resume_sitting
+    from study_app.run import resume_sitting
 
     with user_errors():
-        study, screen = load_study(protocol, display)
-        options = SittingOptions(
-            protocol=study,
-            display=screen,
-            stimuli=stimuli,
-            root=out,
-            participant=participant,
-            gaze=gaze,
-            pacing="software" if software_pacing else "vsync",
-            extras=Extras(strip, photodiode),
-            markers=markers,
-            validate=not skip_validation,
-            simulate=simulate,
-            seed=seed,
-        )
+        options = session.options()
         _say_gaze(options)
         _tell(resume_sitting(options, _listener()), options)
 

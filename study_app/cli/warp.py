@@ -15,9 +15,6 @@ from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture import (
     FILE_ENDINGS,
-    DisplayOption,
-    FovOption,
-    GazeOption,
     SeedOption,
     SettingsOption,
     check_outputs,
@@ -25,11 +22,12 @@ from study_app.cli.one_picture import (
     list_option,
     look_option,
     method_option,
-    panel_option,
     print_methods,
 )
-from study_app.cli.options import one_of, unknown_numbers
+from study_app.cli.options import unknown_numbers
+from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.warp_options import EyeOptions, FileOptions, PairOptions, PictureOptions
 
 if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
@@ -45,10 +43,6 @@ _SOURCE_HELP = (
     " two poses (--depth); an image of a stereo pair (with --disparity); any picture with a mask"
     " of its holes (--mask); or a built-in pair: motorcycle."
 )
-_file_option = panel_option("File of colour, depth and flow")
-_picture_option = panel_option("Picture with motion, or with depth and two poses")
-_stereo_option = panel_option("Stereo pair")
-_gaze_option = panel_option("True view around the gaze")
 
 
 def _print_methods(console: Console) -> None:
@@ -57,11 +51,13 @@ def _print_methods(console: Console) -> None:
     print_methods(console, METHODS, method_parameters)
 
 
+@takes_settings
 def warp(
     source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
     out: Annotated[
         Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
     ] = Path("filled.png"),
+    *,
     methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None,
     settings: SettingsOption = None,
     _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False,
@@ -85,89 +81,14 @@ def warp(
             r" measured depth. \[default: mend for a stereo pair, leave a file]",
         ),
     ] = None,
-    clip: Annotated[
-        bool,
-        _file_option(
-            "--clip", help="Clip light brighter than the display can show instead of refusing it."
-        ),
-    ] = False,
-    encoded: Annotated[
-        bool,
-        _file_option(
-            "--encoded", help="The file's colour is display-referred already, not scene-linear."
-        ),
-    ] = False,
-    channels: Annotated[
-        list[str] | None,
-        _file_option(
-            "--channel",
-            metavar="WHAT=NAME",
-            help="Name of a channel that is not R, G, B, Z, flow.x, flow.y or target.Z. WHAT is"
-            " red, green, blue, depth, flow_x, flow_y or target_depth.",
-        ),
-    ] = None,
-    flow: Annotated[
-        Path | None,
-        _picture_option(help="Where each pixel moves: a Middlebury file (.flo)."),
-    ] = None,
-    depth: Annotated[
-        Path | None,
-        _picture_option(
-            help="Depth along the optical axis: .png, .tif, .pgm, .pfm, .exr, .npy or .npz; unknown"
-            " is 0 in integers, not a number in floats. Given alone, the camera moves sideways."
-            " Also useful with --flow."
-        ),
-    ] = None,
-    depth_scale: Annotated[
-        float,
-        _picture_option(help="Metres per unit of --depth: 0.001 for millimetres."),
-    ] = 1.0,
-    depth_is: Annotated[
-        str,
-        _picture_option(
-            help="What --depth holds: distance (along the optical axis), inverse (1 / distance) or"
-            " ray (distance along each pixel's ray)."
-        ),
-    ] = "distance",
+    file: FileOptions,
+    picture: PictureOptions,
     unknown: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NUMBER",
             help="A number in --depth or --disparity that stands for unknown, as it is stored; may"
             " be repeated. none: no further number does.",
-        ),
-    ] = None,
-    nearer: Annotated[
-        str,
-        _picture_option(
-            help="Which surface is in front if --flow comes without --depth: fast (what moves"
-            " faster) or none."
-        ),
-    ] = "fast",
-    camera: Annotated[
-        str | None,
-        _picture_option(
-            metavar="FX,FY,CX,CY", help="Intrinsics in pixels; the first pixel's centre is at 0, 0."
-        ),
-    ] = None,
-    pose: Annotated[
-        str | None,
-        _picture_option(
-            metavar="POSE",
-            help="Pose of the picture, world from camera: 'tx ty tz qx qy qz qw', 16 numbers of a"
-            r" matrix, or FILE:LINE. \[default: the world's origin]",
-        ),
-    ] = None,
-    target_pose: Annotated[
-        str | None,
-        _picture_option(metavar="POSE", help="Pose of the new view."),
-    ] = None,
-    parallax: Annotated[
-        float | None,
-        _picture_option(
-            metavar="SHARE",
-            help="With --depth alone: move the camera to the right until near surfaces move by"
-            r" this share of the width; negative: to the left. \[default: 0.03]",
         ),
     ] = None,
     mask: Annotated[
@@ -181,55 +102,8 @@ def warp(
         Path | None,
         typer.Option(help="The true new view. Fills are measured against it."),
     ] = None,
-    disparity: Annotated[
-        Path | None,
-        _stereo_option(
-            help="Disparity of the left image: .png, .pgm, .pfm, .exr, .npy or .npz; unknown is 0"
-            " in integers, not finite in floats."
-        ),
-    ] = None,
-    units_per_px: Annotated[
-        float,
-        _stereo_option(help="Stored value of 1 px of disparity."),
-    ] = 1.0,
-    right: Annotated[
-        Path | None,
-        _stereo_option(help="Right image. Fills are measured against it."),
-    ] = None,
-    focal_px: Annotated[
-        float | None,
-        _stereo_option(help="Focal length. Without it, depths are right in ratio only."),
-    ] = None,
-    baseline_m: Annotated[float, _stereo_option(help="Distance of the cameras.")] = 0.1,
-    offset_px: Annotated[
-        float,
-        _stereo_option(
-            help="Offset of the principal points (doffs), added to the disparity for depth."
-        ),
-    ] = 0.0,
-    amount: Annotated[
-        float,
-        _stereo_option(help="How far to move: 1 is the right camera, 0.5 half way."),
-    ] = 1.0,
-    to_left: Annotated[
-        bool,
-        _stereo_option(
-            "--to-left",
-            help="From the right camera to the left: SOURCE and --disparity are the right image's,"
-            " --right is the left image.",
-        ),
-    ] = False,
-    true_within: Annotated[
-        float | None,
-        _gaze_option(
-            metavar="DEG",
-            help="Show the true view this far around the gaze, as a foveated display does whose"
-            " periphery is filled up by warping. Fills are measured outside.",
-        ),
-    ] = None,
-    gaze: GazeOption = None,
-    display: DisplayOption = None,
-    fov: FovOption = None,
+    pair: PairOptions,
+    eye: EyeOptions,
     steps: Annotated[
         Path | None,
         look_option(
@@ -275,62 +149,33 @@ def warp(
         --camera 518,519,325.5,253.5 --pose pose.txt:1 --target-pose pose.txt:2
     """
     from pipeline.warp.settings import WarpSettings
-    from stimuli.one_picture import NEARER
-    from stimuli.plane_file import DEPTH_IS
-    from study_app.cli.warp_source import FileOptions, PairOptions, PictureOptions, load
+    from study_app.cli.warp_source import load
 
     with user_errors():
         if mask is not None and (rim_px, depth_speckle) != (None, None):
             raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
         WarpSettings(rim_px=rim_px or 0)  # checks its range before anything is read
-        first = one_of("--nearer", nearer, NEARER)
-        held = one_of("--depth-is", depth_is, DEPTH_IS)
         missing = unknown_numbers(unknown)
-        of_pair, of_picture = (None, missing) if depth is not None else (missing, None)
+        if picture.depth is None:
+            pair = replace(pair, unknown=missing)
+        else:
+            picture = replace(picture, unknown=missing)
         choices = _choices(methods, settings, compare is not None)
         check_outputs(
             {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
             [steps],
-            [Path(source), disparity, right, flow, depth, truth, mask],
+            [Path(source), pair.disparity, pair.right, picture.flow, picture.depth, truth, mask],
         )
         if steps is not None:
             check_result(steps, replace=True)
-        loaded = load(
-            source,
-            FileOptions(clip, encoded, tuple(channels or ())),
-            PairOptions(
-                disparity,
-                right,
-                units_per_px,
-                focal_px,
-                baseline_m,
-                offset_px,
-                amount,
-                to_left,
-                of_pair,
-            ),
-            PictureOptions(
-                flow,
-                depth,
-                depth_scale,
-                held,
-                of_picture,
-                first,
-                camera,
-                pose,
-                target_pose,
-                parallax,
-            ),
-            truth,
-            mask,
-        )
+        loaded = load(source, file, pair, picture, truth, mask)
         settled = loaded.settings
         if rim_px is not None:
             settled = replace(settled, rim_px=rim_px)
         if depth_speckle is not None:
             settled = replace(settled, depth_speckle=depth_speckle)
-        choices, eye = _look(choices, loaded, true_within, gaze, display, fov)
-        _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, eye)
+        choices, seen = _look(choices, loaded, eye)
+        _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, seen)
 
 
 def _run(
@@ -396,12 +241,7 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
 
 
 def _look(
-    choices: list[Choice],
-    loaded: Loaded,
-    within_deg: float | None,
-    gaze: str | None,
-    display: str | None,
-    fov_deg: float | None,
+    choices: list[Choice], loaded: Loaded, eye: EyeOptions
 ) -> tuple[list[Choice], Eye | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
@@ -409,24 +249,24 @@ def _look(
     from stimuli.upsampled import Eye
 
     by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
-    if within_deg is None and not by_gaze:
-        for name, given in (("--gaze", gaze), ("--display", display), ("--fov", fov_deg)):
+    if eye.true_within is None and not by_gaze:
+        for name, given in (("--gaze", eye.gaze), ("--display", eye.display), ("--fov", eye.fov)):
             if given is not None:
                 raise StudyError(
                     f"{name} says where the true view is shown, or where coherence-transport works:"
                     " give --true-within DEG, or -m coherence-transport --set fovea_deg=DEG"
                 )
         return choices, None
-    if within_deg is not None and loaded.truth is None:
+    if eye.true_within is not None and loaded.truth is None:
         raise StudyError(
             "--true-within needs the true view: give --truth, or --right with a stereo pair"
         )
     height, width = loaded.frame.source.colour.shape[:2]
-    looking = look_at((height, width), display=display, fov_deg=fov_deg)
+    looking = look_at((height, width), display=eye.display, fov_deg=eye.fov)
     geometry = looking.geometry
     assert isinstance(geometry, FlatGeometry)
     say(looking.words)
-    gaze_px = read_gaze(gaze, geometry)
+    gaze_px = read_gaze(eye.gaze, geometry)
     if by_gaze:
         say(gaze_words(gaze_px, geometry))
         across, down = (round(angle, 4) for angle in geometry.angles_deg(gaze_px))
@@ -437,7 +277,7 @@ def _look(
                 f"--gaze, --display and --fov say {twice[0]}: use them, and leave it out of --set"
             )
         choices = [replace(one, parameters={**one.parameters, **told}) for one in choices]
-    return choices, None if within_deg is None else Eye(geometry, gaze_px, within_deg)
+    return choices, None if eye.true_within is None else Eye(geometry, gaze_px, eye.true_within)
 
 
 def _print_results(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypedDict
@@ -14,12 +15,14 @@ from pipeline.image_file import check_fits
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
-from stimuli.one_picture import Nearer, from_depth, from_flow, from_the_side, read_pose
-from stimuli.plane_file import DepthIs
+from stimuli.one_picture import NEARER, from_depth, from_flow, from_the_side, read_pose
+from stimuli.plane_file import DEPTH_IS, DepthIs
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from stimuli.score.pair import read_colour, read_hole_mask
+from study_app.cli.options import one_of
 from study_app.cli.terminal import say
+from study_app.cli.warp_options import FileOptions, PairOptions, PictureOptions
 
 DEFAULT_PARALLAX = 0.03
 """Of what is near, in widths of the picture."""
@@ -28,50 +31,10 @@ DEFAULT_PARALLAX = 0.03
 _FILE_ONLY = "--clip, --encoded and --channel belong to files of colour, depth and flow"
 
 
-@dataclass(frozen=True)
-class FileOptions:
-    """What is said about a file of colour, depth and flow."""
-
-    clip: bool = False
-    encoded: bool = False
-    channels: tuple[str, ...] = ()  # WHAT=NAME
-
-
-@dataclass(frozen=True)
-class PictureOptions:
-    """What is said about a picture with motion or depth; see `stimuli.one_picture`."""
-
-    flow: Path | None = None
-    depth: Path | None = None
-    depth_scale: float = 1.0
-    depth_is: DepthIs = "distance"
-    unknown: tuple[float, ...] | None = None
-    nearer: Nearer = "fast"
-    camera: str | None = None  # fx,fy,cx,cy
-    pose: str | None = None
-    target_pose: str | None = None
-    parallax: float | None = None  # of what is near, in widths; without camera and poses
-
-
 class _DepthFile(TypedDict):
     depth_scale: float
     depth_is: DepthIs
     unknown: tuple[float, ...] | None
-
-
-@dataclass(frozen=True)
-class PairOptions:
-    """What is said about a stereo pair; see `stimuli.scenes.stereo.load_pair`."""
-
-    disparity: Path | None = None
-    right: Path | None = None
-    units_per_px: float = 1.0
-    focal_px: float | None = None
-    baseline_m: float = 0.1
-    offset_px: float = 0.0
-    amount: float = 1.0
-    to_left: bool = False
-    unknown: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -89,7 +52,7 @@ def load(
     source: str,
     file: FileOptions,
     pair: PairOptions,
-    picture: PictureOptions = PictureOptions(),
+    picture: PictureOptions,
     truth: Path | None = None,
     mask: Path | None = None,
 ) -> Loaded:
@@ -106,6 +69,7 @@ def load(
     """
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
+<<<<<<< HEAD
     if source in BUILT_IN and not Path(source).exists():
         wanted = "--flow, --depth, cameras and poses need" if mask is None else "--mask needs"
         if mask is not None or picture != PictureOptions():
@@ -113,6 +77,10 @@ def load(
                 f"{source}: is a built-in pair, whose disparity makes its holes; {wanted} a picture"
                 " file in its place, such as photo.png"
             )
+=======
+    one_of("--nearer", picture.nearer, NEARER)
+    one_of("--depth-is", picture.depth_is, DEPTH_IS)
+>>>>>>> 4b2e527 (Options that belong together are a dataclass, and a command is given it whole)
     for path in filter(None, (Path(source), truth, pair.right, mask)):
         check_fits(path, "warp")
     if mask is None:
@@ -190,7 +158,7 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
     moved = (options.camera, options.pose, options.target_pose)
     told: _DepthFile = {
         "depth_scale": options.depth_scale,
-        "depth_is": options.depth_is,
+        "depth_is": one_of("--depth-is", options.depth_is, DEPTH_IS),
         "unknown": options.unknown,
     }
     if options.flow is not None:
@@ -199,7 +167,8 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
                 "--flow says where pixels go: --camera, --pose, --target-pose and --parallax do not"
                 " go with it"
             )
-        return from_flow(path, options.flow, options.depth, nearer=options.nearer, **told)
+        nearer = one_of("--nearer", options.nearer, NEARER)
+        return from_flow(path, options.flow, options.depth, nearer=nearer, **told)
     if options.depth is not None and moved == (None, None, None):
         share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
         say(
@@ -288,10 +257,10 @@ def _check_pair(pair: StereoPair, options: PairOptions) -> None:
         say(f"note: {options.right}: {said}")
 
 
-def _channels(settings: tuple[str, ...]) -> Channels:
+def _channels(settings: Iterable[str] | None) -> Channels:
     known = [field.name for field in fields(Channels)]
     given: dict[str, tuple[str, ...]] = {}
-    for setting in settings:
+    for setting in settings or ():
         what, equals, name = setting.partition("=")
         if what not in known or not equals or not name:
             raise StudyError(

@@ -1,0 +1,60 @@
+"""Options of commands as dataclasses: `study_app.cli.settings`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from study_app.cli.settings import takes_settings
+
+
+@dataclass(frozen=True)
+class Look:
+    scene: Annotated[str, typer.Option(help="Which scene.")]
+    views: Annotated[int, typer.Option(min=1, help="How many.")] = 12
+    notes: tuple[str, ...] = ()
+
+
+GIVEN: list[object] = []
+app = typer.Typer()
+
+
+@app.command()
+@takes_settings
+def draw(
+    name: Annotated[str, typer.Argument()],
+    *,
+    look: Look,
+    wide: Annotated[bool, typer.Option("--wide")] = False,
+) -> None:
+    """Draw it."""
+    GIVEN[:] = [name, look, wide]
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("a --scene garden", ["a", Look("garden"), False]),
+        ("a --views 3 --wide --scene garden", ["a", Look("garden", 3), True]),
+    ],
+)
+def test_the_fields_of_a_dataclass_are_options_and_reach_the_command_as_one(line, wanted):
+    assert CliRunner().invoke(app, line.split()).exit_code == 0
+    assert wanted == GIVEN
+
+
+@pytest.mark.parametrize("line", ["a", "a --scene x --views 0", "a --scene x --notes y"])
+def test_what_a_field_needs_and_forbids_holds_and_others_are_no_options(line):
+    assert CliRunner().invoke(app, line.split()).exit_code == 2
+
+
+def test_help_lists_fields_in_place_and_the_command_keeps_its_text():
+    said = CliRunner().invoke(app, ["--help"]).output
+
+    assert "Draw it." in said
+    assert said.index("--scene") < said.index("--views") < said.index("--wide")
+    assert "--notes" not in said
