@@ -87,7 +87,7 @@ def rendered(
     """Every built-in scene; `extent` is the camera's way in near depths."""
     margin_px = round(MARGIN * size_px[0])
     for name in names:
-        scenery = RenderedScenery(ctx, Renderer(ctx, build_scene(name, SCENE_SEED)), name)
+        scenery = RenderedScenery(Renderer(ctx, build_scene(name, SCENE_SEED)), name)
         extent_m = extent * scenery.typical_depth_m
         frame, camera = scenery.source(size_px, margin_px, STILL, extent_m, -1)
         window = Window.inside_margin(frame.size, margin_px)

@@ -48,7 +48,7 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     ctx = create_context()
     world = build_scene(arguments.scene, 1, {})
-    scenery = RenderedScenery(ctx, Renderer(ctx, world), arguments.scene)
+    scenery = RenderedScenery(Renderer(ctx, world), arguments.scene)
     shot = Shot(
         make_path(CirclePath(kind="circle"), 60, 30.0), tuple(arguments.size), arguments.extent, 0.1
     )

@@ -81,7 +81,7 @@ def without_thin(
 
 def measure(ctx: moderngl.Context, name: str, size_px: tuple[int, int], extent: float) -> Thin:
     """Measure one scene; `extent` is the camera's way in shares of the near depth."""
-    scenery = RenderedScenery(ctx, Renderer(ctx, build_scene(name, SCENE_SEED)), name)
+    scenery = RenderedScenery(Renderer(ctx, build_scene(name, SCENE_SEED)), name)
     extent_m = extent * scenery.typical_depth_m
     frame, camera = scenery.source(size_px, 0, STILL, extent_m, -1)
     fill = create_method("push-pull-depth", ctx, {})

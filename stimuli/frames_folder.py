@@ -11,6 +11,23 @@ from protocols.left_behind import clear_folders, remove_files
 from stimuli.whole_file import PART
 
 _FRAMES = (".png", ".exr")
+_READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """Return the pictures in a folder, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _READ)
+    if not paths:
+        raise InputError(
+            f"{folder}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
+        )
+    return paths
 
 
 @contextmanager

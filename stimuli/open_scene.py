@@ -37,7 +37,7 @@ def open_scenery(ctx: moderngl.Context, scene: Scene, folder: Path) -> Scenery:
     if isinstance(scene, (BuiltinScene, MeshScene)):
         from stimuli.render import Renderer
 
-        return RenderedScenery(ctx, Renderer(ctx, open_world(scene, folder)), scene.name)
+        return RenderedScenery(Renderer(ctx, open_world(scene, folder)), scene.name)
     from stimuli.scenes.photo import open_rgbd, open_stereo
     from stimuli.scenes.sequence import open_sequence
 

@@ -1,10 +1,8 @@
 """What a camera can be pointed at, and the sceneries that are drawn."""
+# ruff: noqa: ARG002 - each scenery uses what it needs of what all are told
 
 from __future__ import annotations
 
-from typing import Protocol
-
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +12,13 @@ from stimuli.paths import Pose
 from stimuli.render import Renderer, check_view
 
 
-class Scenery(Protocol):
-    """What a camera can be pointed at."""
+class Scenery:
+    """What a camera can be pointed at; where nothing else is said, a path moves the camera."""
+
+    rim_px = 0
+    """How wide the rim of mixed pixels along silhouettes is; 0 where edges are exact."""
+    largest_extent_m = float("inf")
+    """How far a path may reach; inf where nothing limits it."""
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
@@ -25,7 +28,7 @@ class Scenery(Protocol):
         `size_px` (width, height) is the shown part, in the picture's middle; `frame` is the
         frame that is seen at `pose`, -1 for the path's centre.
         """
-        ...
+        raise NotImplementedError
 
     def truth(
         self,
@@ -36,7 +39,7 @@ class Scenery(Protocol):
         margin_px: int,
     ) -> NDArray[np.float32]:
         """Return what the camera at `pose` really sees, of `size_px`."""
-        ...
+        raise NotImplementedError
 
     def motion(
         self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
@@ -45,7 +48,7 @@ class Scenery(Protocol):
 
         None: the cameras tell.
         """
-        ...
+        return None
 
     def own_margin_px(self, size_px: tuple[int, int]) -> int | None:
         """Return the margin around `size_px` that the files bring, where they bring all motion.
@@ -57,33 +60,26 @@ class Scenery(Protocol):
         InputError
             If the files are smaller than `size_px`.
         """
-        ...
+        return None
 
     @property
     def typical_depth_m(self) -> float:
         """The depth of what is near, to begin the search for a path's extent."""
-        ...
-
-    @property
-    def largest_extent_m(self) -> float:
-        """How far a path may reach; inf where nothing limits it."""
-        ...
-
-    @property
-    def rim_px(self) -> int:
-        """How wide the rim of mixed pixels along silhouettes is; 0 where edges are exact."""
-        ...
+        raise NotImplementedError
 
     def release(self) -> None:
         """Free what is held on the GPU."""
-        ...
 
 
-class RenderedScenery:
+def near_depth_m(frame: SourceFrame) -> float:
+    """Return the depth that a twentieth of a picture is nearer than."""
+    return float(np.percentile(frame.depth_m[np.isfinite(frame.depth_m)], 5))
+
+
+class RenderedScenery(Scenery):
     """A world of triangles: every view of it is true."""
 
-    def __init__(self, ctx: moderngl.Context, renderer: Renderer, name: str) -> None:
-        del ctx
+    def __init__(self, renderer: Renderer, name: str) -> None:
         self._renderer = renderer
         self._name = name
         self._near_m: float | None = None
@@ -104,24 +100,12 @@ class RenderedScenery:
         size_px: tuple[int, int],
         pose: Pose,
         extent_m: float,
-        warped: WarpedFrame,  # noqa: ARG002
-        margin_px: int,  # noqa: ARG002
+        warped: WarpedFrame,
+        margin_px: int,
     ) -> NDArray[np.float32]:
         """Draw the view from where the camera is."""
         viewpoint = self._renderer.world.viewpoint
         return self._renderer.render(pose.applied_to(viewpoint.camera(*size_px), extent_m)).colour
-
-    def motion(
-        self,
-        size_px: tuple[int, int],
-        margin_px: int,
-        source: int,
-        frame: int,
-    ) -> None:
-        """Leave the motion to the cameras."""
-
-    def own_margin_px(self, size_px: tuple[int, int]) -> None:
-        """Leave the margin to the path."""
 
     @property
     def typical_depth_m(self) -> float:
@@ -130,18 +114,8 @@ class RenderedScenery:
             camera = self._renderer.world.viewpoint.camera(96, 72)
             frame = self._renderer.render(camera)
             check_view(camera, frame, self._name)
-            self._near_m = float(np.percentile(frame.depth_m[np.isfinite(frame.depth_m)], 5))
+            self._near_m = near_depth_m(frame)
         return self._near_m
-
-    @property
-    def largest_extent_m(self) -> float:
-        """Nothing limits it."""
-        return float("inf")
-
-    @property
-    def rim_px(self) -> int:
-        """Edges are exact: one sample per pixel gives colour and depth."""
-        return 0
 
     def release(self) -> None:
         """Free the world."""

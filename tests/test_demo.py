@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from rich.console import Console
 from typer.main import get_command
 from typer.testing import CliRunner
@@ -311,17 +310,13 @@ def test_pictures_alone_are_one_command(options, commands):
 
 
 def test_a_command_that_fails_is_named_with_the_folder(options, capfd):
-    demo = run._Demo(replace_out(options), Console(file=io.StringIO()))
+    options.out.mkdir()
+    demo = run._Demo(options, Console(file=io.StringIO()))
 
-    with pytest.raises(StudyError, match=r"'metamerlab stimuli check nowhere' must end well in .*2"):
+    with pytest.raises(StudyError, match=r"'metamerlab stimuli check nowhere' must end well .*2"):
         demo._command(["stimuli", "check", "nowhere"], dict(os.environ), True)
 
     assert "nowhere" in capfd.readouterr().err
-
-
-def replace_out(options: Options) -> Options:
-    options.out.mkdir()
-    return options
 
 
 def test_where_xvfb_is_missing_the_message_says_what_to_do(tmp_path, monkeypatch):

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.chain import chain_of, halve, halve_box
-from pipeline.foveation.moments import coefficient_moments, moment_chain
+from pipeline.foveation.chain import halve, halve_box
+from pipeline.foveation.moments import coefficient_moments
 from pipeline.textures.layout import MOMENTS, Layout
 
 Floats = NDArray[np.float64]
@@ -177,19 +177,3 @@ def baked_of(layout: Layout, held: dict[tuple[int | None, int], NDArray[np.gener
     colour = tuple(held[None, r] for r in range(count + 1))
     moments = tuple(tuple(held[k, r] for r in range(k + 1, count + 1)) for k in range(count))
     return Baked(layout, colour, moments)  # type: ignore[arg-type]
-
-
-def bake_whole(texture: NDArray[np.uint8], *, wraps: bool = False) -> Baked:
-    """The definition: the same, each plane from the whole of the one before."""
-    height, width = texture.shape[:2]
-    layout = Layout(width, height, wraps)
-    count = layout.halvings
-    lows = chain_of(texture.astype(np.float64) / 255, count, wraps=wraps)
-    chains = [moment_chain(lows[k], count - k, wraps=wraps) for k in range(count)]
-    return Baked(
-        layout,
-        tuple(np.rint(255 * low.clip(0, 1)).astype(np.uint8) for low in lows),
-        tuple(
-            tuple(found[..., :MOMENTS].astype(np.float16) for found in chain) for chain in chains
-        ),
-    )

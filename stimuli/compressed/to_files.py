@@ -24,9 +24,8 @@ from stimuli.compressed.rivals import measured, rivals, sheet_of
 from stimuli.compressed.steps import write_steps
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
-from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder
+from stimuli.frames_folder import frames_folder, pictures_in
 from stimuli.video import check_video, folder_of_frames, write_video
 from stimuli.whole_file import write_whole
 
@@ -176,13 +175,7 @@ def decompress_file(
 
 
 def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
-    paths = [source]
-    if source.is_dir():
-        paths = sorted(p for p in source.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
-        if not paths:
-            raise InputError(
-                f"{source}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
-            )
+    paths = pictures_in(source) if source.is_dir() else [source]
     frames: list[NDArray[np.float32]] = []
     packed = 0
     for path in paths:

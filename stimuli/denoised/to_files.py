@@ -24,9 +24,8 @@ from stimuli.denoised.pairs import SCENE_SEED, Rendering, View, render_pair
 from stimuli.denoised.path_traced import PathTracer
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.clip_to_files import FRAME_ENDINGS
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder
+from stimuli.frames_folder import frames_folder, pictures_in
 from stimuli.scenes.registry import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -137,8 +136,8 @@ def denoise_file(
             " denoised for that gaze (the middle of a picture of 512 x 512 px is 256,256)"
         )
     check_seed(seed)
-    sources = _frames(source)
     clip = source.is_dir()
+    sources = pictures_in(source) if clip else [source]
     if compare is not None and clip:
         raise InputError("--compare takes one picture, not frames; give it a frame")
     if clip and out.suffix.lower() in ENDINGS:
@@ -262,17 +261,6 @@ def render_scene(
         save_colour(clean, pair.clean)
         tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
     return Written(out, clean, float(counts.mean()))
-
-
-def _frames(source: Path) -> list[Path]:
-    if not source.is_dir():
-        return [source]
-    paths = sorted(p for p in source.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
-    if not paths:
-        raise InputError(
-            f"{source}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
-        )
-    return paths
 
 
 def _unlike_training(facts: Facts, geometry: Geometry) -> list[str]:

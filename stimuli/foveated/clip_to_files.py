@@ -20,13 +20,12 @@ from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, check_drawable, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder
+from stimuli.frames_folder import frames_folder, pictures_in
 from stimuli.video import check_video, write_video
 
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
 """From how many frames there are, and their (height, width), to the gaze of each: (frames, 2) in
 their pixels, not a number where the eye was lost."""
-FRAME_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 
 
 def foveate_clip(
@@ -85,7 +84,7 @@ def foveate_clip(
     chosen = choice or Choice("metamer")
     check_choices([chosen])
     check_seed(seed)
-    paths = sorted(p for p in frames.iterdir() if p.suffix.lower() in FRAME_ENDINGS)
+    paths = pictures_in(frames)
     motions = _files(frames, out, paths, flow)
     command = "foveate" if ctx is not None else "foveate by numpy"
     check_drawable(paths[0], ctx)
@@ -148,10 +147,6 @@ def foveate_clip(
 
 def _files(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> list[Path | None]:
     """Check the folders, and find each frame's flow."""
-    if not paths:
-        raise InputError(
-            f"{frames}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
-        )
     if len({path.stem for path in paths}) < len(paths):
         raise InputError(f"{frames}: must hold each frame once, whatever its ending")
     if out.exists() and out.samefile(frames):

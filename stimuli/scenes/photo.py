@@ -23,6 +23,7 @@ from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
 from stimuli.exr import load_colour
 from stimuli.paths import STILL, Pose
 from stimuli.plane_file import DepthIs, Unknown, along_axis, read_depth
+from stimuli.scenery import Scenery, near_depth_m
 from stimuli.scenes.stereo import (
     ASSUMED_FIELD_OF_VIEW,
     BUILT_IN,
@@ -42,7 +43,7 @@ class _Fit:
     top: float
 
 
-class PhotoScenery:
+class PhotoScenery(Scenery):
     """One photograph with depth, and, of a stereo pair, the other photograph as the truth.
 
     Parameters
@@ -73,7 +74,7 @@ class PhotoScenery:
         if depth_speckle:
             frame = replace(frame, depth_m=taken(frame.depth_m, *mends(frame.depth_m)))
         self._name, self._frame, self._focal_px, self._pair = name, frame, focal_px, pair
-        self._largest_extent_m, self._rim_px = largest_extent_m, rim_px
+        self.largest_extent_m, self.rim_px = largest_extent_m, rim_px
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
@@ -127,36 +128,10 @@ class PhotoScenery:
             )
         return result.clip(0, 1)
 
-    def motion(
-        self,
-        size_px: tuple[int, int],
-        margin_px: int,
-        source: int,
-        frame: int,
-    ) -> None:
-        """Leave the motion to the cameras."""
-
-    def own_margin_px(self, size_px: tuple[int, int]) -> None:
-        """Leave the margin to the path."""
-
     @property
     def typical_depth_m(self) -> float:
         """The depth that a twentieth of the photograph is nearer than."""
-        depth = self._frame.depth_m
-        return float(np.percentile(depth[np.isfinite(depth)], 5))
-
-    @property
-    def largest_extent_m(self) -> float:
-        """As far as the other camera, in baselines of the path."""
-        return self._largest_extent_m
-
-    @property
-    def rim_px(self) -> int:
-        """As the protocol says."""
-        return self._rim_px
-
-    def release(self) -> None:
-        """Hold nothing on the GPU."""
+        return near_depth_m(self._frame)
 
     def _fit(self, size_px: tuple[int, int], margin_px: int) -> _Fit:
         height, width = self._frame.size

@@ -28,6 +28,7 @@ from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfe
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.paths import Pose
 from stimuli.plane_file import along_axis
+from stimuli.scenery import Scenery, near_depth_m
 from stimuli.scenes.follow import followed
 from stimuli.scenes.photo import PhotoScenery, centred
 
@@ -43,11 +44,11 @@ class Picture:
     motion: Motion | None
 
 
-class SequenceScenery:
+class SequenceScenery(Scenery):
     """A sequence for temporal up-sampling: every file is a true frame, and tells its motion."""
 
     def __init__(self, scene: ExrScene, files: list[Path]) -> None:
-        self._scene, self._files = scene, files
+        self._scene, self._files, self.rim_px = scene, files, scene.rim_px
         self._kept: dict[int, Picture] = {}
 
     def source(
@@ -97,21 +98,7 @@ class SequenceScenery:
     @property
     def typical_depth_m(self) -> float:
         """Near depth of the first file."""
-        depth = self._picture(0).frame.depth_m
-        return float(np.percentile(depth[np.isfinite(depth)], 5))
-
-    @property
-    def largest_extent_m(self) -> float:
-        """The files' own motion is what there is: no extent changes it."""
-        return float("inf")
-
-    @property
-    def rim_px(self) -> int:
-        """As the protocol says."""
-        return self._scene.rim_px
-
-    def release(self) -> None:
-        """Hold nothing on the GPU."""
+        return near_depth_m(self._picture(0).frame)
 
     def _mended(
         self, plane: NDArray[np.float32], depth_m: NDArray[np.float32]

@@ -214,7 +214,7 @@ def test_rays_that_meet_nothing_are_infinitely_far(draw, two_planes):
 
 @pytest.fixture
 def scenery(gl_context, two_planes):
-    held = RenderedScenery(gl_context, Renderer(gl_context, two_planes), "planes")
+    held = RenderedScenery(Renderer(gl_context, two_planes), "planes")
     yield held
     held.release()
 
@@ -314,7 +314,7 @@ def test_frames_after_the_last_real_one_have_no_second_source(gl_context, scener
 
 def test_a_camera_that_sees_nothing_is_refused(gl_context, two_planes):
     away = two_planes.seen_from(Viewpoint((0, 0, 0), (0, 0, 1.0)))
-    scenery = RenderedScenery(gl_context, Renderer(gl_context, away), "planes")
+    scenery = RenderedScenery(Renderer(gl_context, away), "planes")
     try:
         with pytest.raises(InputError, match="planes: the camera must see something"):
             Footage(gl_context, scenery, shot())

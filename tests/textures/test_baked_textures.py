@@ -8,10 +8,12 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.features.reference import fitted_kernels
+from pipeline.foveation.chain import chain_of
+from pipeline.foveation.moments import moment_chain
 from pipeline.textures import bake as bake_module
-from pipeline.textures.bake import bake, bake_whole, strips
+from pipeline.textures.bake import Baked, bake, strips
 from pipeline.textures.file_format import head_bytes, read_baked, write_baked
-from pipeline.textures.layout import Layout
+from pipeline.textures.layout import MOMENTS, Layout
 
 HALF = 2.0**-11  # rounding of a half float
 
@@ -31,6 +33,22 @@ def write(path, texture, *, wraps=False):
     with path.open("w+b") as file:
         write_baked(file, layout, strips(texture))
     return layout
+
+
+def bake_whole(texture: np.ndarray, *, wraps: bool) -> Baked:
+    """The definition: each plane from the whole of the one before."""
+    height, width = texture.shape[:2]
+    layout = Layout(width, height, wraps)
+    count = layout.halvings
+    lows = chain_of(texture.astype(np.float64) / 255, count, wraps=wraps)
+    chains = [moment_chain(lows[k], count - k, wraps=wraps) for k in range(count)]
+    return Baked(
+        layout,
+        tuple(np.rint(255 * low.clip(0, 1)).astype(np.uint8) for low in lows),
+        tuple(
+            tuple(found[..., :MOMENTS].astype(np.float16) for found in chain) for chain in chains
+        ),
+    )
 
 
 @pytest.mark.parametrize("strip_texels", [1, 700, 1 << 18])
