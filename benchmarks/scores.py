@@ -31,7 +31,7 @@ from stimuli.score.speed import time_methods
 from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels, method_order
 from stimuli.score.viewing import standard_fhd
 from stimuli.score.write import CACHE_FOLDER, JSON_NAME
-from study_app.cli.progress import progress_bar
+from study_app.cli.progress import progress_line
 
 MOTIONS: dict[str, dict[str, Any]] = {
     "lateral": {"kind": "line", "direction": (1.0, 0.0, 0.0)},
@@ -117,13 +117,10 @@ def make(
     """Build the clips of one motion and score them; what is there already stays."""
     study = protocol(motion, scenes, methods)
     orders = Orders(study, load_display(study.display.display), Path.cwd())
-    with progress_bar() as progress:
-        task = progress.add_task(f"{motion}: building", total=None)
+    with progress_line(f"{motion}: building") as line:
 
         def report(done: int, total: int, what: str) -> None:
-            progress.update(
-                task, completed=done, total=total or None, description=f"{motion}: {what}"
-            )
+            line(done, total, f"{motion}: {what}")
 
         with local_processes(cores()) as pool:
             build(orders, out / "clips", pool, parallel=cores(), report=report)

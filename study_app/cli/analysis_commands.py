@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from analysis.seed import SEED
 from protocols.errors import StudyError
@@ -30,7 +29,7 @@ from study_app.cli.progress import one_line
 from study_app.cli.sequential_command import register as register_sequential
 from study_app.cli.table_commands import AnswerOption, WhereOption, table_told
 from study_app.cli.table_commands import register as register_tables
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     import pandas as pd
@@ -186,8 +185,7 @@ def tidy(
             for name, table in analysis.tidy_tables(tables.analysed).items():
                 write_table(table, work / name)
             write_note(work / "decisions.csv", analysis.told_by(analysis.settings(study)))
-    for warning in tables.warnings:
-        say(f"note: {warning}")
+    say_notes(tables.warnings)
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
     mark = " SIMULATED" if tables.simulated else ""
     say(f"{out}: {len(tables.sessions)}{mark} sessions, {kept} of {every} main decisions kept")
@@ -403,8 +401,7 @@ def import_(
             for name, frame in tables.items():
                 write_table(frame, work / name)
             write_note(work / "decisions.csv", chosen)
-    for note in plain.notes:
-        say(f"note: {note}")
+    say_notes(plain.notes)
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{count_of(len(decisions), 'decision')} of {people}"
     say(f"{out / 'decisions.csv'}: {counted}")
@@ -440,14 +437,12 @@ def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> tuple[pd.Dat
             f"{path}: must hold decisions of the study's kind of task ({study.analysis.kind})"
             f" (found {found.analysis.kind})"
         )
-    for note in found.warnings if table else ():
-        say(f"note: {note}")
+    say_notes(found.warnings if table else ())
     return found.decisions, found.settings
 
 
 def _print_report(made: ReportPaths) -> None:
-    for warning in made.warnings:
-        say(f"note: {warning}")
+    say_notes(made.warnings)
     say(made.headline)
     say(f"report: {made.html}")
 
@@ -455,12 +450,7 @@ def _print_report(made: ReportPaths) -> None:
 def _print_power(found: PowerReport) -> None:
     console = PlainConsole()
     console.print(found.lead)
-    table = Table()
-    for column in found.columns:
-        table.add_column(column, justify="right")
-    for row in found.rows:
-        table.add_row(*row)
-    console.print(table)
+    console.print(table_of(found.columns, found.rows, right=0))
     console.print(found.legend)
     for line in found.needed:
         console.print(line)

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
-from study_app.cli.progress import progress_bar
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.progress import progress_line
+from study_app.cli.terminal import PlainConsole, say_notes, table_of
 
 if TYPE_CHECKING:
     from stimuli.recipes.base import Builder, Where
@@ -100,8 +99,7 @@ def _builder(protocol: Path, display: str | None) -> Builder:
 
     study, screen = load_study(protocol, display)
     builder, _ = require_buildable(protocol, study, screen)
-    for note in builder.notes():
-        say(f"note: {note}")
+    say_notes(builder.notes())
     return builder
 
 
@@ -111,17 +109,15 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
     count = workers or cores()
     with PlainConsole(stderr=True).status("trying the first ..."):
         found = builder.estimate(out, count)
-    table = Table(show_header=False, box=None)
-    for name, value in (
+    rows = (
         ("clips", str(found.clips)),
         ("frames", f"{found.frames}, {found.size_px[0]} x {found.size_px[1]} px"),
         ("disk", f"{found.disk_bytes / GIB:.2f} GiB ({found.free_bytes / GIB:.0f} GiB free)"),
         ("time", f"about {_duration(found.time_s)} with {count} workers"),
         ("renderer", found.renderer),
         *((("measured", found.measured),) if found.measured else ()),
-    ):
-        table.add_row(name, value)
-    PlainConsole().print(table)
+    )
+    PlainConsole().print(table_of((), rows, box=None))
     if found.disk_bytes > found.free_bytes:
         raise StudyError(
             f"{out}: the clips need about {found.disk_bytes / GIB:.2f} GiB (free are"
@@ -131,24 +127,10 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
 
 def _build(builder: Builder, out: Path, where: Where) -> None:
     console = PlainConsole(soft_wrap=True)
-    with progress_bar() as progress:
-        task = progress.add_task("starting", total=None)
-
-        def report(done: int, total: int, what: str) -> None:
-            progress.update(task, completed=done, total=total, description=what)
-
-        try:
-            outcome = builder.build(out.absolute(), where, report)
-        except BaseException:
-            progress.remove_task(task)  # a bar over what went wrong says nothing
-            raise
-    (first, *others), rows = builder.summary(outcome)
-    table = Table(first, box=None)
-    for column in others:
-        table.add_column(column, justify="right" if len(others) > 1 else "left")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    with progress_line("starting") as report:
+        outcome = builder.build(out.absolute(), where, report)
+    heads, rows = builder.summary(outcome)
+    console.print(table_of(heads, rows, right=1 if len(heads) > 2 else None, box=None))
     what = "clips" if builder.protocol.stimuli.clip_s is not None else "stills"
     console.print(
         f"{out}: {len(outcome.built)} {what} built, {len(outcome.kept)} kept; manifest"

@@ -15,7 +15,7 @@ from study_app.cli.options import (
     one_of,
 )
 from study_app.cli.progress import one_line
-from study_app.cli.terminal import say
+from study_app.cli.terminal import say, say_notes
 
 
 def export(
@@ -88,8 +88,7 @@ def export(
         )
         with one_line() as progress:
             made = export_study(sessions, study, out, chosen, options, progress=progress)
-    for note in made.notes:
-        say(f"note: {note}")
+    say_notes(made.notes)
     mark = " SIMULATED" if made.simulated else ""
     say(f"{made.folder}: {made.participants}{mark} participants as {chosen}")
 

@@ -12,7 +12,7 @@ from protocols.prose import count_of
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_line
-from study_app.cli.terminal import say
+from study_app.cli.terminal import say, say_notes
 
 
 def export_holes(
@@ -38,8 +38,7 @@ def export_holes(
         found = look_at_scenes(orders)
         if found.wrong:
             raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
-        for note in found.doubtful:
-            say(f"note: {note}")
+        say_notes(found.doubtful)
         with progress_line("starting") as report:
             frames = write(orders, out, report)
         made = count_of(frames, "frame")

@@ -23,7 +23,7 @@ from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.errors import user_errors
 from study_app.cli.options import unknown_numbers
 from study_app.cli.progress import progress_line
-from study_app.cli.terminal import say
+from study_app.cli.terminal import say, say_notes
 
 if TYPE_CHECKING:
     from stimuli.bring_in import PairFiles
@@ -166,8 +166,7 @@ def new_study(
                     written.write(data)
             for below in (*FOLDERS, PARTS[task][1]):
                 (work / below).mkdir(exist_ok=True)
-    for note in notes:
-        say(f"note: {note}")
+    say_notes(notes)
     say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
     say(f"  cd {shlex.quote(str(folder))}")
     say("  metamerlab protocol check study.toml")

@@ -12,7 +12,7 @@ from protocols.load import load_study
 from protocols.manifest import read_manifest
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
-from study_app.cli.terminal import say
+from study_app.cli.terminal import say, say_notes
 
 
 def preview(
@@ -58,7 +58,6 @@ def preview(
         except OSError as error:
             raise StudyError(f"{out}: must be writable ({error.strerror})") from None
         say(f"{out}: {made.shown} of {made.conditions} conditions, {len(made.html) / 1e6:.1f} MB.")
-        for note in made.notes:
-            say(f"note: {note}")
+        say_notes(made.notes)
         if made.shown < made.conditions:
             say(f"note: --most {made.conditions} shows all")

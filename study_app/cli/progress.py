@@ -63,33 +63,23 @@ class Teller:
         self._now = None
 
 
-def progress_bar() -> Progress:
-    """Return a bar that stays, with counts and times; its tasks say what is going on."""
-    return Progress(
-        Description(),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        Description("left"),
-        TimeRemainingColumn(),
-        console=PlainConsole(stderr=True),
-    )
-
-
 @contextmanager
 def progress_line(what: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Show such a bar; yield what is told of things done, things in all, and what is going on.
+    """Show a bar that stays; yield what is told of things done, things in all, and what goes on.
 
-    An error takes it away: a bar over what went wrong says nothing. Without a terminal there is
-    none.
+    Things in all may be 0: then no end is known. An error takes the bar away: over what went wrong
+    it says nothing. Without a terminal there is none.
     """
-    progress = progress_bar()
-    progress.disable = not progress.console.is_terminal
+    terminal = PlainConsole(stderr=True)
+    progress = Progress(
+        Description(), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), Description("left"),
+        TimeRemainingColumn(), console=terminal, disable=not terminal.is_terminal,
+    )  # fmt: skip
     with progress:
         task = progress.add_task(what, total=None)
         try:
             yield lambda done, total, now: progress.update(
-                task, completed=done, total=total, description=now
+                task, completed=done, total=total or None, description=now
             )
         except BaseException:
             progress.remove_task(task)

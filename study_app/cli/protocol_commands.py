@@ -38,7 +38,7 @@ from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.script_command import script
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, say_notes
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -104,10 +104,8 @@ def check(
             say(f"note: {language}: {why}")
         # No mistake of the protocol: where sessions run, built clips are enough.
         if stimuli is None and protocol.suffix == ".toml":
-            for missing in study.stimuli.problems(protocol.absolute().parent):
-                say(f"note: {missing}")
-        for note in (*builder.notes(), *(builder.lacking() if stimuli is None else ())):
-            say(f"note: {note}")
+            say_notes(study.stimuli.problems(protocol.absolute().parent))
+        say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
 
 
 def _check_display(path: Path) -> None:
@@ -116,8 +114,7 @@ def _check_display(path: Path) -> None:
         f"{screen.name}: in order, a display of {screen.width_px} x {screen.height_px} px at"
         f" {screen.refresh_hz:g} Hz, {screen.distance_mm / 10:g} cm from the eye."
     )
-    for note in display_notes(screen):
-        say(f"note: {note}")
+    say_notes(display_notes(screen))
 
 
 @app.command()

@@ -19,7 +19,7 @@ from protocols.prose import count_of
 from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
 from study_app.cli.errors import user_errors
 from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
 from study_app.sittings import Sitting
@@ -137,18 +137,11 @@ def verify(
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:
     """Print names and values as a table."""
-    PlainConsole().print(_grid(entries))
+    PlainConsole().print(table_of((), entries))
 
 
 def _table(path: Path) -> Table:
-    return _grid(rows(read_journal(path, lenient=True).events))
-
-
-def _grid(entries: Iterable[tuple[str, str]]) -> Table:
-    table = Table(show_header=False)
-    for name, value in entries:
-        table.add_row(name, value)
-    return table
+    return table_of((), rows(read_journal(path, lenient=True).events))
 
 
 def _over(path: Path) -> bool:

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
-from study_app.cli.progress import progress_bar
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.progress import progress_line
+from study_app.cli.terminal import PlainConsole, say, table_of
 
 if TYPE_CHECKING:
     from protocols.manifest import Manifest
@@ -268,12 +267,7 @@ def _score(
             )
         check_out(folder, reads)
     console = PlainConsole(soft_wrap=True)
-    with progress_bar() as progress:
-        task = progress.add_task("starting", total=None)
-
-        def report(done: int, total: int, what: str) -> None:
-            progress.update(task, completed=done, total=total or None, description=what)
-
+    with progress_line("starting") as report:
         results = run(
             subjects,
             settings,
@@ -286,7 +280,7 @@ def _score(
             with whole_folder(folder, replace=True, reads=reads, keeps=CACHE_FOLDER) as work:
                 made = _write(
                     results, subjects, work, first,
-                    lambda what: progress.update(task, description=what), focus,
+                    lambda what: report(1, 1, what), focus,
                 )  # fmt: skip
             page = folder / made.name
     _print_results(console, results, focus)
@@ -322,12 +316,8 @@ def _print_results(console: Console, results: Results, focus: str | None) -> Non
         heads, rows = summary(results, region)
         if not any(cell != "-" for _, cells in rows for cell in cells):
             continue
-        table = Table(f"mean, {title}", box=None)
-        for head in heads:
-            table.add_column(head, justify="right")
-        for method, cells in rows:
-            table.add_row(method, *cells)
-        console.print(table)
+        lines = [(method, *cells) for method, cells in rows]
+        console.print(table_of((f"mean, {title}", *heads), lines, right=1, box=None))
     for duel in all_duels(all_tables(results), focus):
         if duel.table.region == HOLES:
             console.print(f"{duel.sentence}.")
@@ -342,16 +332,17 @@ def _print_metrics() -> None:
     from stimuli.score.metrics import METRICS
 
     there, missing = split_available(METRICS.values())
-    table = Table("metric", "what", "better", "least px", "from", box=None)
-    for metric in METRICS.values():
-        table.add_row(
+    rows = [
+        (
             metric.name if metric in there else f"({metric.name})",
             metric.what,
             metric.arrow,
             str(metric.least_px),
             metric.licence,
         )
+        for metric in METRICS.values()
+    ]
     console = PlainConsole()
-    console.print(table)
+    console.print(table_of(("metric", "what", "better", "least px", "from"), rows, box=None))
     for entry in missing:
         console.print(f"missing: {', '.join(entry.metrics)}: {entry.reason}", soft_wrap=True)

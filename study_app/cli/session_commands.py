@@ -13,7 +13,6 @@ from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -30,7 +29,7 @@ from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.settings import takes_settings
 from study_app.cli.sitting_commands import register
-from study_app.cli.terminal import Description, PlainConsole, say
+from study_app.cli.terminal import Description, PlainConsole, say, table_of
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
@@ -242,12 +241,8 @@ def list_(
                 f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
                 " the folder that was given as --out"
             )
-        table = Table()
-        for column in ("study", "participant", "slot", "state", "decisions", "void", "data"):
-            table.add_column(column)
-        for sitting in sittings:
-            table.add_row(*_row(sitting))
-        PlainConsole().print(table)
+        heads = ("study", "participant", "slot", "state", "decisions", "void", "data")
+        PlainConsole().print(table_of(heads, map(_row, sittings)))
 
 
 @app.command()
@@ -267,10 +262,7 @@ def status(
                 f"{session}: must be the folder of one session (found no journal there);"
                 " 'metamerlab session list' names them"
             )
-        table = Table(show_header=False)
-        for name, value in _details(sitting):
-            table.add_row(name, value)
-        PlainConsole().print(table)
+        PlainConsole().print(table_of((), _details(sitting)))
 
 
 def _sittings_above(session: Path) -> list[Sitting]:

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from protocols.errors import StudyError
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.holes_command import export_holes
 from study_app.cli.options import one_of
-from study_app.cli.progress import progress_bar, progress_line
+from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 
 if TYPE_CHECKING:
     import moderngl
@@ -66,11 +65,8 @@ def check(folder: FolderArgument) -> None:
     from stimuli.check import check_batch
 
     with user_errors():
-        with progress_bar() as progress:
-            task = progress.add_task("hashing", total=None)
-            verdict = check_batch(
-                folder, lambda done, total: progress.update(task, completed=done, total=total)
-            )
+        with progress_line("hashing") as report:
+            verdict = check_batch(folder, lambda done, total: report(done, total, "hashing"))
         for kind in ("missing", "changed", "extra"):
             for name in getattr(verdict, kind):
                 say(f"{kind}: {folder / name}")
@@ -105,19 +101,13 @@ def probe(
     from stimuli.probe import probe_batch
 
     with user_errors():
-        with progress_bar() as progress:
-            task = progress.add_task("reading frames", total=None)
+        with progress_line("reading frames") as report:
             findings = probe_batch(
-                folder,
-                clips,
-                lambda done, total: progress.update(task, completed=done, total=total),
+                folder, clips, lambda done, total: report(done, total, "reading frames")
             )
-        table = Table(box=None)
-        table.add_column("clip", overflow="fold")
-        for column in ("change in holes", "of the reference's", "repeated", "black"):
-            table.add_column(column, justify="right")
-        for found in findings:
-            table.add_row(
+        heads = ("clip", "change in holes", "of the reference's", "repeated", "black")
+        rows = [
+            (
                 found.name,
                 "-" if found.flicker is None else f"{255 * found.flicker:.2f}/255",
                 "-"
@@ -126,7 +116,9 @@ def probe(
                 _frames(found.repeated),
                 _frames(found.black),
             )
-        PlainConsole().print(table)
+            for found in findings
+        ]
+        PlainConsole().print(table_of(heads, rows, right=1, box=None))
         if any(found.repeated or found.black for found in findings):
             raise typer.Exit(1)
 
@@ -213,8 +205,7 @@ def look(
                     report=lambda done, total: report(done, total, "trying views"),
                     note=notes.append,
                 )
-        for note in notes:
-            say(f"note: {note}")
+        say_notes(notes)
         say("\n".join(lines))
         say(f"wrote {out}")
 
@@ -260,8 +251,7 @@ def panorama(
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         world = world_of(scene, scale, seed)
-        for note in world.notes:
-            say(f"note: {note}")
+        say_notes(world.notes)
         if view is not None:
             world = world.seen_from(viewpoint_of(parse_view(view), world))
         with lent_context() as ctx, progress_line("looking around") as report:

@@ -21,7 +21,7 @@ from study_app.cli.assumed import pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.from_csv.found import Found
@@ -317,8 +317,7 @@ def print_content(content: Content, *, simulated: bool) -> None:
                 notes += found
     for sentence in content.sentences:
         console.print(sentence)
-    for note in dict.fromkeys(notes):
-        say(f"note: {note}")
+    say_notes(dict.fromkeys(notes))
 
 
 def _printed(rows: Rows) -> Table:
@@ -355,7 +354,6 @@ def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[
     console.print(table)
     for sentence in found.sentences:
         console.print(sentence)
-    for note in found.notes:
-        say(f"note: {note}")
+    say_notes(found.notes)
     if out is not None:
         say(f"figures, tables, numbers: {out}")

@@ -7,10 +7,12 @@ and a terminal would obey what follows an escape character.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable, Sequence
 from typing import Any, TextIO
 
 from rich.console import Console
 from rich.progress import Task, TextColumn
+from rich.table import Table
 from rich.text import Text
 
 from protocols.outside import visible
@@ -24,6 +26,33 @@ def say(*parts: object, file: TextIO | None = None) -> None:
     text = visible(" ".join(map(str, parts)))
     encoding = stream.encoding or "utf-8"
     stream.write(text.encode(encoding, "backslashreplace").decode(encoding) + "\n")
+
+
+def say_notes(notes: Iterable[object]) -> None:
+    """Print each note on a line of its own."""
+    for note in notes:
+        say(f"note: {note}")
+
+
+def table_of(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, right: int | None = None, **options: Any
+) -> Table:
+    """Return a table; without heads it shows names and values.
+
+    Parameters
+    ----------
+    right : int, optional
+        From this column on, cells stand at the right; left out: none.
+    **options
+        Of `rich.table.Table`.
+    """
+    table = Table(show_header=bool(heads), **options)
+    for place, head in enumerate(heads):
+        at_right = right is not None and place >= right
+        table.add_column(head, justify="right" if at_right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 class PlainConsole(Console):

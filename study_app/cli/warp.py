@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
@@ -26,7 +25,7 @@ from study_app.cli.one_picture import (
 )
 from study_app.cli.options import unknown_numbers
 from study_app.cli.settings import takes_settings
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.cli.warp_options import EyeOptions, FileOptions, PairOptions, PictureOptions
 
 if TYPE_CHECKING:
@@ -305,16 +304,16 @@ def _print_quality(
 ) -> None:
     if not any(quality for _, quality in found):
         return
-    table = Table("method", title=title, title_justify="left", box=None)
-    for column in ("PSNR dB", "SSIM", "high-frequency ratio", "band error"):
-        table.add_column(column, justify="right")
-    for choice, quality in found:
-        if quality is not None:
-            table.add_row(
-                choice.label,
-                f"{quality.psnr_db:.2f}",
-                f"{quality.ssim:.3f}",
-                f"{quality.high_frequency_ratio:.2f}",
-                f"{quality.band_error:.3f}",
-            )
-    console.print(table)
+    heads = ("method", "PSNR dB", "SSIM", "high-frequency ratio", "band error")
+    rows = [
+        (
+            choice.label,
+            f"{quality.psnr_db:.2f}",
+            f"{quality.ssim:.3f}",
+            f"{quality.high_frequency_ratio:.2f}",
+            f"{quality.band_error:.3f}",
+        )
+        for choice, quality in found
+        if quality is not None
+    ]
+    console.print(table_of(heads, rows, right=1, title=title, title_justify="left", box=None))

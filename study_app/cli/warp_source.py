@@ -69,7 +69,6 @@ def load(
     """
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
-<<<<<<< HEAD
     if source in BUILT_IN and not Path(source).exists():
         wanted = "--flow, --depth, cameras and poses need" if mask is None else "--mask needs"
         if mask is not None or picture != PictureOptions():
@@ -77,10 +76,8 @@ def load(
                 f"{source}: is a built-in pair, whose disparity makes its holes; {wanted} a picture"
                 " file in its place, such as photo.png"
             )
-=======
     one_of("--nearer", picture.nearer, NEARER)
     one_of("--depth-is", picture.depth_is, DEPTH_IS)
->>>>>>> 4b2e527 (Options that belong together are a dataclass, and a command is given it whole)
     for path in filter(None, (Path(source), truth, pair.right, mask)):
         check_fits(path, "warp")
     if mask is None:

@@ -24,10 +24,11 @@ from attack.outputs import attack_outputs
 from attack.planted import RATES_HZ, check_capture, check_timing
 from attack.readers import READERS, Reader, write_samples
 from built_study import write_small_study
+from rich.console import Console
+from rich.progress import Progress
 
 from benchmarks.output import PagePart
 from protocols.revision import code_revision
-from study_app.cli.progress import progress_bar
 
 PAGE_PART = PagePart("attack")
 FAULTS_AT_ONCE = 20
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"seed {asked.seed}; what fails is written to {asked.keep}", file=sys.stderr)
     until_s = time.monotonic() + asked.seconds
     figures: dict[str, Any] = {}
-    with progress_bar() as bars:
+    with Progress(console=Console(stderr=True)) as bars:
         tasks = {k: bars.add_task(k, total=count) for k, count in counts.items() if count}
 
         def counter(kind: str) -> Count:
