@@ -23,7 +23,7 @@ from stimuli.batch_folder import (
 from stimuli.clip import Survey, read_survey
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.orders import Orders
-from stimuli.records import Records
+from stimuli.records import WarpedDraft
 from stimuli.worker import clip_job, describe_renderer, survey_job
 
 __all__ = ["HOLES_FOLDER", "Outcome", "Report", "build", "survey_name"]
@@ -69,7 +69,7 @@ class _WarpedBuild(ClipBuild[ClipName]):
         clips, names = orders.protocol.warped.clips, orders.clip_names
         super().__init__(orders.protocol, out, executor, parallel + 1, report, names, clips.frames)
         self.orders, self.previews, self.exr = orders, clips.preview, clips.exr
-        self.book: Records
+        self.draft: WarpedDraft
         self.surveys: dict[str, Survey] = {}
         self.groups: dict[str, list[ClipName]] = {}
         """Missing clips by their survey."""
@@ -77,11 +77,11 @@ class _WarpedBuild(ClipBuild[ClipName]):
         self.scene_rank = {name: scenes.index(name.scene) for name in names}
         self.rank = {name: rank for rank, name in enumerate(names)}
 
-    def open_book(self) -> Records:
-        return Records(self.orders, self.out, self.executor.submit(describe_renderer).result())
+    def open_draft(self) -> WarpedDraft:
+        return WarpedDraft(self.orders, self.out, self.executor.submit(describe_renderer).result())
 
     def known(self, name: ClipName, old: Clip | None) -> Clip | None:
-        return old if self.book.is_done(name, old) else None
+        return old if self.draft.is_done(name, old) else None
 
     def keys(self, missing: Sequence[ClipName]) -> Iterable[str]:
         orders = self.orders
@@ -117,9 +117,9 @@ class _WarpedBuild(ClipBuild[ClipName]):
             return []
         made, renderer = result
         if kind == "clip":
-            record = self.book.record(name, self.surveys[survey_name(name)], made)
+            record = self.draft.record(name, self.surveys[survey_name(name)], made)
             return self.place(name, record, renderer)
-        self.book.check_renderer(renderer)
+        self.draft.check_renderer(renderer)
         folder = self.out / BUILD_FOLDER / "surveys" / made.key
         if folder.exists():
             move_over(folder, self.out / HOLES_FOLDER / survey_name(name), self.out)

@@ -29,7 +29,7 @@ from stimuli.batch_folder import (
 from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.executors import LocalProcesses
 from stimuli.preview import PREVIEW_FOLDER, preview_path
-from stimuli.records import Book
+from stimuli.records import ManifestDraft
 from stimuli.worker import RendererInfo, preview_job
 
 POLL_S = 0.25
@@ -63,7 +63,7 @@ class ClipBuild(Generic[N]):
         self.protocol, self.out, self.executor, self.places = protocol, out, executor, places
         self.report, self.names, self.frames = report, names, frames
         self.total = len(names) * frames
-        self.book: Book
+        self.draft: ManifestDraft
         self.records: dict[N, Clip] = {}
         self.running: dict[Future[Any], Job[N]] = {}
         self.active: dict[N, Path] = {}
@@ -72,7 +72,7 @@ class ClipBuild(Generic[N]):
 
     # For a recipe to say
 
-    def open_book(self) -> Book:
+    def open_draft(self) -> ManifestDraft:
         """Return the records, for the renderer of the workers."""
         raise NotImplementedError
 
@@ -131,18 +131,18 @@ class ClipBuild(Generic[N]):
     def _run(self) -> Outcome[N]:
         names = [str(name) for name in self.names]
         check_folder(self.out, names)
-        self.book = self.open_book()
-        old = self.book.old()
+        self.draft = self.open_draft()
+        old = self.draft.old()
         for name in self.names:
             if record := self.known(name, old.get(str(name))):
                 self.records[name] = record
         kept = list(self.records)
         missing = [name for name in self.names if name not in self.records]
         manifest_path = self.out / MANIFEST_NAME
-        if missing or self.book.is_stale(self.clips()):
+        if missing or self.draft.is_stale(self.clips()):
             claim(self.out, names, self.keys(missing), exr=self.exr)
             for record in self.records.values():
-                self.book.store(record)  # what an old manifest says, before it goes
+                self.draft.store(record)  # what an old manifest says, before it goes
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
             sync(self.out)
         self._work(missing)
@@ -154,7 +154,7 @@ class ClipBuild(Generic[N]):
         self.report(self.total, self.total, "contact sheet")
         if not manifest_path.exists() or not (self.out / SHEET_NAME).exists():
             write_contact_sheet(self.out, self.protocol, clips)
-        manifest = self.book.manifest(clips)
+        manifest = self.draft.manifest(clips)
         if not manifest_path.exists():
             write_manifest(self.out, manifest)
             sync(self.out)
@@ -167,9 +167,9 @@ class ClipBuild(Generic[N]):
 
     def place(self, name: N, record: Clip, renderer: RendererInfo) -> list[Job[N]]:
         """Move a clip that is whole to its folder and note it; return the job of its preview."""
-        self.book.check_renderer(renderer)
+        self.draft.check_renderer(renderer)
         move_over(self.active.pop(name), self.out / str(name))
-        self.book.store(record)
+        self.draft.store(record)
         self.records[name] = record
         return self._preview(name)
 

@@ -31,7 +31,7 @@ VERSIONED = (
 )  # fmt: skip
 
 
-class Book:
+class ManifestDraft:
     """The manifest's entries in the making, for one renderer: bytes repeat on one only."""
 
     def __init__(
@@ -123,8 +123,8 @@ def is_whole(folder: Path, record: Clip, endings: Sequence[str] = (".png",)) -> 
         return False
 
 
-class Records(Book):
-    """The book of warped clips."""
+class WarpedDraft(ManifestDraft):
+    """The draft of a batch of warped clips."""
 
     def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
         super().__init__(orders.protocol, orders.display, out, renderer)

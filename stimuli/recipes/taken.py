@@ -23,7 +23,7 @@ from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores
 from stimuli.preview import PREVIEW_FOLDER
 from stimuli.recipes.base import Builder, Outcome, Report, Where
-from stimuli.records import Book, is_whole
+from stimuli.records import ManifestDraft, is_whole
 from stimuli.whole_file import write_whole
 from stimuli.worker import RendererInfo
 
@@ -167,14 +167,16 @@ class _TakingBuild(ClipBuild[str]):
         self.hashes: dict[str, str] = {}
         self.wrong: dict[str, str] = {}
 
-    def open_book(self) -> Book:
+    def open_draft(self) -> ManifestDraft:
         builder = self.builder
-        book = Book(self.protocol, builder.display, self.out, builder.drawn_by(self.executor))
+        draft = ManifestDraft(
+            self.protocol, builder.display, self.out, builder.drawn_by(self.executor)
+        )
         self.report(0, self.total, "hashing inputs")
         with ThreadPoolExecutor(cores()) as readers:
             hashed = readers.map(builder.key, self.entries.values())
             self.hashes = dict(zip(self.entries, hashed, strict=True))
-        return book
+        return draft
 
     def known(self, name: str, old: Clip | None) -> Clip | None:
         if old is None or old.cache_key != self.hashes[name] or not is_whole(self.out / name, old):
