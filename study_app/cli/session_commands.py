@@ -129,10 +129,10 @@ class ObserverOptions:
         for name in options:
             if name not in has:
                 option = "--utility" if name == "utilities" else "--" + name.replace("_", "-")
-                known = has & {"utilities", *vars(self)} - {"utility"}
+                others = has & {"utilities", *vars(self)}
                 raise StudyError(
                     f"{option}: must be left out for the task {task.kind!r}, whose observers have"
-                    f" {', '.join(sorted(known))}"
+                    f" {', '.join(sorted(others))}"
                 )
         return dataclasses.replace(model, **options)
 

@@ -116,7 +116,7 @@ class _Demo:
         key = self.keys[step.name] = sha256_json(
             [
                 code_revision(), self.protocol.sha256, self.display.model_dump(mode="json"),
-                step.chains(), [self.keys.get(name) for name in step.needs],
+                json.dumps(step.chains()), [self.keys.get(name) for name in step.needs],
             ]
         )  # fmt: skip
         known = self.record.get(step.name, {})
