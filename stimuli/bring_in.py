@@ -20,7 +20,7 @@ import moderngl
 from pipeline.errors import InputError
 from pipeline.methods.registry import check_method_name, method_names
 from protocols.own_stimuli import REFERENCE, OwnMethod, OwnScene, methods_of, quoted, unused_name
-from stimuli.look import look_around
+from stimuli.look import ScenePreview, look_around
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import ENDINGS, files_of
 from stimuli.scenes.pair_check import judge_pair
@@ -110,10 +110,8 @@ def bring_scene(
             "#? view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, 0], vertical_fov_deg = 50 }",
         )
     else:
-        views = look_around(
-            ctx, str(folder / path.name), folder / VIEWS_FILE, scale=1.0, count=VIEWS, seed=0,
-            report=report,
-        )  # fmt: skip
+        preview = ScenePreview(str(folder / path.name))
+        views = look_around(ctx, preview, folder / VIEWS_FILE, VIEWS, report=report)
         first, *others = [line.partition(": ")[2] for line in views]
         camera = (
             f"# View 0 of {SCENES}/{name}/{VIEWS_FILE}. Views 1 to {len(others)} of that sheet:",

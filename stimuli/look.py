@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -33,42 +34,107 @@ LEAST_SEEN = 0.8  # share of a view that must not be background
 LEAST_NEAR = 0.02  # of the scene's radius: nothing may fill the view
 
 
+@dataclass(frozen=True)
+class ScenePreview:
+    """A scene to look around in, as a mesh scene in a protocol says it.
+
+    Parameters
+    ----------
+    scene : str
+        A file, or a built-in scene's name.
+    scale : float
+        Metres per unit of a file.
+    seed : int
+        Of a built-in scene.
+    chosen : sequence of View
+        Views that are asked for; empty: the best are looked for.
+    lighting, sun_direction : optional
+        Light of a file.
+    """
+
+    scene: str
+    scale: float = 1.0
+    seed: int = 0
+    chosen: Sequence[View] = ()
+    lighting: Lighting | None = None
+    sun_direction: Vector | None = None
+
+    @property
+    def is_built_in(self) -> bool:
+        """Whether it comes with metamerlab."""
+        return self.scene in scene_names() and not Path(self.scene).exists()
+
+    def light_lines(self) -> list[str]:
+        """Return the light's lines of a protocol.
+
+        Raises
+        ------
+        InputError
+            If a scene cannot be lit so.
+        """
+        lines = [] if self.lighting is None else [f'lighting = "{self.lighting}"']
+        if self.sun_direction is None:
+            return lines
+        if self.lighting == "unlit":
+            raise InputError(
+                "--sun-direction needs --lighting sun (got unlit); leave one of them out"
+            )
+        if not (np.isfinite(self.sun_direction).all() and any(self.sun_direction)):
+            raise InputError(
+                "--sun-direction must be finite and not zero (got"
+                f" {vector_text(self.sun_direction)}); give it as -1 1 0.5, say"
+            )
+        return [*lines, f"sun_direction = {vector_text(self.sun_direction)}"]
+
+    def world(self) -> World:
+        """Return the scene, with metres per unit and a light of its own.
+
+        Raises
+        ------
+        InputError, OSError
+            If it cannot be read, or cannot be lit so.
+        """
+        if not self.is_built_in:
+            return load_world(
+                Path(self.scene), scale=self.scale, lighting=self.lighting,
+                sun_direction=self.sun_direction,
+            )  # fmt: skip
+        if self.lighting or self.sun_direction:
+            raise InputError(
+                f"{self.scene}: a built-in scene has a light of its own (got --lighting or"
+                " --sun-direction, which are for files); leave it out"
+            )
+        return build_scene(self.scene, self.seed)
+
+
 def look_around(
     ctx: moderngl.Context,
-    scene: str,
+    preview: ScenePreview,
     out: Path,
-    *,
-    scale: float,
     count: int,
-    seed: int,
-    chosen: Sequence[View] = (),
-    lighting: Lighting | None = None,
-    sun_direction: Vector | None = None,
+    *,
     report: Callable[[int, int], None] = lambda _done, _total: None,
     note: Callable[[str], None] = lambda _: None,
 ) -> list[str]:
-    """Draw the `count` best of many views, or the `chosen` ones, into `out`; a line for each.
+    """Draw the `count` best of many views, or the chosen ones, into `out`; a line for each.
 
     Views that uncover much when the camera moves come first: those with many jumps in depth
     that show little background. Views of surfaces from behind come last: from inside a closed
     body, from under a terrain, from outside a room. `report` is told views tried and views in all,
-    `note` what the file says and is not drawn.
-    `lighting` and `sun_direction` are those of a mesh scene in a
-    protocol, and get their lines as well.
+    `note` what the file says and is not drawn. A light that is asked for gets its lines as well.
 
     Raises
     ------
     InputError, OSError
         If the scene cannot be read, or cannot be lit so.
     """
-    light = _light_lines(lighting, sun_direction)
-    world = world_of(scene, scale, seed, lighting, sun_direction)
+    light, world = preview.light_lines(), preview.world()
     for line in world.notes:
         note(line)
     renderer = Renderer(ctx, world)
     try:
-        views = [viewpoint_of(view, world) for view in chosen] or _best(
-            renderer, count, report, sided=not _is_built_in(scene)
+        views = [viewpoint_of(view, world) for view in preview.chosen] or _best(
+            renderer, count, report, sided=not preview.is_built_in
         )
         tiles, lines = [], []
         for number, view in enumerate(views):
@@ -86,79 +152,31 @@ def look_around(
 
 def look_interactively(
     ctx: moderngl.Context,
-    scene: str,
+    preview: ScenePreview,
     *,
-    scale: float,
-    seed: int,
-    chosen: Sequence[View] = (),
-    lighting: Lighting | None = None,
-    sun_direction: Vector | None = None,
     opened: Callable[[str], None],
     say: Callable[[str], None],
 ) -> None:
-    """Serve the scene as a local page until it is done; parameters as for `look_around`.
+    """Serve the scene as a local page until it is done, from the first of its chosen views.
 
     `opened` is told the page's address, `say` the line of every view that is taken, and what the
     file says and is not drawn.
     """
-    light = _light_lines(lighting, sun_direction)
-    world = world_of(scene, scale, seed, lighting, sun_direction)
+    light, world = preview.light_lines(), preview.world()
     renderer = Renderer(ctx, world)
     try:
-        if chosen:
-            start = viewpoint_of(chosen[0], world)
+        if preview.chosen:
+            start = viewpoint_of(preview.chosen[0], world)
         else:
-            sided = not _is_built_in(scene)
+            sided = not preview.is_built_in
             start = _best(renderer, 1, lambda _done, _total: None, sided=sided)[0]
-        server = LookServer(renderer, Path(scene).name, start, say)
+        server = LookServer(renderer, Path(preview.scene).name, start, say)
         for line in (*(f"note: {note}" for note in world.notes), *light):
             say(line)
         opened(server.address)
         server.run()
     finally:
         renderer.release()
-
-
-def _light_lines(lighting: Lighting | None, sun_direction: Vector | None) -> list[str]:
-    lines = [] if lighting is None else [f'lighting = "{lighting}"']
-    if sun_direction is None:
-        return lines
-    if lighting == "unlit":
-        raise InputError("--sun-direction needs --lighting sun (got unlit); leave one of them out")
-    if not (np.isfinite(sun_direction).all() and any(sun_direction)):
-        raise InputError(
-            f"--sun-direction must be finite and not zero (got {vector_text(sun_direction)});"
-            " give it as -1 1 0.5, say"
-        )
-    return [*lines, f"sun_direction = {vector_text(sun_direction)}"]
-
-
-def _is_built_in(scene: str) -> bool:
-    return scene in scene_names() and not Path(scene).exists()
-
-
-def world_of(
-    scene: str,
-    scale: float,
-    seed: int,
-    lighting: Lighting | None = None,
-    sun_direction: Vector | None = None,
-) -> World:
-    """Return a built-in scene, or a file's, with metres per unit and a light of its own.
-
-    Raises
-    ------
-    InputError, OSError
-        If the scene cannot be read, or cannot be lit so.
-    """
-    if _is_built_in(scene):
-        if lighting or sun_direction:
-            raise InputError(
-                f"{scene}: a built-in scene has a light of its own (got --lighting or"
-                " --sun-direction, which are for files); leave it out"
-            )
-        return build_scene(scene, seed)
-    return load_world(Path(scene), scale=scale, lighting=lighting, sun_direction=sun_direction)
 
 
 def _best(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +15,7 @@ from rich.console import Console
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.progress import progress_line
+from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say, table_of
 
 if TYPE_CHECKING:
@@ -23,33 +24,36 @@ if TYPE_CHECKING:
     from stimuli.score.run import Results
 
 
-def score(
+@dataclass(frozen=True)
+class ScoreOptions:
+    """Options of `metamerlab stimuli score`: what is scored, how it is seen, what is written."""
+
     first: Annotated[
         Path | None,
         typer.Argument(
             metavar="DIR | TEST",
             help="Folder of built clips; or a clip (folder of frames) or picture to score.",
         ),
-    ] = None,
+    ] = None
     second: Annotated[
         Path | None,
         typer.Argument(metavar="[REFERENCE]", help="The reference for TEST."),
-    ] = None,
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(help=r"Folder for tables, plots and the page. \[default for DIR: scores]"),
-    ] = None,
+    ] = None
     metrics: Annotated[
         str | None,
         typer.Option(
             metavar="NAME,...",
             help=r"Only these, such as psnr,fvvdp. \[default: all that this machine can compute]",
         ),
-    ] = None,
+    ] = None
     display: Annotated[
         str,
         typer.Option(help="standard_fhd (as in the paper), a display's name, or a .toml file."),
-    ] = "standard_fhd",
+    ] = "standard_fhd"
     gaze: Annotated[
         str | None,
         typer.Option(
@@ -57,13 +61,13 @@ def score(
             help="Where the viewer looks, in pixels of the clip; or a CSV file with columns x_px"
             " and y_px and a line per frame. Left out: not foveated.",
         ),
-    ] = None,
+    ] = None
     mask: Annotated[
         Path | None,
         typer.Option(
             help="For two clips or pictures: where the holes are (white), a picture or a folder."
         ),
-    ] = None,
+    ] = None
     panorama: Annotated[
         bool,
         typer.Option(
@@ -71,17 +75,17 @@ def score(
             help="TEST and REFERENCE are equirectangular, 2:1: score the flat view around --gaze"
             " (left out: the middle), 90 degrees wide.",
         ),
-    ] = False,
+    ] = False
     fps: Annotated[
         float,
         typer.Option(
             min=1.0, max=1000.0, help="Frame rate of two folders of frames; videos have their own."
         ),
-    ] = 30.0,
+    ] = 30.0
     workers: Annotated[
         int | None,
         typer.Option(min=1, help=r"Processes at work. \[default: one per core]"),
-    ] = None,
+    ] = None
     focus: Annotated[
         str | None,
         typer.Option(
@@ -89,7 +93,7 @@ def score(
             help=r"For a batch: compare this method with every other. \[default:"
             " metameric against push-pull]",
         ),
-    ] = None,
+    ] = None
     protocol: Annotated[
         Path | None,
         typer.Option(
@@ -97,7 +101,13 @@ def score(
             help="For a batch: its study, for labels instead of names on the page, in figures and"
             r" in tables for people. \[default: names; of a shipped study its labels]",
         ),
-    ] = None,
+    ] = None
+
+
+@takes_settings
+def score(
+    *,
+    options: ScoreOptions,
     list_metrics: Annotated[
         bool,
         typer.Option(
@@ -129,24 +139,22 @@ def score(
         if list_metrics:
             _print_metrics()
             return
-        if first is None:
+        if options.first is None:
             raise StudyError(
                 "give a folder of built clips, or two clips or pictures; 'metamerlab stimuli"
                 " score --help' has examples"
             )
-        if panorama and (second is None or mask is not None):
+        if options.panorama and (options.second is None or options.mask is not None):
             raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
         with ExitStack() as gone:
-            given = [_as_folder(gone, path) for path in (first, second, mask)]
-            views = gone.enter_context(_views(panorama))
-            rate = next((rate for _, rate in given if rate is not None), fps)
-            paths = [path for path, _ in given]
-            test = paths[0]
-            assert test is not None
-            _score(
-                test, paths[1], out, metrics, display, gaze, paths[2], rate, workers, views, focus,
-                protocol,
-            )  # fmt: skip
+            given = [
+                _as_folder(gone, path) for path in (options.first, options.second, options.mask)
+            ]
+            views = gone.enter_context(_views(options.panorama))
+            rate = next((rate for _, rate in given if rate is not None), options.fps)
+            first, second, mask = (path for path, _ in given)
+            assert first is not None
+            _score(replace(options, second=second, mask=mask, fps=rate), first, views)
 
 
 def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
@@ -197,20 +205,8 @@ def _views(panorama: bool) -> Iterator[Path | None]:
         yield Path(folder)
 
 
-def _score(
-    first: Path,
-    second: Path | None,
-    out: Path | None,
-    names: str | None,
-    display: str,
-    gaze: str | None,
-    mask: Path | None,
-    fps: float,
-    workers: int | None,
-    views: Path | None,
-    focus: str | None,
-    protocol: Path | None,
-) -> None:
+def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
+    """Score `first`; panoramas by way of flat views in the folder `views`."""
     from protocols.manifest import read_manifest
     from protocols.result_folder import whole_folder
     from stimuli.executors import cores
@@ -228,8 +224,9 @@ def _score(
     from stimuli.score.viewing import open_viewing, read_gaze
     from stimuli.score.write import CACHE_FOLDER, check_out
 
+    second, mask, names, focus = options.second, options.mask, options.metrics, options.focus
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
-    settings = Settings(chosen, open_viewing(display), read_gaze(gaze))
+    settings = Settings(chosen, open_viewing(options.display), read_gaze(options.gaze))
     if second is None:
         if mask is not None:
             raise StudyError("--mask is for two clips or pictures: a batch has masks of its own")
@@ -245,13 +242,13 @@ def _score(
             settings = Settings(chosen, viewing, at)
         else:
             subjects = subjects_of_batch(first)
-        subjects = replace(subjects, labels=_labels(protocol, manifest))
-        folder: Path | None = out or Path("scores")
+        subjects = replace(subjects, labels=_labels(options.protocol, manifest))
+        folder: Path | None = options.out or Path("scores")
     else:
-        if protocol is not None:
+        if options.protocol is not None:
             raise StudyError("--protocol is for a folder of built clips: two clips have no study")
-        subjects = subjects_of_two(first, second, mask, fps)
-        folder = out
+        subjects = subjects_of_two(first, second, mask, options.fps)
+        folder = options.out
         if views is not None:
             subjects, at, viewing = subjects_of_panoramas(subjects, settings.gaze, views)
             chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
@@ -272,7 +269,7 @@ def _score(
             subjects,
             settings,
             cache=None if folder is None else folder / CACHE_FOLDER,
-            workers=workers or cores(),
+            workers=options.workers or cores(),
             report=report,
         )
         page = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,8 +21,7 @@ from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 if TYPE_CHECKING:
     import moderngl
 
-    from protocols.recipes.warped_clips import View
-    from stimuli.look import Lighting
+    from stimuli.look import ScenePreview
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -179,32 +177,24 @@ def look(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.look import LIGHTINGS, look_around
+    from stimuli.look import LIGHTINGS, ScenePreview, look_around
 
     with user_errors():
         kind = None if lighting is None else one_of("--lighting", lighting, LIGHTINGS)
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
+        preview = ScenePreview(scene, scale, seed, chosen, kind, sun_direction)
         notes: list[str] = []
         with lent_context() as ctx:
             if interactive:
-                _look_interactively(ctx, scene, scale, seed, chosen, kind, sun_direction)
+                _look_interactively(ctx, preview)
                 return
             with progress_line("trying views") as report:
                 lines = look_around(
-                    ctx,
-                    scene,
-                    out,
-                    scale=scale,
-                    count=views,
-                    seed=seed,
-                    chosen=chosen,
-                    lighting=kind,
-                    sun_direction=sun_direction,
+                    ctx, preview, out, views, note=notes.append,
                     report=lambda done, total: report(done, total, "trying views"),
-                    note=notes.append,
-                )
+                )  # fmt: skip
         say_notes(notes)
         say("\n".join(lines))
         say(f"wrote {out}")
@@ -242,7 +232,7 @@ def panorama(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.look import world_of
+    from stimuli.look import ScenePreview
     from stimuli.open_scene import viewpoint_of
     from stimuli.panorama import panorama_of
     from stimuli.pictures import of_colour, save_picture
@@ -250,7 +240,7 @@ def panorama(
     with user_errors():
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
-        world = world_of(scene, scale, seed)
+        world = ScenePreview(scene, scale, seed).world()
         say_notes(world.notes)
         if view is not None:
             world = world.seen_from(viewpoint_of(parse_view(view), world))
@@ -275,15 +265,7 @@ def _frames(indices: list[int]) -> str:
     return shown + (f", ... ({len(indices)})" if len(indices) > 4 else "")
 
 
-def _look_interactively(
-    ctx: moderngl.Context,
-    scene: str,
-    scale: float,
-    seed: int,
-    chosen: Sequence[View],
-    lighting: Lighting | None,
-    sun_direction: tuple[float, float, float] | None,
-) -> None:
+def _look_interactively(ctx: moderngl.Context, preview: ScenePreview) -> None:
     """Serve the page, open it where there is a browser, and print what is taken."""
     import webbrowser
 
@@ -295,14 +277,4 @@ def _look_interactively(
             webbrowser.open(address)
 
     with suppress(KeyboardInterrupt):
-        look_interactively(
-            ctx,
-            scene,
-            scale=scale,
-            seed=seed,
-            chosen=chosen,
-            lighting=lighting,
-            sun_direction=sun_direction,
-            opened=opened,
-            say=say,
-        )
+        look_interactively(ctx, preview, opened=opened, say=say)

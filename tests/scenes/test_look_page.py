@@ -15,7 +15,7 @@ import trimesh
 from PIL import Image
 
 from protocols.recipes.warped_clips import View
-from stimuli.look import look_interactively
+from stimuli.look import ScenePreview, look_interactively
 from stimuli.look_page import VIEW_PX, Standing
 from stimuli.world import Viewpoint
 
@@ -49,15 +49,8 @@ def served(gl_context, tmp_path):
             boxes.add_geometry(box)
         boxes.export(tmp_path / "shed.glb")
         chosen = [View(position_m=(0.0, 1.6, 4.0), look_at_m=(0.0, 1.0, 0.0))]
-        look_interactively(
-            gl_context,
-            str(tmp_path / "shed.glb"),
-            scale=1.0,
-            seed=0,
-            chosen=chosen,
-            opened=opened,
-            say=said.append,
-        )
+        preview = ScenePreview(str(tmp_path / "shed.glb"), chosen=chosen)
+        look_interactively(gl_context, preview, opened=opened, say=said.append)
         if failed:
             raise failed[0]
         return said

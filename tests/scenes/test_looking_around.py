@@ -8,7 +8,7 @@ import trimesh
 
 from protocols.load import parse_view
 from stimuli import look
-from stimuli.look import look_around
+from stimuli.look import ScenePreview, look_around
 
 COUNT = 4
 
@@ -23,8 +23,8 @@ def views(gl_context, tmp_path, monkeypatch):
         mesh.export(tmp_path / "place.glb")
         told: list[tuple[int, int]] = []
         lines = look_around(
-            gl_context, str(tmp_path / "place.glb"), tmp_path / "views.png", scale=1.0, count=COUNT,
-            seed=0, report=lambda done, total: told.append((done, total)),
+            gl_context, ScenePreview(str(tmp_path / "place.glb")), tmp_path / "views.png", COUNT,
+            report=lambda done, total: told.append((done, total)),
         )  # fmt: skip
         assert [done for done, _ in told] == list(range(1, told[-1][1] + 1))
         return np.array([parse_view(line).position_m for line in lines])

@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import parse_view
 from protocols.recipes.warped_clips import MeshScene
-from stimuli.look import look_around
+from stimuli.look import ScenePreview, look_around
 from stimuli.open_scene import open_world
 from stimuli.render import Renderer
 from stimuli.scenes.mesh_file import load_world
@@ -228,7 +228,7 @@ def test_a_mesh_in_a_protocol_takes_its_lighting(house):
 def test_look_draws_views_and_says_how_to_copy_them(tmp_path, gl_context):
     place = trimesh.transformations.translation_matrix((0, 0, -3))
     path = write_glb(tmp_path / "quad.glb", quad(halves((200, 20, 20), (20, 20, 200))), place)
-    lines = look_around(gl_context, str(path), tmp_path / "views.png", scale=1.0, count=3, seed=0)
+    lines = look_around(gl_context, ScenePreview(str(path)), tmp_path / "views.png", 3)
     assert len(lines) == 3
     assert lines[0].startswith("0: view = { position_m = [")
     with Image.open(tmp_path / "views.png") as sheet:
@@ -240,7 +240,7 @@ def test_look_draws_the_views_that_it_is_told(tmp_path, gl_context):
     line = "3: view = { position_m = [0, 0, 3], look_at_m = [0, 0, 0], vertical_fov_deg = 30 }"
     views = [parse_view(line), parse_view("{ position_m = [0, 9, 0], look_at_m = [0, 9, 1] }")]
     sheet = tmp_path / "views.png"
-    lines = look_around(gl_context, str(path), sheet, scale=1, count=9, seed=0, chosen=views)
+    lines = look_around(gl_context, ScenePreview(str(path), chosen=views), sheet, 9)
     assert lines[0] == line.replace("3:", "0:")
     assert len(lines) == 2
     with Image.open(sheet) as picture:
@@ -336,7 +336,7 @@ def test_look_finds_the_things_on_a_wide_ground(tmp_path, gl_context):
         scene.add_geometry(box)
     path = tmp_path / "place.glb"
     path.write_bytes(scene.export(file_type="glb"))
-    lines = look_around(gl_context, str(path), tmp_path / "v.png", scale=1, count=4, seed=0)
+    lines = look_around(gl_context, ScenePreview(str(path)), tmp_path / "v.png", 4)
     for line in lines:
         at = parse_view(line).position_m
         assert np.hypot(at[0], at[2]) < 12
@@ -371,4 +371,4 @@ def test_real_scenes_look_as_their_converter_saw_them(shared_data, draw, name):
 
 def test_unknown_scenes_are_no_files(tmp_path, gl_context):
     with pytest.raises((InputError, FileNotFoundError, StudyError)):
-        look_around(gl_context, "gardn", tmp_path / "v.png", scale=1.0, count=1, seed=0)
+        look_around(gl_context, ScenePreview("gardn"), tmp_path / "v.png", 1)
