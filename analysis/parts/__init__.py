@@ -270,6 +270,29 @@ def computed(
     return {name: found[name] for name in wanted if name in found}, tuple(notes)
 
 
+def estimates_of(
+    parts: Sequence[AnyPart], table: pd.DataFrame, plan: Plan, *, planned: bool = False
+) -> tuple[Estimate, ...]:
+    """Return the main numbers of a table, or those of the planned test; no other is computed.
+
+    Raises
+    ------
+    ValueError or StudyError
+        If nothing can be said of these decisions.
+    """
+    main = {p.name: p for p in parts if type(p).estimates is not Part.estimates}
+    asked = set(main)
+    for part in parts[::-1]:
+        asked |= {*part.needs} if part.name in asked else set()
+    found, _ = computed([part for part in parts if part.name in asked], table, plan)
+    return tuple(
+        one
+        for name, part in main.items()
+        if name in found
+        for one in (part.planned if planned else part.estimates)(found[name], plan)
+    )
+
+
 def tried(make: Callable[[], T], what: str, notes: list[str]) -> T | None:
     """Return what can be made of the data, or None and a note that says why `what` is not."""
     try:

@@ -38,7 +38,7 @@ class Settings(Plan):
     `primary` is (method, against, size), size "all" for all together, or None where a plain
     table declares no primary comparison. `margin` is the smallest effect of interest as a
     distance from one half. `pairings` give whose share is counted. `reaction` "models": of
-    reaction times too.
+    reaction times too. `bayes`: posteriors too.
     """
 
     study: str
@@ -57,6 +57,7 @@ class Settings(Plan):
     planned_trials: int | None
     protocol_sha256: str | None
     reaction: Literal["summary", "models"] = "summary"
+    bayes: bool = False
 
     alternatives = None
 
@@ -142,6 +143,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
         ),
         protocol_sha256=protocol.sha256,
         reaction=analysis.reaction,
+        bayes=analysis.bayes,
     )
 
 
@@ -157,6 +159,12 @@ class PreferenceOptions(NamedOptions):
     """Smallest effect of interest, as a distance from one half."""
     reaction: Literal["summary", "models"] = "summary"
     """Of reaction times: medians and means, or a model of them too."""
+    bayes: bool = False
+    """Posteriors too (NumPyro)."""
+    method: str | None = None
+    """The method whose comparisons are reported, its share counted; left out: all."""
+    against: str | None = None
+    """The method that others are compared with; left out: all."""
 
 
 def from_decisions(
@@ -173,7 +181,8 @@ def from_decisions(
     found = found_pairings(decisions)
     methods = options.sort(sorted({method for pairing in found for method in pairing}))
     sizes = tuple(sorted(map(str, decisions["size"].unique())))
-    pairings = tuple(pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
+    pairs = (pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
+    pairings = _asked(pairs, options, methods)
     primary = None
     if options.primary is not None:
         known = {
@@ -208,7 +217,35 @@ def from_decisions(
         planned_trials=None,
         protocol_sha256=None,
         reaction=options.reaction,
+        bayes=options.bayes,
     )
+
+
+def _asked(
+    pairs: Iterable[tuple[str, str]], options: PreferenceOptions, methods: Sequence[str]
+) -> tuple[tuple[str, str], ...]:
+    """Return the pairings that options ask for, the way round that they do."""
+    asked = {"method": options.method, "against": options.against}
+    for key, name in asked.items():
+        if name is not None and name not in methods:
+            raise StudyError(
+                f"--set {key}={name}: must be one of {', '.join(methods)}"
+                f"{did_you_mean(name, methods)}"
+            )
+    found = []
+    for pair in pairs:
+        ways = [
+            way
+            for way in (pair, pair[::-1])
+            if options.method in (None, way[0]) and options.against in (None, way[1])
+        ]
+        found += ways[:1]
+    if not found:
+        raise StudyError(
+            f"--set method={options.method}: must be compared with --set"
+            f" against={options.against} (no decision does)"
+        )
+    return tuple(found)
 
 
 def _scenes(cells: Sequence[Cell], pair: set[str], size: str) -> tuple[str, ...]:

@@ -75,6 +75,8 @@ class PrimaryComparison(Model):
 class PreferenceAnalysis(Analysis):
     """Preference shares, a scale of all methods, what they depend on."""
 
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes")
+
     kind: Literal["preference"]
     primary: PrimaryComparison
     """Tested alone, without correction for multiple comparisons."""
@@ -84,6 +86,8 @@ class PreferenceAnalysis(Analysis):
     """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
+    bayes: bool = False
+    """Also give posteriors of every pairing, which the extra `bayes` samples."""
 
     def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield names that do not exist, and a primary comparison that is not shown."""
@@ -128,6 +132,7 @@ class PreferenceAnalysis(Analysis):
             f"Other comparisons: correction {self.correction}.",
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
+            *["Posteriors of every pairing are given as well."] * self.bayes,
         ]
 
 

@@ -20,8 +20,8 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
-    from analysis.from_csv.found import Found
     from analysis.ordinal import OrdinalLink
+    from analysis.report.blocks import Block
     from analysis.report.blocks import Table as Rows
     from analysis.report.content import Content
     from analysis.tables.table import Table as AnyTable
@@ -249,19 +249,16 @@ def bayes(
 
     Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
     """
-    from analysis.from_csv.bayes import bayes_of_csv
-    from protocols.result_folder import check_result
-
+    options = {
+        "bayes": True,
+        "method": method,
+        "against": against,
+        "margin": margin,
+        "alpha": round(1.0 - confidence, 12),
+    }
     with user_errors():
-        if out is not None:
-            check_result(out, replace=replace, reads=[table])
-        with one_line() as progress:
-            rows = table_told(table, (columns, where, answer))
-            found = bayes_of_csv(
-                rows, method=method, against=against, margin=margin, level=confidence,
-                progress=progress,
-            )  # fmt: skip
-        hand_over(found, out, replace=replace, reads=[table])
+        only = ("bayes",)
+        ask("preference", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
 def register(app: typer.Typer) -> None:
@@ -346,13 +343,25 @@ def ask(
 
 def print_content(content: Content, *, simulated: bool) -> None:
     """Print what a page says, without its figures."""
+    print_blocks(
+        content.counted + " (SIMULATED)" * simulated,
+        (*content.lead, *(block for section in content.sections for block in section.blocks)),
+        content.sentences,
+        content.warnings,
+    )
+
+
+def print_blocks(
+    title: str, blocks: Iterable[Block], sentences: Iterable[str], notes: Iterable[str]
+) -> None:
+    """Print a title, tables and their texts, sentences, and each note once."""
     from analysis.report.blocks import Cautions, Heading, Paragraph
     from analysis.report.blocks import Table as Rows
 
     console = PlainConsole()
-    console.print(content.counted + " (SIMULATED)" * simulated)
-    notes = list(content.warnings)
-    for block in (*content.lead, *(b for section in content.sections for b in section.blocks)):
+    console.print(title)
+    notes = list(notes)
+    for block in blocks:
         match block:
             case Rows():
                 console.print(_plain(block.caption))
@@ -361,7 +370,7 @@ def print_content(content: Content, *, simulated: bool) -> None:
                 console.print(_plain(text))
             case Cautions(notes=found):
                 notes += found
-    for sentence in content.sentences:
+    for sentence in sentences:
         console.print(sentence)
     for note in dict.fromkeys(notes):
         say(f"note: {note}")
@@ -380,28 +389,3 @@ def _printed(rows: Rows) -> Table:
 
 def _plain(text: str) -> str:
     return str(text.striptags()) if isinstance(text, Markup) else text
-
-
-def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[Path] = ()) -> None:
-    """Print what was found, and write it where a folder is named."""
-    from analysis.from_csv.found import write_found
-    from protocols.result_folder import whole_folder
-
-    if out is not None:
-        with whole_folder(out, replace=replace, reads=reads) as work:
-            write_found(found, work)
-    console = PlainConsole()
-    console.print(found.title)
-    # Narrow terminals break lines within cells: no digit is ever left out.
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for place, name in enumerate(found.shown.columns):
-        table.add_column(str(name), justify="left" if place == 0 else "right", overflow="fold")
-    for row in found.shown.itertuples(index=False):
-        table.add_row(*map(str, row))
-    console.print(table)
-    for sentence in found.sentences:
-        console.print(sentence)
-    for note in found.notes:
-        say(f"note: {note}")
-    if out is not None:
-        say(f"figures, tables, numbers: {out}")

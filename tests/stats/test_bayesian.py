@@ -71,7 +71,8 @@ def test_a_prior_that_rules_is_noted(fitted):
 
 @needs_numpyro
 def test_the_command_tells_and_writes(tmp_path, monkeypatch):
-    for name, value in (("WARM_UP", 150), ("DRAWS", 150), ("CHAINS", 2)):
+    for name, value in (("WARM_UP", 150), ("DRAWS", 150), ("CHAINS", 2), ("LEAST_DRAWS", 20),
+                        ("WORST_R_HAT", 1.2)):  # fmt: skip
         monkeypatch.setattr(module, name, value)
     file, out = tmp_path / "votes.csv", tmp_path / "out"
     votes(people=5, scenes=3, repeats=2).to_csv(file, index=False)
@@ -83,10 +84,10 @@ def test_the_command_tells_and_writes(tmp_path, monkeypatch):
 
     assert result.exit_code == 0, result.output
     assert "theirs was chosen over ours with a share of" in result.output
-    table = pd.read_csv(out / "posteriors.csv")
+    table = pd.read_csv(out / "tables" / "posteriors.csv")
     assert table["prior"].tolist() == ["default", "narrow", "wide"]
     assert (table["lower"] < table["share"]).all()
-    assert (out / "posteriors-1-column.pdf").is_file()
+    assert (out / "figures" / "posteriors-1-column.pdf").is_file()
 
 
 @pytest.mark.parametrize(

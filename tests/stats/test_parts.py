@@ -15,7 +15,9 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
+from analysis import bayesian
 from analysis.parts import Part, Shown, computed
+from analysis.parts.looks import LooksPart
 from analysis.report.build import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -32,7 +34,8 @@ REPORTS = {
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "scale", "bias", "learning", "times"),
+    "preference": ("preferences", "choice_models", "bayes", "scale", "bias", "learning", "times"),
+    "sessions": ("looks",),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
@@ -43,6 +46,7 @@ COMMANDS = {
         ("curves", "thresholds", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
+    ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
 }
 SAID = {
     "times": {
@@ -76,6 +80,22 @@ SAID = {
         "methods": "Logit mixed models had",
         "tables": {"models.csv", "pairings.csv"},
         "figure": None,
+    },
+    "bayes": {
+        "section": "bayes",
+        "caption": "Posterior shares of choices over all sizes",
+        "sentence": "ours was chosen over blur with a share of",
+        "methods": "Posteriors of shares of choices are of a hierarchical logit model",
+        "tables": {"posteriors.csv"},
+        "figure": "posteriors",
+    },
+    "looks": {
+        "section": "looks",
+        "caption": "Bounds of the planned looks",
+        "sentence": "Look 1 of 2 (4 participants)",
+        "methods": "Error is spent by the Lan-DeMets function",
+        "tables": {"looks.csv", "look_limits.csv"},
+        "figure": "looks",
     },
     "scale": {
         "section": "scale",
@@ -199,16 +219,31 @@ def check(folder, parts, page: str) -> None:
 
 def test_every_shipped_part_is_among_those_that_are_checked():
     shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
-    assert shipped == set(SAID)
+    assert {*shipped, LooksPart.name} == set(SAID)
+
+
+@pytest.fixture(autouse=True)
+def _sampled_without_numpyro(monkeypatch):
+    """Draws around the share of choices in place of chains, which the extra `bayes` runs."""
+
+    def draws(chosen, shown, priors, seed):
+        rng = np.random.default_rng(seed)
+        share = np.clip(rng.normal(chosen.sum() / shown.sum(), 0.05, 4000), 0.001, 0.999)
+        own = (np.log(share / (1 - share)), *np.abs(rng.normal(0.5, 0.1, (2, 4000))))
+        return (bayesian._Draws(share, *own, 1.0, 4000.0, 0),) * len(priors)
+
+    monkeypatch.setattr(bayesian, "_sampled", draws)
+    kind, options, make = TABLES["preference"]
+    monkeypatch.setitem(TABLES, "preference", (kind, options | {"bayes": True}, make))
 
 
 @pytest.mark.parametrize(
     "name",
     [one if one == "ratings" else pytest.param(one, marks=pytest.mark.slow) for one in REPORTS],
 )
-def test_a_report_shows_all_of_each_part(name, tmp_path):
+def test_a_report_shows_all_of_each_part(name, tmp_path, write_journals):
     with drawn_narrow():
-        folder = report_of(name, tmp_path)
+        folder = report_of(name, tmp_path, write_journals)
     check(folder, REPORTS[name], (folder / "report.html").read_text(encoding="utf-8"))
 
 
