@@ -34,6 +34,11 @@ class Gap:
     p: float
     p_adjusted: float
 
+    @property
+    def t(self) -> float:
+        """How many errors it is away from 0."""
+        return self.difference / self.standard_error
+
 
 def unidentified(gap: Gap) -> Gap:
     """Return a comparison that the data do not identify: without numbers."""

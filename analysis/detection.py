@@ -12,6 +12,7 @@ from scipy import stats
 from scipy.special import ndtri
 
 from analysis.cells import Grid, checked, conditions, grid
+from analysis.clustered import held_p
 from analysis.ideal_observer import (
     AbxRule,
     Correction,
@@ -43,6 +44,16 @@ class Measure:
     upper: float
     level: float
     p: float
+
+    @property
+    def t(self) -> float:
+        """How many errors it is away from 0."""
+        return self.value / max(self.standard_error, 1e-12)
+
+    @property
+    def held(self) -> str:
+        """What holds p above that of t; empty: nothing."""
+        return held_p(self.t, self.df, self.p)
 
 
 @dataclass(frozen=True)
@@ -284,6 +295,9 @@ def _yes_no(
     correct = (part["answer"].astype(str) == part["expected"].astype(str)).astype(float)
     bias = (part["answer"].astype(str) == shown).astype(float)
     measures = (None, None) if moved is None else tuple(_measure(one, level) for one in moved)
+    for quantity, measure in zip(("d'", "c"), measures, strict=True):
+        if measure is not None and measure.held:
+            notes.append(f"{quantity}: {measure.held}")
     result = YesNo(
         condition=name,
         hits=totals[0],

@@ -262,7 +262,9 @@ def psychometric_posterior(
     place, width = found["threshold"], found["width"]
     notes = _notes(marginals["threshold"], low, high, found["lapse"][0], found["spread"][0])
     if width[1] < EVEN_FROM * gap:
-        width[1], notes = 0.0, (*notes, WIDTH_OF_LEVELS)
+        width[1] = 0.0
+    if width[0] < EVEN_FROM * gap:
+        notes = (*notes, WIDTH_OF_LEVELS)
     if logarithmic:
         place, width = [float(np.exp(v)) for v in place], [float(np.exp(v)) for v in width]
     if falling:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.clustered import ClusteredEstimate, held_p, holm, two_way, two_way_influence
 from analysis.contrasts import pairs_of
 from protocols.prose import count_of
 
@@ -69,6 +69,16 @@ class Difference:
     df: float
     p: float
     p_adjusted: float
+
+    @property
+    def t(self) -> float:
+        """How many errors it is away from 0."""
+        return self.difference / max(self.standard_error, 1e-12)
+
+    @property
+    def held(self) -> str:
+        """What holds p above that of t; empty: nothing."""
+        return held_p(self.t, self.df, self.p)
 
 
 def correct_rates(

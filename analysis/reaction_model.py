@@ -43,6 +43,7 @@ class TimeRatio:
     df: float
     p: float
     p_adjusted: float
+    t: float
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class TimeModel:
     level: float
     answers: int
     participants: int
+    scenes: int
     warnings: tuple[str, ...]
 
 
@@ -168,6 +170,7 @@ def time_model(
                 df=gap_df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
+                t=gap.t,
             )
             for gap, gap_df in zip(*gaps, strict=True)
         ),
@@ -182,5 +185,6 @@ def time_model(
         level=level,
         answers=len(rows),
         participants=people,
+        scenes=len(places.scenes),
         warnings=tuple(notes),
     )

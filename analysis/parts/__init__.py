@@ -42,6 +42,11 @@ class Plan:
         return 1.0 - self.alpha
 
     @property
+    def limits(self) -> str:
+        """What heads limits: ``95 % limits``."""
+        return f"{100 * self.confidence:g} % limits"
+
+    @property
     def compared(self) -> tuple[str, ...]:
         """The columns of the parts' table whose values are compared; none: all rows together."""
         return ()

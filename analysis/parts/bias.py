@@ -10,10 +10,12 @@ from numpy.random import Generator
 
 from analysis.bias import Bias, order_bias, side_bias
 from analysis.parts import Part, PartFigure, Shown
+from analysis.parts.shared import P, limits
 from analysis.plans.preference import Settings
 from analysis.plots import bias_bars
 from analysis.report.blocks import Cautions, Picture, Table
-from analysis.report.wording import grouped, p_number, p_text, share, share_range
+from analysis.report.values import flat_table
+from analysis.report.wording import level_text, p_number, p_text, share, share_range
 
 
 @dataclass(frozen=True)
@@ -40,17 +42,10 @@ class BiasPart(Part[Settings, Biases]):
     def show(self, found: Biases, plan: Settings) -> Shown:
         """Return the figure, a table, and each as a sentence."""
         biases = [one for one in (found.order, found.side) if one is not None]
-        level = f"{100 * plan.confidence:g}"
         caption = (
-            f"How often the first interval and the left key were picked, with {level} % limits;"
+            f"How often the first interval and the left key were picked, with {plan.limits};"
             " dots: participants."
         )
-        own = ("by_participant", "extreme", "warnings")
-        lines = [
-            {name: value for name, value in vars(one).items() if name not in own}
-            | {"warnings": "; ".join(one.warnings)}
-            for one in biases
-        ]
         return Shown(
             blocks=(
                 Picture("bias"),
@@ -60,23 +55,21 @@ class BiasPart(Part[Settings, Biases]):
                     ("Alternative", "l", lambda b: b.alternative),
                     ("Trials", "", lambda b: str(b.trials)),
                     ("Share", "", lambda b: share(b.share)),
-                    ("Limits", "n", lambda b: share_range(b.lower, b.upper)),
-                    ("p", "n", lambda b: p_number(b.p)),
+                    limits(text=share_range),
+                    P,
                     ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
                 ),
-                Cautions(
-                    "About these shares", grouped([(b.alternative, b.warnings) for b in biases])
-                ),
+                Cautions.each("About these shares", biases, lambda b: b.alternative),
             ),
             sentences=tuple(
                 f"The {b.alternative} was picked in {share(b.share)} of {b.trials} trials,"
-                f" {level}% CI {share_range(b.lower, b.upper)}, {p_text(b.p)}."
+                f" {level_text(plan.confidence)} {share_range(b.lower, b.upper)}, {p_text(b.p)}."
                 for b in biases
             ),
             methods=(
                 f"Choices of {' and '.join(f'the {b.alternative}' for b in biases)} were compared"
                 " with .5 by a score t test clustered by participant and by scene."
             ),
-            tables={"bias.csv": pd.DataFrame(lines)},
+            tables={"bias.csv": flat_table(biases, "by_participant", "extreme")},
             figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),
         )

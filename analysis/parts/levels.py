@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from analysis.cells import conditions
 from analysis.columns import frame_of
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
-from analysis.parts.differences import (
+from analysis.parts.shared import (
     apa_difference,
     difference_estimates,
     difference_tables,
     in_order,
+    law_of_mixed,
 )
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import psychometric_plot
@@ -124,6 +125,10 @@ def curves_figure(
 def _cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
     """Return threshold, limits and width as text; none where the answers do not place them."""
     return (size(value), size_range(ends), size(width)) if known else (NOT_IDENTIFIED, NONE, NONE)
+
+
+def _width_title(logarithmic: bool) -> str:
+    return "Width, as a ratio" if logarithmic else "Width"
 
 
 R = TypeVar("R", bound=Found)
@@ -348,8 +353,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     (
                         ("Condition", "l c"),
                         ("Threshold", "strong"),
-                        (f"{100 * found.level:g} % limits", "n"),
-                        ("Width, as a ratio" if found.logarithmic else "Width", ""),
+                        (plan.limits, "n"),
+                        (_width_title(found.logarithmic), ""),
                     ),
                     [
                         (
@@ -371,13 +376,14 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             sentences=(
                 apa_thresholds(found, levels=found.levels),
-                *map(apa_difference, found.contrasts),
+                *(apa_difference(one, label) for one in found.contrasts),
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
                 f" {effects}, with a lapse rate of each participant, drawn towards small ones"
                 " (adaptive quadrature over participants"
-                f"{', then Laplace approximation' if found.scene_sd else ''})."
+                f"{', then Laplace approximation' if found.scene_sd else ''}). Limits and tests are"
+                f" {law_of_mixed(scenes='scenes' in random)}."
             ),
             tables={
                 "thresholds.csv": pd.DataFrame(lines),
@@ -428,6 +434,11 @@ class PersonFit:
     participant: str
     condition: str
     fit: PsychometricPosterior
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """When not to trust it."""
+        return self.fit.warnings
 
     @property
     def known(self) -> bool:
@@ -506,7 +517,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     "Each participant's curve, from these answers alone",
                     (
                         *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
-                        *(("Limits", "n"), ("Width", ""), ("Lapse rate", ""), ("Spread", "")),
+                        *(("Limits", "n"), (_width_title(plan.logarithmic), "")),
+                        *(("Lapse rate", ""), ("Spread", "")),
                     ),
                     [
                         (
@@ -528,14 +540,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     " level strays.",
                     muted=True,
                 ),
-                Cautions(
-                    TRUST,
-                    grouped(
-                        [
-                            (f"{one.participant}, {label(one.condition)}", one.fit.warnings)
-                            for one in found.people
-                        ]
-                    ),
+                Cautions.each(
+                    TRUST, found.people, lambda one: f"{one.participant}, {label(one.condition)}"
                 ),
             ),
             sentences=tuple(

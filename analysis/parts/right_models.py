@@ -11,7 +11,16 @@ from analysis.models import ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.report.blocks import Cautions, Paragraph, Table
-from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    big,
+    grouped,
+    law,
+    number,
+    p_number,
+    p_text,
+    t_text,
+)
 
 
 @dataclass(frozen=True)
@@ -75,7 +84,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     ("b", "", lambda one: number(one[2].estimate, 3)),
                     ("SE", "", lambda one: number(one[2].standard_error, 3)),
                     ("Statistic", "", lambda one: number(one[2].statistic)),
-                    ("Law", "", lambda one: "z" if one[2].df is None else f"t({one[2].df:g})"),
+                    ("Law", "", lambda one: law(one[2].df)),
                     ("p", "n", lambda one: p_number(one[2].p)),
                     ("OR", "", lambda one: big(one[2].odds_ratio)),
                     ("Random SD", "l", lambda one: random_sd(one[1]) if _first(one) else ""),
@@ -133,8 +142,7 @@ def apa_term(fit: ModelFit, term: str) -> str:
     row = fit[term]
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
-    law = "z" if row.df is None else f"t({row.df:.0f})"
     return (
         f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
-        f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
+        f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({fit.method})."
     )

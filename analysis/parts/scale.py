@@ -27,7 +27,15 @@ from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.plans.preference import Settings
 from analysis.plots import jod_plot
 from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture, Table
-from analysis.report.wording import grouped, leading, number, number_range, p_number, p_text
+from analysis.report.wording import (
+    df_text,
+    grouped,
+    leading,
+    number,
+    number_range,
+    p_number,
+    p_text,
+)
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from protocols.prose import count_of
@@ -215,7 +223,7 @@ def _clustered(
 
 
 def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
-    level, label = f"{100 * plan.confidence:g} % limits", plan.label
+    level, label = plan.limits, plan.label
     yield Picture("scale")
     for size in found.sizes:
         if plan.sized:
@@ -272,7 +280,7 @@ def _checks(one: SizeScale, plan: Settings) -> Iterator[str]:
     if one.agreement is not None:
         yield (
             f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
-            f" alike), χ²({number(one.agreement.df, 1)}) ="
+            f" alike), χ²({df_text(one.agreement.df)}) ="
             f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
         )
     if one.triads:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 
 from analysis.cells import grid
@@ -22,17 +21,17 @@ from analysis.detection import (
 from analysis.models import ModelFit, glmm_probit
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
-from analysis.parts.differences import (
+from analysis.parts.right_models import random_sd
+from analysis.parts.shared import (
     alone,
     apa_difference,
     difference_estimates,
     difference_tables,
     estimate,
     in_order,
-    limits_title,
+    limits,
     told_apart,
 )
-from analysis.parts.right_models import random_sd
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
 from analysis.rates import Difference, Rate, rate
@@ -48,6 +47,7 @@ from analysis.report.wording import (
     p_text,
     share,
     share_range,
+    t_text,
 )
 
 TRUST = "When not to trust these sensitivities"
@@ -122,12 +122,12 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
     def show(self, found: YesNoSensitivity, plan: RateSettings) -> Shown:
         """Return hits and false alarms, what follows from them, and differences."""
         label, cells = plan.label, found.conditions
-        answer, limits = label(cells[0].bias_answer), f"{100 * plan.confidence:g} %"
+        answer = label(cells[0].bias_answer)
         compared = [one for _, several in found.measures for one in several]
         figures = [
             PartFigure(
                 "detection",
-                f"Shares of right answers, and of one answer, with {limits} limits that respect"
+                f"Shares of right answers, and of one answer, with {plan.limits} that respect"
                 f" {respected(one.correct for one in cells)}; p against one half; dashed: one"
                 " half.",
                 partial(detection_plot, found, label=label),
@@ -135,7 +135,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
         ]
         if any(one.d_prime for one in cells):
             caption = (
-                f"Sensitivity d' by condition with {limits} limits, and the criterion: negative"
+                f"Sensitivity d' by condition with {plan.limits}, and the criterion: negative"
                 " where the signal's answer is given too readily."
             )
             draw = partial(d_prime_plot, found, label=label)
@@ -180,7 +180,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
                     for name, several in found.measures
                     for block in difference_tables(f"Differences of {name}", several, plan)
                 ),
-                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+                Cautions.each(TRUST, cells, lambda one: label(one.condition)),
             ),
             sentences=(
                 *(
@@ -189,7 +189,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
                     )
                     for one in cells
                 ),
-                *(apa_difference(one) for one in compared if not plan.adaptive),
+                *(apa_difference(one, label) for one in compared if not plan.adaptive),
             ),
             methods=methods_yes_no(found),
             tables={
@@ -238,11 +238,9 @@ def apa_yes_no(one: YesNo, *, name: str = "") -> str:
 
 
 def _said(one: Measure) -> str:
-    law = "z" if np.isinf(one.df) else f"t({one.df:.1f})"
-    ratio = one.value / max(one.standard_error, 1e-12)
     return (
         f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" {law} = {number(ratio)}, {p_text(one.p)}"
+        f" {t_text(one.t, one.df)}, {p_text(one.p)}"
     )
 
 
@@ -321,7 +319,6 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
         lines = [
             {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
         ]
-        warned = [(plan.label(name), fit.warnings) for name, fit in found.fits]
         return Shown(
             blocks=(
                 Table.each(
@@ -334,7 +331,10 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
                     ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
                     ("Random SD", "l", lambda one: random_sd(one[1])),
                 ),
-                Cautions("When not to trust these mixed models", grouped(warned)),
+                Cautions(
+                    "When not to trust these mixed models",
+                    grouped([(plan.label(name), fit.warnings) for name, fit in found.fits]),
+                ),
             ),
             sentences=tuple(
                 f"The typical participant's d' in condition {plan.label(name)} was"
@@ -412,7 +412,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
     def show(self, found: ChoiceSensitivity, plan: RateSettings) -> Shown:
         """Return d' by condition, and differences of shares."""
         label, cells = plan.label, found.conditions
-        caption = f"Sensitivity d' by condition with {100 * plan.confidence:g} % limits."
+        caption = f"Sensitivity d' by condition with {plan.limits}."
         draw = partial(d_prime_plot, found, label=label)
         return Shown(
             blocks=(
@@ -423,7 +423,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     ("Condition", "l c", lambda one: label(one.condition)),
                     ("Share", "", lambda one: share(one.correct.share)),
                     ("d'", "strong", lambda one: number(one.d_prime)),
-                    (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
+                    limits(plan.limits),
                     ("p", "n", lambda one: p_number(one.correct.p)),
                 ),
                 Paragraph(
@@ -442,11 +442,11 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     for one in (found.answered,)
                     if one is not None
                 ),
-                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+                Cautions.each(TRUST, cells, lambda one: label(one.condition)),
             ),
             sentences=(
                 *(apa_discrimination(one, found.rule, name=label(one.condition)) for one in cells),
-                *(apa_difference(one) for one in found.contrasts if not plan.adaptive),
+                *(apa_difference(one, label) for one in found.contrasts if not plan.adaptive),
             ),
             methods=methods_discrimination(found),
             tables={

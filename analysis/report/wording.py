@@ -82,6 +82,21 @@ def level_text(level: float) -> str:
     return f"{100 * level:g}% CI"
 
 
+def df_text(df: float) -> str:
+    """Return degrees of freedom: one digit after the point, none where they are whole."""
+    return f"{round(df, 1):.10g}"
+
+
+def law(df: float | None) -> str:
+    """Return ``t(5)``; ``z`` where there are no degrees of freedom, or no end of them."""
+    return "z" if df is None or math.isinf(df) else f"t({df_text(df)})"
+
+
+def t_text(t: float, df: float | None) -> str:
+    """Return a statistic with its law: ``t(5) = 2.31``."""
+    return f"{law(df)} = {number(t)}"
+
+
 def size(value: float | None, digits: int = 3) -> str:
     """Return a level or the like in so many significant digits; ``none`` for None and NaN."""
     return NONE if value is None or math.isnan(value) else f"{value:.{digits}g}"

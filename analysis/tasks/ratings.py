@@ -5,11 +5,18 @@ from typing import Any, ClassVar, NoReturn
 
 import pandas as pd
 
+from analysis.ordinal import lacking
 from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingSettings, RatingsOptions, from_protocol, settings_of
+from analysis.plans.ratings import (
+    RatingSettings,
+    RatingsOptions,
+    conditions_of,
+    from_protocol,
+    settings_of,
+)
 from analysis.tables.ratings import read_ratings, scale_of
 from analysis.tables.table import Source
 from analysis.tasks.base import TableOptions, TaskAnalysis
@@ -63,6 +70,11 @@ class Ratings(TaskAnalysis[RatingSettings]):
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of the table."""
         return _columns(decisions)
+
+    def lacks(self, decisions: pd.DataFrame, settings: RatingSettings) -> str:
+        """Return what nothing can be compared without."""
+        rated = len(conditions_of(decisions, settings))
+        return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())
 
     def counted(self, settings: RatingSettings) -> str:
         """Return what is rated."""

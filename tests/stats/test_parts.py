@@ -149,7 +149,7 @@ SAID = {
         "caption": "Differences of",
         "sentence": "minus",
         "methods": "Tests are two-sided, alpha = .05",
-        "tables": {"comparisons.csv"},
+        "tables": {"sensitivity_differences.csv"},
     },
     "curves": {
         "section": "levels",
@@ -329,7 +329,7 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
     rows.to_csv(tmp_path / "rows.csv", index=False)
     table = Table(tmp_path / "rows.csv")
     assert len(read_times(table, by="method")) == len(rows) - 2
-    assert "left out without an answer: 2 rows (line 5, 7)" in table.notes
+    assert "left out without an answer: 2 rows (lines 5, 7)" in table.notes
 
 
 # The runner.
