@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln, expit, log_expit, logit, ndtr, ndtri
+from scipy.special import betaln, expit, log_expit, logit
 
 from analysis.clustered import holm
 from analysis.contrasts import pairs_of
 from analysis.response import axis_of
-from protocols.adaptive.psychometric import WIDTH_EDGE, Shape
+from protocols.adaptive.psychometric import Shape, sigmoid
 
 Floats = NDArray[np.float64]
 
@@ -341,16 +341,9 @@ def compare_thresholds(
 def _rise(
     x: Floats | float, place: Floats | float, width: Floats | float, shape: Shape, falling: bool
 ) -> Floats:
-    """Return S(x), or 1 - S(x) where performance falls."""
-    gap = (np.asarray(x) - place) / width
-    if shape in ("gauss", "logistic"):
-        gap = -gap if falling else gap
-        if shape == "gauss":
-            return np.asarray(ndtr(gap * 2.0 * ndtri(1.0 - WIDTH_EDGE)))
-        return np.asarray(expit(gap * 2.0 * np.log((1.0 - WIDTH_EDGE) / WIDTH_EDGE)))
-    low, high = np.log(-np.log1p(-WIDTH_EDGE)), np.log(-np.log(WIDTH_EDGE))
-    left = np.exp(-np.exp(np.minimum((high - low) * gap + np.log(np.log(2.0)), 50.0)))
-    return np.asarray(left if falling else 1.0 - left)
+    """Return S(x), or 1 - S(x) where performance falls; ``weibull`` is on logarithms here."""
+    rise = sigmoid(x, place, width, "gumbel" if shape == "weibull" else shape)
+    return 1.0 - rise if falling else rise
 
 
 def _log_answers(share: Floats, hits: float, shown: float, spreads: Floats) -> Floats:

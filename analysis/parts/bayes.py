@@ -11,7 +11,16 @@ from matplotlib.figure import Figure
 from analysis.bayesian import PRIORS, BayesianPreference, bayesian_preference
 from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.plans.preference import Settings
-from analysis.plots.style import BLUE, GREY, LIGHT, new_figure, share_axis, style, wrapped
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    name_rows,
+    new_figure,
+    null_line,
+    share_axis,
+    style,
+)
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import NONE, NOT_IDENTIFIED, grouped, leading, share, share_range
 
@@ -91,8 +100,8 @@ class BayesPart(SimplePart[Settings, Posteriors]):
                     ("Verdict", "l", lambda one: known(one, one.verdict)),
                 ),
                 Paragraph(
-                    f"How probable each share is. Verdict: whether the limits lie outside {within},"
-                    " or inside (practically equal).",
+                    f"How probable each share is. Verdict: whether the limits lie {within}"
+                    " (practically equal), beyond it, or across its edge (undecided).",
                     muted=True,
                 ),
                 Cautions(
@@ -131,7 +140,8 @@ def apa_bayes(one: BayesianPreference, label: Callable[[str], str] = str) -> str
     return (
         f"{method} was chosen over {against} with a share of {share(one.share.median)},"
         f" {100 * one.level:g}% credible {share_range(one.share.lower, one.share.upper)}"
-        f" (hierarchical logit model, {one.participants} participants, {one.scenes} scenes);"
+        f" (hierarchical logit model, {one.participants} participants"
+        f"{f', {one.scenes} scenes' * (one.scenes > 1)});"
         f" P(share > .50) = {leading(f'{one.better:.3f}')}, P(within {leading(f'{one.margin:g}')}"
         f" of .50) = {leading(f'{one.in_rope:.3f}')}: {one.verdict} ({others})."
     )
@@ -155,9 +165,7 @@ def _figure(
                 at = y + 0.18 * place
                 axes.plot([check.share.lower, check.share.upper], [at, at], color=colour, lw=wide)
                 axes.plot(check.share.median, at, "o", color=colour, ms=4 if place == 0 else 2.5)
-        axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
-        axes.set_yticks(range(len(found)), [wrapped(name(one), width_in) for one in found])
-        axes.set_ylim(len(found) - 0.3, -0.5)
-        axes.tick_params(axis="y", length=0)
+        null_line(axes, 0.5)
+        name_rows(axes, [name(one) for one in found], width_in)
         share_axis(axes, "Share of choices, credible limits")
     return figure

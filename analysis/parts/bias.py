@@ -1,15 +1,13 @@
 """Order and side bias: is the first interval, or one key, chosen too often?"""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pandas as pd
-from numpy.random import Generator
 
 from analysis.bias import Bias, order_bias, side_bias
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, limits
 from analysis.plans.preference import Settings
 from analysis.plots import bias_bars
@@ -27,15 +25,13 @@ class Biases:
     notes: tuple[str, ...] = ()
 
 
-class BiasPart(Part[Settings, Biases]):
+class BiasPart(SimplePart[Settings, Biases]):
     """How often the first interval and the left key were picked, whatever they showed."""
 
     name: ClassVar[str] = "bias"
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
-    def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
-    ) -> Biases:
+    def of(self, table: pd.DataFrame, plan: Settings) -> Biases:
         """Return both."""
         return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.parts import PartFigure, Plan, Shown, SimplePart
-from analysis.parts.shared import P, in_order, limits
+from analysis.parts.shared import P, condition, in_order, limits
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import heat_map, rates_plot
 from analysis.rates import Rate, correct_rates
@@ -120,7 +120,7 @@ def rate_table(caption: str, rates: Sequence[Rate], plan: Plan) -> Table:
     return Table.each(
         caption,
         rates,
-        ("Condition", "l c", lambda one: plan.label(one.condition)),
+        condition(plan),
         ("Right", "n", lambda one: f"{one.count} / {one.trials}"),
         ("Share", "strong", lambda one: share(one.share)),
         limits(plan.limits, share_range),

@@ -15,6 +15,7 @@ from analysis.columns import frame_of
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
 from analysis.parts.shared import (
     apa_difference,
+    deviations,
     difference_estimates,
     difference_tables,
     in_order,
@@ -295,26 +296,12 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
     def show(self, found: Thresholds, plan: RateSettings) -> Shown:
         """Return thresholds, what differs, and each participant's own."""
-        label, each, several = plan.label, found.thresholds, len(found.thresholds) > 1
+        label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
         curves = {
             one.condition: partial(found.average, one.condition) for one in each if one.individual
         }
-        spread = f"; thresholds differ between participants by SD {sd_digits(found.participant_sd)}"
-        random = ["participants", *(["scenes"] if found.scene_sd else [])]
-        effects = ", ".join([*random, *(f"{one} x conditions" for one in random if several)])
-        if several:
-            between = sd_digits(found.interaction_sd)
-            spread += f", of one participant between conditions by SD {between}"
-        if found.scene_sd:
-            spread += f", between scenes by SD {sd_digits(found.scene_sd)}"
-        if found.scene_interaction_sd:
-            between = sd_digits(found.scene_interaction_sd)
-            spread += f", of one scene between conditions by SD {between}"
-        if found.logarithmic:
-            spread += " of the threshold's natural logarithm"
-        if math.isnan(found.participant_sd):
-            spread = ""
+        effects = _deviations(found)
         own = sorted({who for one in each for who in one.individual})
         people = (
             Table.of(
@@ -367,7 +354,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     ],
                 ),
                 Paragraph(
-                    f"Mean lapse rate of participants {share(found.lapse)}{spread}.",
+                    f"Mean lapse rate of participants {share(found.lapse)}"
+                    f"{_spread(found, '; {}')}.",
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
@@ -380,10 +368,10 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
-                f" {effects}, with a lapse rate of each participant, drawn towards small ones"
-                " (adaptive quadrature over participants"
-                f"{', then Laplace approximation' if found.scene_sd else ''}). Limits and tests are"
-                f" {law_of_mixed(scenes='scenes' in random)}."
+                f" {', '.join(effects)}, with a lapse rate of each participant, drawn towards small"
+                " ones (adaptive quadrature over participants"
+                f"{', then Laplace approximation' * ('scenes' in effects)}). Limits and tests are"
+                f" {law_of_mixed(scenes='scenes' in effects)}."
             ),
             tables={
                 "thresholds.csv": pd.DataFrame(lines),
@@ -411,20 +399,24 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         else f"{one.condition} {NOT_IDENTIFIED}"
         for one in model.thresholds
     ]
-    spread = f"participants SD = {sd_digits(model.participant_sd)}"
-    if len(model.thresholds) > 1:
-        spread += f", participants x conditions SD = {sd_digits(model.interaction_sd)}"
-    if model.scene_sd:
-        spread += f", scenes SD = {sd_digits(model.scene_sd)}"
-    if model.scene_interaction_sd:
-        spread += f", scenes x conditions SD = {sd_digits(model.scene_interaction_sd)}"
-    scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
         f" together; guess rate {share(model.guess)}, mean lapse rate"
         f" {leading(f'{model.lapse:.3f}')}):"
-        f" {'; '.join(parts)}{'' if math.isnan(model.participant_sd) else f' ({spread}{scale})'}."
+        f" {'; '.join(parts)}{_spread(model, ' ({})')}."
     )
+
+
+def _deviations(model: ThresholdModel) -> dict[str, float]:
+    return deviations(model, conditions=len(model.thresholds), scenes=bool(model.scene_sd))
+
+
+def _spread(model: ThresholdModel, form: str) -> str:
+    """Return deviations within `form`; nothing where they are not identified."""
+    if math.isnan(model.participant_sd):
+        return ""
+    text = ", ".join(f"{name} SD = {sd_digits(sd)}" for name, sd in _deviations(model).items())
+    return form.format(text + " of ln threshold" * model.logarithmic)
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ from typing import Any, ClassVar, TypeAlias
 
 import pandas as pd
 from markupsafe import Markup
-from numpy.random import Generator
 
 from analysis.pairings import Comparisons, counts
-from analysis.parts import Estimate, Part, PartFigure, Shown
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart
 from analysis.parts.people import shares_figure
 from analysis.plans.preference import Settings
 from analysis.plots import forest_plot, preference_bars
@@ -74,16 +73,14 @@ class Preferences:
     notes: tuple[str, ...]
 
 
-class PreferencesPart(Part[Settings, Preferences]):
+class PreferencesPart(SimplePart[Settings, Preferences]):
     """Shares of choices with their tests; the primary comparison leads."""
 
     name: ClassVar[str] = "preferences"
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
     essential: ClassVar[bool] = True
 
-    def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
-    ) -> Preferences:
+    def of(self, table: pd.DataFrame, plan: Settings) -> Preferences:
         """Test every pairing at every size, and the primary comparison by itself."""
         decisions = Comparisons(table)
         how: dict[str, Any] = {"alpha": plan.alpha, "margin": plan.margin, "test": plan.test}

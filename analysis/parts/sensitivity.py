@@ -1,7 +1,7 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -23,8 +23,11 @@ from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.right_models import random_sd
 from analysis.parts.shared import (
+    P,
+    TableColumn,
     alone,
     apa_difference,
+    condition,
     difference_estimates,
     difference_tables,
     estimate,
@@ -144,29 +147,22 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             blocks=(
                 Picture("detection"),
                 Picture("sensitivity"),
-                Table.of(
+                Table.each(
                     f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
+                    cells,
+                    condition(plan),
+                    ("Hits", "n", lambda one: f"{one.hits} / {one.hits + one.misses}"),
                     (
-                        ("Condition", "l c"),
-                        ("Hits", "n"),
-                        ("False alarms", "n"),
-                        *(("d'", "strong"), ("Limits", "n"), ("p", "n")),
-                        *(("c", "strong"), ("Limits", "n"), ("p", "n")),
-                        (f'Share "{answer}"', ""),
-                        ("p", "n"),
+                        "False alarms",
+                        "n",
+                        lambda one: (
+                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}"
+                        ),
                     ),
-                    [
-                        (
-                            label(one.condition),
-                            f"{one.hits} / {one.hits + one.misses}",
-                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}",
-                            *_cells(one.d_prime),
-                            *_cells(one.criterion),
-                            share(one.bias.share),
-                            p_number(one.bias.p),
-                        )
-                        for one in cells
-                    ],
+                    *_measured("d'", lambda one: one.d_prime),
+                    *_measured("c", lambda one: one.criterion),
+                    (f'Share "{answer}"', "", lambda one: share(one.bias.share)),
+                    ("p", "n", lambda one: p_number(one.bias.p)),
                 ),
                 Paragraph(
                     "d': how far signal and noise lie apart, in standard deviations of the noise; p"
@@ -218,10 +214,11 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     return pd.concat([kept, *shared], ignore_index=True)
 
 
-def _cells(one: Measure | None) -> tuple[str, str, str]:
-    if one is None:
-        return NONE, NONE, NONE
-    return number(one.value), number_range(one.lower, one.upper), p_number(one.p)
+def _measured(title: str, of: Callable[[YesNo], Measure | None]) -> Iterator[TableColumn]:
+    """Yield the columns of a quantity; none where it cannot be had."""
+    value: TableColumn = title, "strong", lambda measure: number(measure.value)
+    for head, look, cell in (value, limits(), P):
+        yield head, look, lambda one, cell=cell: NONE if of(one) is None else cell(of(one))
 
 
 def apa_yes_no(one: YesNo, *, name: str = "") -> str:
@@ -420,7 +417,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                 Table.each(
                     f"d' from shares of right answers ({found.rule})",
                     cells,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("Share", "", lambda one: share(one.correct.share)),
                     ("d'", "strong", lambda one: number(one.d_prime)),
                     limits(plan.limits),

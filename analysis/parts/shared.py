@@ -10,7 +10,7 @@ from analysis.detection import Measure
 from analysis.ordinal import RatingDifference
 from analysis.parts import Estimate, Plan
 from analysis.rates import Difference, Rate
-from analysis.reaction_model import TimeRatio
+from analysis.reaction_model import TimeModel, TimeRatio
 from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import (
     df_text,
@@ -22,6 +22,7 @@ from analysis.report.wording import (
     p_text,
     t_text,
 )
+from analysis.thresholds import ThresholdModel
 
 T = TypeVar("T")
 TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
@@ -43,6 +44,11 @@ Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
 def compared(plan: Plan, sign: str = "-") -> TableColumn:
     """Return the column that names what is compared."""
     return "Conditions", "l c", lambda one: between(one, plan, sign)
+
+
+def condition(plan: Plan) -> TableColumn:
+    """Return the column that names conditions."""
+    return "Condition", "l c", lambda one: plan.label(one.condition)
 
 
 def between(one: Comparison, plan: Plan, sign: str = "-") -> str:
@@ -67,6 +73,19 @@ def law_of_mixed(*, scenes: bool) -> str:
     """Return the law of limits and tests of a mixed model, for a paragraph on methods."""
     df = "between those of participants and of scenes" if scenes else "of participants - 1"
     return f"t with degrees of freedom {df}"
+
+
+def deviations(
+    model: TimeModel | ThresholdModel, *, conditions: int, scenes: bool
+) -> dict[str, float]:
+    """Return standard deviations of a model's random effects by name, without absent ones."""
+    found = {"participants": (model.participant_sd, model.interaction_sd)}
+    if scenes:
+        found["scenes"] = (model.scene_sd, model.scene_interaction_sd)
+    where = ("", " x conditions") if conditions > 1 else ("",)
+    return {
+        name + own: sd for name, pair in found.items() for own, sd in zip(where, pair, strict=False)
+    }
 
 
 def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:

@@ -12,7 +12,15 @@ import pandas as pd
 from analysis.columns import frame_of
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
-from analysis.parts.shared import TESTED, apa_test, compared, law_of_mixed, limits
+from analysis.parts.shared import (
+    TESTED,
+    TableColumn,
+    apa_test,
+    compared,
+    deviations,
+    law_of_mixed,
+    limits,
+)
 from analysis.plots import reaction_plot
 from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
@@ -116,15 +124,8 @@ def _summary(found: Times, plan: Plan) -> Iterator[Block]:
 def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
     if model is None:
         return
-    deviations = {"participants": model.participant_sd}
-    if len(model.times) > 1:
-        deviations["participants x conditions"] = model.interaction_sd
-    if model.scenes > 1:
-        deviations["scenes"] = model.scene_sd
-        if len(model.times) > 1:
-            deviations["scenes x conditions"] = model.scene_interaction_sd
-    deviations["the rest"] = model.residual_sd
-    spread = ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items())
+    sd = _deviations(model) | {"the rest": model.residual_sd}
+    spread = ", ".join(f"{name} {number(value)}" for name, value in sd.items())
     yield Table.each(
         "Typical reaction times by a log-normal mixed model",
         model.times,
@@ -152,25 +153,18 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
 def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
     if found is None:
         return
-    yield Table.of(
+    columns: list[TableColumn] = []
+    for measure in MEASURES:
+        columns += (
+            (COLUMNS[measure], "n", lambda one, of=measure: number(one.means[of])),
+            ("limits", "n", lambda one, of=measure: number_range(one.lower[of], one.upper[of])),
+        )
+    yield Table.each(
         "EZ diffusion: means over participants",
-        (
-            ("Condition", "l"),
-            ("People", ""),
-            *((part, "n") for name in MEASURES for part in (COLUMNS[name], "limits")),
-        ),
-        [
-            [plan.label(one.condition), str(one.participants)]
-            + [
-                cell
-                for name in MEASURES
-                for cell in (
-                    number(one.means[name]),
-                    number_range(one.lower[name], one.upper[name]),
-                )
-            ]
-            for one in found.conditions
-        ],
+        found.conditions,
+        ("Condition", "l", lambda one: plan.label(one.condition)),
+        ("People", "", lambda one: str(one.participants)),
+        *columns,
     )
     if found.contrasts:
         yield Table.each(
@@ -189,6 +183,10 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
         muted=True,
     )
     yield Cautions("When not to trust EZ diffusion", found.warnings)
+
+
+def _deviations(model: TimeModel) -> dict[str, float]:
+    return deviations(model, conditions=len(model.times), scenes=model.scenes > 1)
 
 
 def _measure(name: str) -> str:
@@ -231,13 +229,10 @@ def _methods(found: Times) -> Iterator[str]:
         " the participants' medians, taken on the logarithm, with t limits."
     )
     if found.model is not None:
-        several = found.model.scenes > 1
-        effects = ["participants", *["scenes"] * several]
-        if len(found.model.times) > 1:
-            effects += [f"{effect} x conditions" for effect in effects]
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(effects)}; tests are {law_of_mixed(scenes=several)}, Holm-adjusted."
+            f" {', '.join(_deviations(found.model))}; tests are"
+            f" {law_of_mixed(scenes=found.model.scenes > 1)}, Holm-adjusted."
         )
     if found.diffusion is not None:
         yield (
