@@ -66,6 +66,11 @@ class Marginal:
         """Return the mean."""
         return float(np.trapezoid(self.values * self.density, self.values))
 
+    @property
+    def mode(self) -> float:
+        """Return the value of the highest density."""
+        return float(self.values[np.argmax(self.density)])
+
     def quantile(self, share: Floats | float) -> Floats:
         """Return where the distribution function reaches `share`."""
         if self.values.size == 1:
@@ -204,7 +209,8 @@ def psychometric_posterior(
     Priors of Schütt et al. 2016, on the axis of the fit: the threshold is even over the levels
     and falls as a cosine over half their range outside; the width is even from twice the least
     gap of two levels to their range, and falls to 0 at that gap and at three times the range. Where
-    the width's lower limit lies below twice the gap it is the prior's, and becomes that of a step.
+    the width's lower limit lies below twice the gap it is the prior's, and becomes that of a step;
+    where the most likely width lies there, a note says that the levels do not tell it from one.
     Coarse grids over all of this find where the posterior lies, a finer one integrates it.
 
     In 300 simulated runs each, 95 % limits of the threshold held it in .957 (7 levels x 20 trials),
@@ -263,7 +269,7 @@ def psychometric_posterior(
     notes = _notes(marginals["threshold"], low, high, found["lapse"][0], found["spread"][0])
     if width[1] < EVEN_FROM * gap:
         width[1] = 0.0
-    if width[0] < EVEN_FROM * gap:
+    if marginals["width"].mode < EVEN_FROM * gap:
         notes = (*notes, WIDTH_OF_LEVELS)
     if logarithmic:
         place, width = [float(np.exp(v)) for v in place], [float(np.exp(v)) for v in width]

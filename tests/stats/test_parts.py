@@ -18,6 +18,8 @@ from undrawn_reports import drawn_narrow, undrawn
 from analysis import bayesian
 from analysis.parts import Part, Shown, computed
 from analysis.parts.looks import LooksPart
+from analysis.report.blocks import Cautions, Paragraph
+from analysis.report.blocks import Table as Rows
 from analysis.report.build import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -204,6 +206,12 @@ def check(folder, parts, page: str) -> None:
     numbers = json.loads((folder / "results.json").read_text())
     assert numbers["format"] == 2
     methods, sentences = page.split('id="methods"')[1].split('id="apa"')
+    # A t is said with its value; degrees of freedom have no digit that says nothing.
+    assert not re.search(r"\bt\([\d.]+\)(?! = -?\d)", sentences)
+    assert not re.search(r"\(\d+\.0\)", page)
+    assert "nondecision_s" not in page.split('id="provenance"')[0]
+    written = [file.read_bytes() for file in sorted((folder / "tables").glob("*.csv"))]
+    assert len({*written}) == len(written)
     for name in parts:
         said = SAID[name]
         assert numbers["results"][name]
@@ -330,6 +338,57 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
     table = Table(tmp_path / "rows.csv")
     assert len(read_times(table, by="method")) == len(rows) - 2
     assert "left out without an answer: 2 rows (lines 5, 7)" in table.notes
+
+
+def shown(kind, options, rows, part) -> Shown:
+    """What a part shows of rows."""
+    analysis = analysis_of(kind)
+    plan = analysis.settings_of_table(rows, "rows", analysis.options(**options))
+    found, _ = computed(analysis.parts, analysis.table(rows, plan), plan)
+    (own,) = (one for one in analysis.parts if one.name == part)
+    return own.show(found[part], plan)
+
+
+def texts(blocks) -> str:
+    return " ".join(block.text for block in blocks if isinstance(block, Paragraph))
+
+
+def test_scenes_that_are_none_have_no_deviation(trials):
+    options = {"by": "method"}
+    assert "scenes" not in texts(shown("reaction", options, trials, "times").blocks)
+    told = shown("reaction", options, TABLES["ratings"][2](), "times")
+    assert "scenes " in texts(told.blocks)
+    assert "random over participants, participants x conditions, scenes" in told.methods
+
+
+def test_widths_of_logarithmic_levels_are_headed_as_ratios():
+    rows = TABLES["two-answers"][2]().query("participant < 'P003'")
+    for log, head in ((True, "Width, as a ratio"), (False, "Width")):
+        options = {"level": "level", "by": "method", "falling": True, "log": log}
+        for part in ("psychometric", "thresholds"):
+            drawn = shown("psychometric", options, rows.assign(order=1), part)
+            (table,) = (
+                one for one in drawn.blocks if isinstance(one, Rows) and "Width" in str(one)
+            )
+            assert head in {column.title for column in table.columns}
+    assert "t with degrees of freedom of participants - 1" in drawn.methods
+
+
+def test_what_holds_p_of_d_prime_and_of_differences_is_said():
+    rows = pd.DataFrame(
+        [
+            (f"P{p}", method, expected, expected if (k + p + extra) % 8 or not k else "no", 1)
+            for p in range(4)
+            for method, extra in (("a", 0), ("b", 4))
+            for k in range(12)
+            for expected in ("yes", "no")
+        ],
+        columns=["participant", "method", "expected", "answer", "kind"],
+    )
+    rows["condition"] = rows["method"]
+    drawn = shown("detection", {"signal": "yes", "by": "method"}, rows, "sensitivity")
+    (cautions,) = (b for b in drawn.blocks if isinstance(b, Cautions) and "sensit" in b.title)
+    assert any("d': p is held at 0.12, the least that 4 participants" in n for n in cautions.notes)
 
 
 # The runner.
