@@ -367,10 +367,8 @@ def test_widths_of_logarithmic_levels_are_headed_as_ratios():
         options = {"level": "level", "by": "method", "falling": True, "log": log}
         for part in ("psychometric", "thresholds"):
             drawn = shown("psychometric", options, rows.assign(order=1), part)
-            (table,) = (
-                one for one in drawn.blocks if isinstance(one, Rows) and "Width" in str(one)
-            )
-            assert head in {column.title for column in table.columns}
+            tables = [block for block in drawn.blocks if isinstance(block, Rows)]
+            assert head in {column.title for table in tables for column in table.columns}
     assert "t with degrees of freedom of participants - 1" in drawn.methods
 
 
@@ -385,7 +383,7 @@ def test_what_holds_p_of_d_prime_and_of_differences_is_said():
         ],
         columns=["participant", "method", "expected", "answer", "kind"],
     )
-    rows["condition"] = rows["method"]
+    rows["correct"] = (rows["expected"] == rows["answer"]).astype(int)
     drawn = shown("detection", {"signal": "yes", "by": "method"}, rows, "sensitivity")
     (cautions,) = (b for b in drawn.blocks if isinstance(b, Cautions) and "sensit" in b.title)
     assert any("d': p is held at 0.12, the least that 4 participants" in n for n in cautions.notes)
