@@ -11,7 +11,7 @@ import pandas as pd
 from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart
-from analysis.parts.shared import TESTED, apa_test, compared, limits
+from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
@@ -178,12 +178,11 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
         *TESTED[1:],
         ("Rated higher", "", lambda one: share(one.superiority)),
     )
-    spread = ", ".join(f"{name} {number(sd)}" for name, sd in model.sd.items())
     told = (
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
-        f" condition lies on it. Random, SD: {spread}. Rated higher: the chance that one showing of"
-        " the first is rated above one of the second by the same person, on the axis, where"
-        " nothing ties."
+        f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
+        " showing of the first is rated above one of the second by the same person, on the axis,"
+        " where nothing ties."
     )
     if pairs:
         told += (

@@ -9,6 +9,7 @@ import pandas as pd
 
 from analysis.models import ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
+from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import (
@@ -73,21 +74,21 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
-        terms = [(name, fit, c) for name, fit in found.fits for c in fit.coefficients]
+        terms = rows_of((one, one[1].coefficients) for one in found.fits)
         return Shown(
             blocks=(
                 Table.each(
                     f"Logistic models of right answers, {formula}",
                     terms,
-                    ("Errors", "l", lambda one: one[0] if _first(one) else ""),
-                    ("Term", "l", lambda one: one[2].term),
-                    ("b", "", lambda one: number(one[2].estimate, 3)),
-                    ("SE", "", lambda one: number(one[2].standard_error, 3)),
-                    ("Statistic", "", lambda one: number(one[2].statistic)),
-                    ("Law", "", lambda one: law(one[2].df)),
-                    ("p", "n", lambda one: p_number(one[2].p)),
-                    ("OR", "", lambda one: big(one[2].odds_ratio)),
-                    ("Random SD", "l", lambda one: random_sd(one[1]) if _first(one) else ""),
+                    ("Errors", "l", lambda row: row[0][0] * row[2]),
+                    ("Term", "l", lambda row: row[1].term),
+                    ("b", "", lambda row: number(row[1].estimate, 3)),
+                    ("SE", "", lambda row: number(row[1].standard_error, 3)),
+                    ("Statistic", "", lambda row: number(row[1].statistic)),
+                    ("Law", "", lambda row: law(row[1].df)),
+                    ("p", "n", lambda row: p_number(row[1].p)),
+                    ("OR", "", lambda row: big(row[1].odds_ratio)),
+                    ("Random SD", "l", lambda row: sd_text(row[0][1].random_sd) * row[2]),
                 ),
                 Paragraph(
                     "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
@@ -115,13 +116,9 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                 " between them, by t of participants - 1."
             ),
             tables={
-                "models.csv": pd.DataFrame([{"errors": name, **vars(c)} for name, _, c in terms])
+                "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms])
             },
         )
-
-
-def _first(one: tuple[str, ModelFit, object]) -> bool:
-    return one[2] is one[1].coefficients[0]
 
 
 def _identifier(name: str) -> str:
@@ -130,11 +127,6 @@ def _identifier(name: str) -> str:
     # What these mean in a formula or in the table of the model is taken.
     taken = plain in ("C", "Q", "I", "correct", "participant", "scene") or not plain.isidentifier()
     return f"x_{plain}" if taken else plain
-
-
-def random_sd(fit: ModelFit) -> str:
-    """Return the deviations of random effects."""
-    return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items()) or "none"
 
 
 def apa_term(fit: ModelFit, term: str) -> str:

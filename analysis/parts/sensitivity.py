@@ -21,7 +21,6 @@ from analysis.detection import (
 from analysis.models import ModelFit, glmm_probit
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
-from analysis.parts.right_models import random_sd
 from analysis.parts.shared import (
     P,
     TableColumn,
@@ -33,6 +32,7 @@ from analysis.parts.shared import (
     estimate,
     in_order,
     limits,
+    sd_text,
     told_apart,
 )
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
@@ -326,7 +326,7 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
                     ("SE", "", lambda one: number(one[1]["signal"].standard_error)),
                     ("c", "strong", lambda one: number(-one[1]["Intercept"].estimate)),
                     ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
-                    ("Random SD", "l", lambda one: random_sd(one[1])),
+                    ("Random SD", "l", lambda one: sd_text(one[1].random_sd)),
                 ),
                 Cautions(
                     "When not to trust these mixed models",

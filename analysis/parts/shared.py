@@ -1,6 +1,6 @@
 """What parts have in common: columns of tables, and ends of sentences."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from analysis.rates import Difference, Rate
 from analysis.reaction_model import TimeModel, TimeRatio
 from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import (
+    NONE,
     df_text,
     grouped,
     level_text,
@@ -24,6 +25,7 @@ from analysis.report.wording import (
 )
 from analysis.thresholds import ThresholdModel
 
+G = TypeVar("G")
 T = TypeVar("T")
 TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
 """As `analysis.report.blocks.Table.each` takes them."""
@@ -86,6 +88,16 @@ def deviations(
     return {
         name + own: sd for name, pair in found.items() for own, sd in zip(where, pair, strict=False)
     }
+
+
+def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[tuple[G, T, bool]]:
+    """Return the rows of a table of groups: group, entry, and whether it is the group's first."""
+    return [(group, one, one is several[0]) for group, several in groups for one in several]
+
+
+def sd_text(deviations: Mapping[str, float]) -> str:
+    """Return deviations by name as text: ``participant 0.31, scene 0.12``."""
+    return ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items()) or NONE
 
 
 def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:

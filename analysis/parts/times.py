@@ -20,6 +20,7 @@ from analysis.parts.shared import (
     deviations,
     law_of_mixed,
     limits,
+    sd_text,
 )
 from analysis.plots import reaction_plot
 from analysis.rates import Difference
@@ -125,7 +126,6 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
     if model is None:
         return
     sd = _deviations(model) | {"the rest": model.residual_sd}
-    spread = ", ".join(f"{name} {number(value)}" for name, value in sd.items())
     yield Table.each(
         "Typical reaction times by a log-normal mixed model",
         model.times,
@@ -144,7 +144,8 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             *TESTED,
         )
     yield Paragraph(
-        f"Typical: the median answer of the median person. SD of ln s: {spread}. p adj.: Holm.",
+        f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
+        " Holm.",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)

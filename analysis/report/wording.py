@@ -26,9 +26,9 @@ def p_text(p: float) -> str:
     return "p = " + leading(f"{p:.3f}")
 
 
-def p_number(p: float) -> str:
-    """Return a p-value for a table: ``.012``, ``< .001``, ``none`` for NaN."""
-    if math.isnan(p):
+def p_number(p: float | None) -> str:
+    """Return a p-value for a table: ``.012``, ``< .001``, ``none`` for None and NaN."""
+    if p is None or math.isnan(p):
         return NONE
     return p_text(p).removeprefix("p ").removeprefix("= ")
 

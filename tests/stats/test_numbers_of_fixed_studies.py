@@ -63,6 +63,7 @@ REWORDED = (
     ("nondecision_s", "non-decision time"),
     ("Other time, s", "Non-decision time, s"),
     (r"\((\d+)\.0\)", r"(\1)"),  # degrees of freedom that are whole, t(5.0)
+    (r"= -0\.00\b", "= 0.00"),
     (r" \| (\d+)\.0 \| ", r" | \1 | "),
     (f"(; )?{WIDTH_OF_LEVELS}", ""),  # is said of fewer curves
 )
