@@ -1,7 +1,7 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -214,11 +214,19 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     return pd.concat([kept, *shared], ignore_index=True)
 
 
-def _measured(title: str, of: Callable[[YesNo], Measure | None]) -> Iterator[TableColumn]:
-    """Yield the columns of a quantity; none where it cannot be had."""
-    value: TableColumn = title, "strong", lambda measure: number(measure.value)
-    for head, look, cell in (value, limits(), P):
-        yield head, look, lambda one, cell=cell: NONE if of(one) is None else cell(of(one))
+def _measured(
+    title: str, of: Callable[[YesNo], Measure | None]
+) -> tuple[TableColumn, TableColumn, TableColumn]:
+    """Return the columns of a quantity; none where it cannot be had."""
+
+    def known(text: Callable[[Measure], str]) -> Callable[[YesNo], str]:
+        return lambda one: NONE if (measure := of(one)) is None else text(measure)
+
+    return (
+        (title, "strong", known(lambda one: number(one.value))),
+        ("Limits", "n", known(limits()[2])),
+        ("p", "n", known(P[2])),
+    )
 
 
 def apa_yes_no(one: YesNo, *, name: str = "") -> str:

@@ -154,18 +154,12 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
 def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
     if found is None:
         return
-    columns: list[TableColumn] = []
-    for measure in MEASURES:
-        columns += (
-            (COLUMNS[measure], "n", lambda one, of=measure: number(one.means[of])),
-            ("limits", "n", lambda one, of=measure: number_range(one.lower[of], one.upper[of])),
-        )
     yield Table.each(
         "EZ diffusion: means over participants",
         found.conditions,
         ("Condition", "l", lambda one: plan.label(one.condition)),
         ("People", "", lambda one: str(one.participants)),
-        *columns,
+        *(column for measure in MEASURES for column in _columns(measure)),
     )
     if found.contrasts:
         yield Table.each(
@@ -184,6 +178,13 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
         muted=True,
     )
     yield Cautions("When not to trust EZ diffusion", found.warnings)
+
+
+def _columns(measure: str) -> tuple[TableColumn, TableColumn]:
+    return (
+        (COLUMNS[measure], "n", lambda one: number(one.means[measure])),
+        ("limits", "n", lambda one: number_range(one.lower[measure], one.upper[measure])),
+    )
 
 
 def _deviations(model: TimeModel) -> dict[str, float]:

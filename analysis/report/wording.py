@@ -83,8 +83,8 @@ def level_text(level: float) -> str:
 
 
 def df_text(df: float) -> str:
-    """Return degrees of freedom: one digit after the point, none where they are whole."""
-    return f"{round(df, 1):.10g}"
+    """Return degrees of freedom: one digit after the point where they are not whole."""
+    return NONE if math.isnan(df) else f"{round(df, 1):.10g}"
 
 
 def law(df: float | None) -> str:
