@@ -13,6 +13,7 @@ from scipy.special import ndtri
 
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import held_p
+from analysis.contrasts import Difference
 from analysis.ideal_observer import (
     AbxRule,
     Correction,
@@ -20,15 +21,7 @@ from analysis.ideal_observer import (
     corrected_share,
     forced_choice_d_prime,
 )
-from analysis.rates import (
-    Difference,
-    Influence,
-    Rate,
-    contrasts,
-    rate,
-    rate_contrasts,
-    share_influence,
-)
+from analysis.rates import Influence, Rate, contrasts, rate, rate_contrasts, share_influence
 
 Floats = NDArray[np.float64]
 

@@ -371,7 +371,7 @@ def _model(
     notes: Sequence[str],
 ) -> RatingModel:
     names = [name for name, _ in parts]
-    gaps, df = wald(names, pairs, *_places(fit), crossed=crossed, level=level)
+    gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
@@ -390,13 +390,13 @@ def _model(
                 lower=gap.lower,
                 upper=gap.upper,
                 level=level,
-                df=gap_df,
+                df=gap.df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
                 superiority=superiority(gap.difference, link),
                 t=gap.t,
             )
-            for gap, gap_df in zip(gaps, df, strict=True)
+            for gap in gaps
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, held_p, holm, two_way, two_way_influence
-from analysis.contrasts import pairs_of
+from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.contrasts import Difference, pairs_of
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -49,36 +49,6 @@ class Rate:
     participants: int
     scenes: int
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Difference:
-    """What one condition has more than another, with limits that respect the clusters.
-
-    `p_adjusted` is Holm's over the contrasts made together.
-    """
-
-    measure: str
-    first: str
-    second: str
-    difference: float
-    standard_error: float
-    lower: float
-    upper: float
-    level: float
-    df: float
-    p: float
-    p_adjusted: float
-
-    @property
-    def t(self) -> float:
-        """How many errors it is away from 0."""
-        return self.difference / max(self.standard_error, 1e-12)
-
-    @property
-    def held(self) -> str:
-        """What holds p above that of t; empty: nothing."""
-        return held_p(self.t, self.df, self.p)
 
 
 def correct_rates(

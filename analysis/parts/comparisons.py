@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from analysis.contrasts import Difference
 from analysis.parts import Part, Shown
 from analysis.parts.shared import apa_difference
 from analysis.plans.rates import RateSettings
-from analysis.rates import Difference, Rate
+from analysis.rates import Rate
 from analysis.report.blocks import Box
 from analysis.report.wording import (
     leading,

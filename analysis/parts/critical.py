@@ -8,13 +8,13 @@ from typing import ClassVar
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.parts.shared import difference_tables, in_order
 from analysis.plans.rates import RateSettings
 from analysis.plots import scaling_plot
-from analysis.rates import Difference
 from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (

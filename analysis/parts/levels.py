@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.cells import conditions
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
 from analysis.parts.shared import (
     apa_difference,
@@ -31,7 +32,6 @@ from analysis.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
-from analysis.rates import Difference
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,

@@ -10,6 +10,7 @@ import pandas as pd
 
 from analysis.cells import grid
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.detection import (
     Discrimination,
     DiscriminationResults,
@@ -37,7 +38,7 @@ from analysis.parts.shared import (
 )
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.rates import Difference, Rate, rate
+from analysis.rates import Rate, rate
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (

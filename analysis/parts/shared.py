@@ -6,10 +6,11 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 import pandas as pd
 
+from analysis.contrasts import Difference
 from analysis.detection import Measure
 from analysis.ordinal import RatingDifference
 from analysis.parts import Estimate, Plan
-from analysis.rates import Difference, Rate
+from analysis.rates import Rate
 from analysis.reaction_model import TimeModel, TimeRatio
 from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import (

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import (
@@ -23,7 +24,6 @@ from analysis.parts.shared import (
     sd_text,
 )
 from analysis.plots import reaction_plot
-from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
