@@ -82,13 +82,14 @@ def deviations(
     model: TimeModel | ThresholdModel, *, conditions: int, scenes: bool
 ) -> dict[str, float]:
     """Return standard deviations of a model's random effects by name, without absent ones."""
-    found = {"participants": (model.participant_sd, model.interaction_sd)}
+    found = {"participants": model.participant_sd}
+    if conditions > 1:
+        found["participants x conditions"] = model.interaction_sd
     if scenes:
-        found["scenes"] = (model.scene_sd, model.scene_interaction_sd)
-    where = ("", " x conditions") if conditions > 1 else ("",)
-    return {
-        name + own: sd for name, pair in found.items() for own, sd in zip(where, pair, strict=False)
-    }
+        found["scenes"] = model.scene_sd
+    if scenes and model.scene_interaction_sd:
+        found["scenes x conditions"] = model.scene_interaction_sd
+    return found
 
 
 def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[tuple[G, T, bool]]:
