@@ -5,6 +5,7 @@ Trials of one participant, or of one scene, are more alike than others. Every fu
 the simulation of ten thousand studies is one call.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -98,11 +99,7 @@ class ClusteredShare:
         clustered, independent, floor = (float(part) for part in self.p_parts(null))
         if float(self.p_value(null)) != floor or max(clustered, independent) >= floor:
             return ""
-        return (
-            f"p is held at {floor:.2g}, the least that"
-            f" {count_of(int(self.persons), 'participant')} can show without assuming a normal"
-            " distribution"
-        )
+        return _held(floor, int(self.persons))
 
     def limits(self, level: float = 0.95, null: float = 0.5) -> tuple[Floats, Floats]:
         """Return the limits that leave out `null` exactly where its p is below 1 - level."""
@@ -183,6 +180,19 @@ class ClusteredEstimate:
 
     def _floor(self) -> Floats:
         return np.minimum(1.0, 2.0 * 0.5**self.persons)
+
+
+def held_p(t: float, df: float, p: float) -> str:
+    """Say that p of a `ClusteredEstimate` is the least that its participants show; "" if not."""
+    held = 2.0 * float(stats.t.sf(abs(t), df)) < (1.0 - 1e-9) * p
+    return _held(p, round(1.0 - math.log2(p))) if held else ""
+
+
+def _held(p: float, people: int) -> str:
+    return (
+        f"p is held at {p:.2g}, the least that {count_of(people, 'participant')} can show without"
+        " assuming a normal distribution"
+    )
 
 
 def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:

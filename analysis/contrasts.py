@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm, two_way_df, weighted_df
+from analysis.clustered import held_p, holm, two_way_df, weighted_df
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
@@ -22,23 +22,41 @@ IN_CONDITION = " x condition"
 
 
 @dataclass(frozen=True)
-class Gap:
-    """How far one condition's value exceeds another's, with t limits; Holm over all pairs."""
+class Difference:
+    """What one condition has more than another, with limits that respect the clusters.
 
+    `p_adjusted` is Holm's over the contrasts made together.
+    """
+
+    measure: str
     first: str
     second: str
     difference: float
     standard_error: float
     lower: float
     upper: float
+    level: float
+    df: float
     p: float
     p_adjusted: float
 
+    @property
+    def t(self) -> float:
+        """How many errors it is away from 0."""
+        return self.difference / max(self.standard_error, 1e-12)
 
-def unidentified(gap: Gap) -> Gap:
+    @property
+    def held(self) -> str:
+        """What holds p above that of t; empty: nothing."""
+        return held_p(self.t, self.df, self.p)
+
+
+def unidentified(one: Difference) -> Difference:
     """Return a comparison that the data do not identify: without numbers."""
     nan = math.nan
-    return Gap(gap.first, gap.second, nan, nan, nan, nan, nan, nan)
+    return replace(
+        one, difference=nan, standard_error=nan, lower=nan, upper=nan, p=nan, p_adjusted=nan
+    )
 
 
 def check_conditions(count: int) -> None:
@@ -123,15 +141,12 @@ class Crossed:
 
 
 def wald(
-    names: Sequence[str], pairs: Sequence[Pair], value: Floats, covariance: Floats, *,
-    crossed: Crossed, level: float,
-) -> tuple[list[Gap], list[float]]:  # fmt: skip
-    """Compare conditions by their values (names,) and the covariance of these.
-
-    Beside the comparisons their degrees of freedom.
-    """
+    measure: str, names: Sequence[str], pairs: Sequence[Pair], value: Floats, covariance: Floats,
+    *, crossed: Crossed, level: float,
+) -> list[Difference]:  # fmt: skip
+    """Compare conditions by their values (names,) and the covariance of these."""
     if not pairs:
-        return [], []
+        return []
     place = {name: k for k, name in enumerate(names)}
     first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
     units = np.eye(len(names))
@@ -143,20 +158,27 @@ def wald(
         crossed.df(units[one] - units[other], float(own))
         for one, other, own in zip(first, second, variance, strict=True)
     ]
+    return _compared(measure, pairs, gap, error, np.array(df), level)
+
+
+def paired(measure: str, gaps: Sequence[tuple[Pair, Floats]], level: float) -> list[Difference]:
+    """Compare conditions by participants' own differences."""
+    own = [values for _, values in gaps]
+    mean = np.array([values.mean() for values in own])
+    sd = np.array([values.std(ddof=1) for values in own])
+    count = np.array([values.size for values in own], dtype=np.float64)
+    pairs = [pair for pair, _ in gaps]
+    return _compared(measure, pairs, mean, sd / np.sqrt(count), count - 1.0, level)
+
+
+def _compared(
+    measure: str, pairs: Sequence[Pair], gap: Floats, error: Floats, df: Floats, level: float
+) -> list[Difference]:
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
-    p = 2.0 * stats.t.sf(np.abs(gap) / error, df)
-    numbers = np.column_stack([gap, error, gap - reach, gap + reach, p, holm(p)])
-    return [Gap(*pair, *row) for pair, row in zip(pairs, numbers.tolist(), strict=True)], df
-
-
-def paired(gaps: Sequence[tuple[Pair, Floats]], level: float) -> list[tuple[Gap, int]]:
-    """Compare conditions by participants' own differences; beside each its degrees of freedom."""
-    rows = []
-    for pair, own in gaps:
-        mean, df = float(own.mean()), own.size - 1
-        error = float(own.std(ddof=1) / np.sqrt(own.size))
-        reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
-        p = float(2.0 * stats.t.sf(abs(mean) / max(error, 1e-12), df))
-        rows.append(((*pair, mean, error, mean - reach, mean + reach, p), df))
-    adjusted = holm(np.array([row[-1] for row, _ in rows])).tolist() if rows else []
-    return [(Gap(*row, one), df) for (row, df), one in zip(rows, adjusted, strict=True)]
+    p = 2.0 * stats.t.sf(np.abs(gap) / np.maximum(error, 1e-12), df)
+    adjusted = holm(p) if p.size else p
+    levels = np.full(p.size, level)
+    table = np.column_stack([gap, error, gap - reach, gap + reach, levels, df, p, adjusted])
+    return [
+        Difference(measure, *pair, *row) for pair, row in zip(pairs, table.tolist(), strict=True)
+    ]

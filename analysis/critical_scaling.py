@@ -11,10 +11,9 @@ from scipy import optimize, stats
 from scipy.special import expit, log_expit, logsumexp
 
 from analysis.cells import checked, conditions, grid
-from analysis.contrasts import paired, pairs_of
+from analysis.contrasts import Difference, paired, pairs_of
 from analysis.ideal_observer import AbxRule, abx_share
 from analysis.numeric import numeric_hessian
-from analysis.rates import Difference
 from analysis.response import RATE_PRIOR
 from protocols.prose import count_of
 
@@ -351,10 +350,7 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Diffe
         if len(both) > 1:
             apart = np.array([own[first][who] - own[second][who] for who in both])
             gaps.append(((first, second), apart))
-    return tuple(
-        Difference(measure="ln s_c", level=level, df=float(df), **vars(gap))
-        for gap, df in paired(gaps, level)
-    )
+    return tuple(paired("ln s_c", gaps, level))
 
 
 def _bounded(limits: tuple[float, float] | None) -> bool:

@@ -12,6 +12,8 @@ from scipy import stats
 from scipy.special import ndtri
 
 from analysis.cells import Grid, checked, conditions, grid
+from analysis.clustered import held_p
+from analysis.contrasts import Difference
 from analysis.ideal_observer import (
     AbxRule,
     Correction,
@@ -19,15 +21,7 @@ from analysis.ideal_observer import (
     corrected_share,
     forced_choice_d_prime,
 )
-from analysis.rates import (
-    Difference,
-    Influence,
-    Rate,
-    contrasts,
-    rate,
-    rate_contrasts,
-    share_influence,
-)
+from analysis.rates import Influence, Rate, contrasts, rate, rate_contrasts, share_influence
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +37,16 @@ class Measure:
     upper: float
     level: float
     p: float
+
+    @property
+    def t(self) -> float:
+        """How many errors it is away from 0."""
+        return self.value / max(self.standard_error, 1e-12)
+
+    @property
+    def held(self) -> str:
+        """What holds p above that of t; empty: nothing."""
+        return held_p(self.t, self.df, self.p)
 
 
 @dataclass(frozen=True)
@@ -284,6 +288,9 @@ def _yes_no(
     correct = (part["answer"].astype(str) == part["expected"].astype(str)).astype(float)
     bias = (part["answer"].astype(str) == shown).astype(float)
     measures = (None, None) if moved is None else tuple(_measure(one, level) for one in moved)
+    for quantity, measure in zip(("d'", "c"), measures, strict=True):
+        if measure is not None and measure.held:
+            notes.append(f"{quantity}: {measure.held}")
     result = YesNo(
         condition=name,
         hits=totals[0],

@@ -10,8 +10,7 @@ from scipy import stats
 from scipy.special import logit
 
 from analysis.cells import checked, conditions
-from analysis.contrasts import paired, pairs_of
-from analysis.rates import Difference
+from analysis.contrasts import Difference, paired, pairs_of
 
 NOISE = 0.1
 """Within-trial noise s, as the papers scale it: drift and boundary are in units of it."""
@@ -235,8 +234,5 @@ def _contrasts(
             own = own[np.isfinite(own)]
             if own.size > 1 and own.std(ddof=1) > 0.0:
                 gaps.append(((first, second), own))
-        found += [
-            Difference(measure=measure, level=level, df=float(df), **vars(gap))
-            for gap, df in paired(gaps, level)
-        ]
+        found += paired(measure, gaps, level)
     return tuple(found)

@@ -21,8 +21,9 @@ class Trend:
     outcome : str
     change, lower, upper : float
         Mean change from the first to the last trial of a participant, with t limits.
-    df, p : float
-        t test of the participants' changes against 0.
+    t, df, p : float
+        t test of the participants' changes against 0; t is NaN where all changed alike, and p
+        the sign-flip test's.
     sign_flip_p : float
     spearman_rho, spearman_p : float
         All trials pooled, as the papers; finds "learning" too often when trends vary.
@@ -43,6 +44,7 @@ class Trend:
     participants: int
     changes: Floats
     warnings: tuple[str, ...]
+    t: float
 
 
 @dataclass(frozen=True)
@@ -115,10 +117,10 @@ def trend(
         notes.append("fewer than two participants with three trials: no test between participants")
         mean = float(drift[0]) if drift.size else np.nan
         nan = np.nan
-        return Trend(
-            outcome, mean, nan, nan, nan, nan, nan, rho, rho_p, drift.size, drift, tuple(notes)
-        )
+        found = mean, nan, nan, nan, nan, nan, rho, rho_p, drift.size, drift, tuple(notes), nan
+        return Trend(outcome, *found)
     mean, error, df, p = participant_t(drift)
+    t = mean / error if error > 0.0 else np.nan
     if not np.isfinite(p):
         p = sign_flip_p(drift)
         notes.append("all participants changed alike: p is the sign-flip test's")
@@ -136,4 +138,5 @@ def trend(
         participants=drift.size,
         changes=drift,
         warnings=tuple(notes),
+        t=t,
     )

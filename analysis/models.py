@@ -57,11 +57,6 @@ class Coefficient:
     ratio_p: float | None = None
 
     @property
-    def statistic_name(self) -> str:
-        """``z``, or ``t`` with its degrees of freedom."""
-        return "z" if self.df is None else f"t({self.df:g})"
-
-    @property
     def odds_ratio(self) -> float:
         """exp(estimate)."""
         return float(np.exp(self.estimate))

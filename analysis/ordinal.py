@@ -84,6 +84,7 @@ class RatingDifference:
     p: float
     p_adjusted: float
     superiority: float
+    t: float
 
 
 @dataclass(frozen=True)
@@ -268,11 +269,8 @@ def rating_model(
     places, (parts, condition) = grid(rows), numbered(rows, by)
     names = [name for name, _ in parts]
     people = len(places.participants)
-    if people < 2 or len(names) < 2 or len(used) < 2:
-        raise ValueError(
-            "trials must hold two participants, two conditions and two different ratings at least"
-            f" (found {people}, {len(names)} and {len(used)})"
-        )
+    if lack := lacking(people, len(names), len(used)):
+        raise ValueError(lack)
     pairs = pairs_of(names, reference)
     design = _indicator(condition, len(names))[:, 1:]
     groups = places.several
@@ -292,6 +290,19 @@ def rating_model(
     notes += _misfit(design, y, condition, link)
     crossed = Crossed.of(condition, groups, fit.sd)
     return _model(parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes)
+
+
+def lacking(people: int, conditions: int, ratings: int) -> str:
+    """Say what ratings lack to be compared; empty: nothing."""
+    counted = {"participant": people, "condition": conditions, "rating": ratings}
+    few = [name for name, count in counted.items() if count < 2]
+    if not few:
+        return ""
+    return (
+        "ratings must be of two participants, two conditions and two different ratings at least"
+        f" (found {people}, {conditions} and {ratings}); add those of another"
+        f" {' and of another '.join(few)}"
+    )
 
 
 def paired_ratings(
@@ -328,11 +339,8 @@ def paired_ratings(
     names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
     places = grid(rows)
     people = len(places.participants)
-    if people < 2 or len(names) < 2 or len(used) < 2:
-        raise ValueError(
-            "decisions must hold two participants, two methods and two different ratings at least"
-            f" (found {people}, {len(names)} and {len(used)})"
-        )
+    if lack := lacking(people, len(names), len(used)):
+        raise ValueError(lack)
     pairs = pairs_of(names, reference)
     place = {name: k for k, name in enumerate(names)}
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
@@ -363,7 +371,7 @@ def _model(
     notes: Sequence[str],
 ) -> RatingModel:
     names = [name for name, _ in parts]
-    gaps, df = wald(names, pairs, *_places(fit), crossed=crossed, level=level)
+    gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
@@ -382,12 +390,13 @@ def _model(
                 lower=gap.lower,
                 upper=gap.upper,
                 level=level,
-                df=gap_df,
+                df=gap.df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
                 superiority=superiority(gap.difference, link),
+                t=gap.t,
             )
-            for gap, gap_df in zip(gaps, df, strict=True)
+            for gap in gaps
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,

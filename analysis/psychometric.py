@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
-from scipy.special import expit, ndtr, ndtri
 
 from analysis.response import Link
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.psychometric import WIDTH_EDGE
+from protocols.adaptive.psychometric import sigmoid as broadcast_sigmoid
 
 Floats = NDArray[np.float64]
 
@@ -119,19 +119,12 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
 
     A negative width gives 1 - S. ``weibull`` works on log(x), with threshold and width given on
     the axis of x (Wichmann and Hill 2001; widths as Schütt et al. 2016). The same function as
-    `protocols.adaptive.psychometric.sigmoid`, for one threshold and width, and so much faster.
+    `protocols.adaptive.psychometric.sigmoid`; for one threshold and width ``weibull`` is faster.
     """
     if width < 0 and shape in SKEWED:
         return np.asarray(1.0 - sigmoid(x, threshold, -width, shape))
-    if shape == "gauss":
-        return np.asarray(ndtr((x - threshold) / width * 2.0 * ndtri(1.0 - WIDTH_EDGE)))
-    if shape == "logistic":
-        return np.asarray(
-            expit((x - threshold) / width * 2.0 * np.log((1.0 - WIDTH_EDGE) / WIDTH_EDGE))
-        )
-    if shape == "gumbel":
-        level = (_HIGH - _LOW) / width * (x - threshold) + _MIDDLE
-        return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
+    if shape != "weibull":
+        return broadcast_sigmoid(x, threshold, width, shape)
     # On log x the rise from .05 to .95 spans `slope`; the width on x fixes it.
     slope = _weibull_slope(threshold, width)
     with np.errstate(divide="ignore"):

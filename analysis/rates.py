@@ -10,7 +10,7 @@ from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
-from analysis.contrasts import pairs_of
+from analysis.contrasts import Difference, pairs_of
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -49,26 +49,6 @@ class Rate:
     participants: int
     scenes: int
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Difference:
-    """What one condition has more than another, with limits that respect the clusters.
-
-    `p_adjusted` is Holm's over the contrasts made together.
-    """
-
-    measure: str
-    first: str
-    second: str
-    difference: float
-    standard_error: float
-    lower: float
-    upper: float
-    level: float
-    df: float
-    p: float
-    p_adjusted: float
 
 
 def correct_rates(

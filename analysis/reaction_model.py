@@ -43,6 +43,7 @@ class TimeRatio:
     df: float
     p: float
     p_adjusted: float
+    t: float
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class TimeModel:
     level: float
     answers: int
     participants: int
+    scenes: int
     warnings: tuple[str, ...]
 
 
@@ -143,7 +145,7 @@ def time_model(
     error = np.sqrt(np.diag(covariance))
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
-    gaps = wald(names, pairs, beta, covariance, crossed=crossed, level=level)
+    gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
@@ -165,11 +167,12 @@ def time_model(
                 lower=float(np.exp(gap.lower)),
                 upper=float(np.exp(gap.upper)),
                 level=level,
-                df=gap_df,
+                df=gap.df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
+                t=gap.t,
             )
-            for gap, gap_df in zip(*gaps, strict=True)
+            for gap in gaps
         ),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
@@ -182,5 +185,6 @@ def time_model(
         level=level,
         answers=len(rows),
         participants=people,
+        scenes=len(places.scenes),
         warnings=tuple(notes),
     )

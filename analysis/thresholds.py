@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.cells import checked, grid, numbered
-from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.contrasts import IN_CONDITION, Crossed, Difference, pairs_of, wald
 from analysis.glmm import fit_crossed
 from analysis.psychometric import LINKS, SKEWED
 from analysis.quadrature import STARTS, PeopleFit, fit_people
-from analysis.rates import Difference
 from analysis.response import Response, axis_of
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.psychometric import WIDTH_EDGE
@@ -261,11 +260,10 @@ def fit_thresholds(
     found = tuple(one if one.identified(shown) else _unplaced(one.condition) for one in fitted)
     placed = {one.condition for one in found if not np.isnan(one.value)}
     contrasts = []
-    gaps = wald(names, pairs, place_of, covariance, crossed=crossed, level=level)
-    for told, told_df in zip(*gaps, strict=True):
+    measure = "ln threshold" if logarithmic else "threshold"
+    for told in wald(measure, names, pairs, place_of, covariance, crossed=crossed, level=level):
         if {told.first, told.second} <= placed:
-            measure = "ln threshold" if logarithmic else "threshold"
-            contrasts.append(Difference(measure=measure, level=level, df=told_df, **vars(told)))
+            contrasts.append(told)
         else:
             notes.append(
                 f"thresholds of {told.first} and {told.second} are not compared: not identified by"

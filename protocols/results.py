@@ -31,8 +31,6 @@ class Results(Model):
     """What each rule of exclusion left out, in order; empty for a table."""
     without_exclusions: Row | None
     """The main numbers with and without exclusions; null: nothing was left out."""
-    sequential: Row | None
-    """The planned looks, and where these data stand; null: none is planned."""
     sessions: list[Row]
     """A row per session, as in `sessions.csv`; empty for a table."""
     warnings: list[str]

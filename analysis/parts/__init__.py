@@ -52,6 +52,11 @@ class Plan(Analysis):
         return 1.0 - self.alpha
 
     @property
+    def limits(self) -> str:
+        """What heads limits: ``95 % limits``."""
+        return f"{100 * self.confidence:g} % limits"
+
+    @property
     def compared(self) -> tuple[str, ...]:
         """The columns of the parts' table whose values are compared; none: all rows together."""
         return ()
@@ -283,6 +288,29 @@ def computed(
                 raise StudyError(f"{plan.study}: {problem}") from None
             notes.append(f"no {part.name.replace('_', ' ')}: {problem}")
     return {name: found[name] for name in wanted if name in found}, tuple(notes)
+
+
+def estimates_of(
+    parts: Sequence[AnyPart], table: pd.DataFrame, plan: Plan, *, planned: bool = False
+) -> tuple[Estimate, ...]:
+    """Return the main numbers of a table, or those of the planned test; no other is computed.
+
+    Raises
+    ------
+    ValueError or StudyError
+        If nothing can be said of these decisions.
+    """
+    main = {p.name: p for p in parts if type(p).estimates is not Part.estimates}
+    asked = set(main)
+    for part in parts[::-1]:
+        asked |= {*part.needs} if part.name in asked else set()
+    found, _ = computed([part for part in parts if part.name in asked], table, plan)
+    return tuple(
+        one
+        for name, part in main.items()
+        if name in found
+        for one in (part.planned if planned else part.estimates)(found[name], plan)
+    )
 
 
 def tried(make: Callable[[], T], what: str, notes: list[str]) -> T | None:

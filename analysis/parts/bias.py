@@ -1,19 +1,19 @@
 """Order and side bias: is the first interval, or one key, chosen too often?"""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pandas as pd
-from numpy.random import Generator
 
 from analysis.bias import Bias, order_bias, side_bias
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts.shared import P, limits
 from analysis.plans.preference import Settings
 from analysis.plots import bias_bars
 from analysis.report.blocks import Cautions, Picture, Table
-from analysis.report.wording import grouped, p_number, p_text, share, share_range
+from analysis.report.values import flat_table
+from analysis.report.wording import level_text, p_number, p_text, share, share_range
 
 
 @dataclass(frozen=True)
@@ -25,32 +25,23 @@ class Biases:
     notes: tuple[str, ...] = ()
 
 
-class BiasPart(Part[Settings, Biases]):
+class BiasPart(SimplePart[Settings, Biases]):
     """How often the first interval and the left key were picked, whatever they showed."""
 
     name: ClassVar[str] = "bias"
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
-    def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
-    ) -> Biases:
+    def of(self, table: pd.DataFrame, plan: Settings) -> Biases:
         """Return both."""
         return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
 
     def show(self, found: Biases, plan: Settings) -> Shown:
         """Return the figure, a table, and each as a sentence."""
         biases = [one for one in (found.order, found.side) if one is not None]
-        level = f"{100 * plan.confidence:g}"
         caption = (
-            f"How often the first interval and the left key were picked, with {level} % limits;"
+            f"How often the first interval and the left key were picked, with {plan.limits};"
             " dots: participants."
         )
-        own = ("by_participant", "extreme", "warnings")
-        lines = [
-            {name: value for name, value in vars(one).items() if name not in own}
-            | {"warnings": "; ".join(one.warnings)}
-            for one in biases
-        ]
         return Shown(
             blocks=(
                 Picture("bias"),
@@ -60,23 +51,21 @@ class BiasPart(Part[Settings, Biases]):
                     ("Alternative", "l", lambda b: b.alternative),
                     ("Trials", "", lambda b: str(b.trials)),
                     ("Share", "", lambda b: share(b.share)),
-                    ("Limits", "n", lambda b: share_range(b.lower, b.upper)),
-                    ("p", "n", lambda b: p_number(b.p)),
+                    limits(text=share_range),
+                    P,
                     ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
                 ),
-                Cautions(
-                    "About these shares", grouped([(b.alternative, b.warnings) for b in biases])
-                ),
+                Cautions.each("About these shares", biases, lambda b: b.alternative),
             ),
             sentences=tuple(
                 f"The {b.alternative} was picked in {share(b.share)} of {b.trials} trials,"
-                f" {level}% CI {share_range(b.lower, b.upper)}, {p_text(b.p)}."
+                f" {level_text(plan.confidence)} {share_range(b.lower, b.upper)}, {p_text(b.p)}."
                 for b in biases
             ),
             methods=(
                 f"Choices of {' and '.join(f'the {b.alternative}' for b in biases)} were compared"
                 " with .5 by a score t test clustered by participant and by scene."
             ),
-            tables={"bias.csv": pd.DataFrame(lines)},
+            tables={"bias.csv": flat_table(biases, "by_participant", "extreme")},
             figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),
         )

@@ -10,15 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models import ModelFit, glmm_logit
+from analysis.models import Coefficient, ModelFit, glmm_logit
 from analysis.paired_model import PairedModel, paired_model
 from analysis.pairings import Comparisons
 from analysis.parts import Part, Shown, tried
 from analysis.parts.preferences import Preferences
+from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference import Settings
 from analysis.preference import Preference
 from analysis.report.blocks import Block, Cautions, Paragraph, Table
-from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text, t_text
 
 LARGEST_LOG = 700.0
 """Of odds that a number can hold."""
@@ -147,8 +148,8 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
             continue
         spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
         yield (
-            f"{about}: b = {row.estimate:.2f}, SE = {row.standard_error:.2f},"
-            f" {row.statistic_name} = {row.statistic:.2f}, {p_text(row.p)}"
+            f"{about}: b = {number(row.estimate)}, SE = {number(row.standard_error)},"
+            f" {t_text(row.statistic, row.df)}, {p_text(row.p)}"
             + ("" if row.ratio_p is None else f", likelihood ratio {p_text(row.ratio_p)}")
             + (f"; {spread}" if spread else "")
             + f" ({fit.method})."
@@ -160,46 +161,29 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
                 yield f"{about}, all pairings together: {NOT_IDENTIFIED}."
                 continue
             yield (
-                f"{about}, all pairings together: b = {c.estimate:.2f}, SE ="
-                f" {c.standard_error:.2f}, likelihood ratio {number(c.ratio)} (df ="
+                f"{about}, all pairings together: b = {number(c.estimate)}, SE ="
+                f" {number(c.standard_error)}, likelihood ratio {number(c.ratio)} (df ="
                 f" {size.model.df}), {p_text(c.p)}"
                 f" ({p_number(c.p_adjusted)} Holm-adjusted; mixed model of random tastes)."
             )
 
 
 def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
-    rows = []
-    for one in found.pairs:
-        name, spread = plan.named(one.method, one.against, one.size), _spread(one.fit)
-        for c in one.fit.coefficients:
-            rows.append(
-                (
-                    name,
-                    "preference" if c.term == "Intercept" else "shown first",
-                    number(c.estimate),
-                    number(c.standard_error),
-                    f"{c.statistic_name} = {number(c.statistic)}",
-                    p_number(c.p),
-                    "none" if c.ratio_p is None else p_number(c.ratio_p),
-                    f"{_odds(c.estimate)} [{_odds(c.lower)}, {_odds(c.upper)}]",
-                    spread,
-                )
-            )
-            name = spread = ""
-    yield Table.of(
+    def name(one: PairModel) -> str:
+        return plan.named(one.method, one.against, one.size)
+
+    yield Table.each(
         "Logit mixed models: crossed random intercepts, order of presentation as covariate",
-        (
-            ("Comparison", "l c"),
-            ("Term", "l"),
-            ("b", ""),
-            ("SE", ""),
-            ("Statistic", "n"),
-            ("p", "n"),
-            ("LR p", "n"),
-            (f"OR, {100 * plan.confidence:g} % limits", "n"),
-            ("Random SD", "l"),
-        ),
-        rows,
+        rows_of((one, one.fit.coefficients) for one in found.pairs),
+        ("Comparison", "l c", lambda row: name(row[0]) * row[2]),
+        ("Term", "l", lambda row: "preference" if row[1].term == "Intercept" else "shown first"),
+        ("b", "", lambda row: number(row[1].estimate)),
+        ("SE", "", lambda row: number(row[1].standard_error)),
+        ("Statistic", "n", lambda row: t_text(row[1].statistic, row[1].df)),
+        ("p", "n", lambda row: p_number(row[1].p)),
+        ("LR p", "n", lambda row: p_number(row[1].ratio_p)),
+        (f"OR, {plan.limits}", "n", lambda row: _odds_text(row[1])),
+        ("Random SD", "l", lambda row: _spread(row[0].fit) * row[2]),
     )
     yield Paragraph(
         "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
@@ -216,45 +200,23 @@ def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
     yield Cautions(
         "When not to trust these models",
         grouped(
-            [
-                (plan.named(one.method, one.against, one.size), one.fit.warnings)
-                for one in found.pairs
-            ]
+            [(name(one), one.fit.warnings) for one in found.pairs]
             + [(plan.at(one.size), one.model.warnings) for one in found.together]
         ),
     )
 
 
 def _together(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
-    rows = []
-    for one in found.together:
-        model = one.model
-        spread = _deviations(model.random_sd)
-        for c in model.contrasts:
-            rows.append(
-                (
-                    plan.named(c.first, c.second, one.size),
-                    number(c.estimate),
-                    number(c.standard_error),
-                    f"{number(c.ratio)} ({model.df})",
-                    p_number(c.p),
-                    p_number(c.p_adjusted),
-                    spread,
-                )
-            )
-            spread = ""
-    yield Table.of(
+    yield Table.each(
         "One mixed model of all pairings: each participant and scene has own tastes of the methods",
-        (
-            ("Comparison", "l c"),
-            ("b", ""),
-            ("SE", ""),
-            ("LR (df)", "n"),
-            ("p", "n"),
-            ("p adj.", "n"),
-            ("Random SD", "l"),
-        ),
-        rows,
+        rows_of((one, one.model.contrasts) for one in found.together),
+        ("Comparison", "l c", lambda row: plan.named(row[1].first, row[1].second, row[0].size)),
+        ("b", "", lambda row: number(row[1].estimate)),
+        ("SE", "", lambda row: number(row[1].standard_error)),
+        ("LR (df)", "n", lambda row: f"{number(row[1].ratio)} ({row[0].model.df})"),
+        ("p", "n", lambda row: p_number(row[1].p)),
+        ("p adj.", "n", lambda row: p_number(row[1].p_adjusted)),
+        ("Random SD", "l", lambda row: sd_text(row[0].model.random_sd) * row[2]),
     )
     yield Paragraph(
         "b as above, now with all answers together: what one pairing tells of two methods"
@@ -265,15 +227,13 @@ def _together(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
     )
 
 
-def _odds(logarithm: float) -> str:
-    return big(float(np.exp(np.clip(logarithm, -LARGEST_LOG, LARGEST_LOG))))
-
-
-def _deviations(random_sd: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {number(sd)}" for name, sd in random_sd.items())
+def _odds_text(row: Coefficient) -> str:
+    logs = np.clip([row.estimate, row.lower, row.upper], -LARGEST_LOG, LARGEST_LOG)
+    ratio, lower, upper = (big(float(odds)) for odds in np.exp(logs))
+    return f"{ratio} [{lower}, {upper}]"
 
 
 def _spread(fit: ModelFit) -> str:
     if fit.random_sd:
-        return _deviations(fit.random_sd)
+        return sd_text(fit.random_sd)
     return "none: " + ("Firth" if "Firth" in fit.method else "clustered")

@@ -10,14 +10,13 @@ import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.parts import PartFigure, Plan, Shown, SimplePart
-from analysis.parts.differences import in_order, limits_title
+from analysis.parts.shared import P, condition, in_order, limits
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import heat_map, rates_plot
 from analysis.rates import Rate, correct_rates
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
-    grouped,
     level_text,
     p_number,
     p_text,
@@ -77,7 +76,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
         names = [label(one.condition) for one in rates]
         among = f"Answers were given in {len(names)} conditions ({', '.join(names)}). "
         caption = (
-            f"Shares of right answers with {100 * plan.confidence:g} % limits that respect"
+            f"Shares of right answers with {plan.limits} that respect"
             f" {respected(rates)}; p against chance, which is dashed."
         )
         figures = [PartFigure("correct", caption, partial(rates_plot, rates, label=label))]
@@ -101,9 +100,8 @@ class RatesPart(SimplePart[RateSettings, Rates]):
                     " they are not.",
                     muted=True,
                 ),
-                Cautions(
-                    "When not to trust these shares",
-                    grouped([(label(one.condition), one.warnings) for one in rates]),
+                Cautions.each(
+                    "When not to trust these shares", rates, lambda one: label(one.condition)
                 ),
                 Picture("confusion"),
             ),
@@ -122,12 +120,12 @@ def rate_table(caption: str, rates: Sequence[Rate], plan: Plan) -> Table:
     return Table.each(
         caption,
         rates,
-        ("Condition", "l c", lambda one: plan.label(one.condition)),
+        condition(plan),
         ("Right", "n", lambda one: f"{one.count} / {one.trials}"),
         ("Share", "strong", lambda one: share(one.share)),
-        (limits_title(plan), "n", lambda one: share_range(one.lower, one.upper)),
+        limits(plan.limits, share_range),
         ("Chance", "", lambda one: share(one.chance)),
-        ("p", "n", lambda one: p_number(one.p)),
+        P,
         ("Pooled exact p", "n", lambda one: p_number(one.exact_p)),
     )
 

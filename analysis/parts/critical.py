@@ -8,19 +8,18 @@ from typing import ClassVar
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.critical_scaling import CriticalScaling, critical_scalings
 from analysis.parts import PartFigure, Shown, SimplePart
-from analysis.parts.differences import difference_tables, in_order
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
+from analysis.parts.shared import difference_tables, in_order
 from analysis.plans.rates import RateSettings
 from analysis.plots import scaling_plot
-from analysis.rates import Difference
 from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
-    grouped,
     leading,
     level_text,
     number,
@@ -90,7 +89,7 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
         caption = (
             f"d' by {plan.level}: data with standard errors (thin), the population's fit (thick);"
             " below, critical scalings of the typical participant with"
-            f" {100 * plan.confidence:g} % limits, where these data identify them."
+            f" {plan.limits}, where these data identify them."
         )
         return Shown(
             lead=(lead,) if placed else (),
@@ -138,7 +137,7 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
                     plan,
                 ),
                 *((noisy,) if found.contrasts else ()),
-                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in fits])),
+                Cautions.each(TRUST, fits, lambda one: label(one.condition)),
             ),
             sentences=tuple(map(apa_critical, fits)),
             methods=(

@@ -14,12 +14,14 @@ from analysis.learning import Course, Trend, course, trend
 from analysis.pairings import Comparisons
 from analysis.parts import Part, PartFigure, Plan, Shown
 from analysis.parts.ratings import Ratings, category
+from analysis.parts.shared import TESTED, limits
 from analysis.plans.preference import Settings
 from analysis.plans.rates import RateSettings
 from analysis.plans.ratings import RatingSettings
 from analysis.plots import learning_plot
 from analysis.report.blocks import Cautions, Picture, Table
-from analysis.report.wording import NOT_IDENTIFIED, grouped, number, number_range, p_number, p_text
+from analysis.report.values import flat_table
+from analysis.report.wording import NOT_IDENTIFIED, number, number_range, p_number, p_text, t_text
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,6 @@ class LearningPart(Part[P, Learning]):
     def show(self, found: Learning, _plan: P) -> Shown:
         """Return the figure, the table of changes, and each as a sentence."""
         trends = found.trends
-        lines = [
-            {name: value for name, value in vars(one).items() if name != "changes"}
-            | {"warnings": "; ".join(one.warnings)}
-            for one in trends
-        ]
         return Shown(
             blocks=(
                 Picture("learning"),
@@ -107,9 +104,8 @@ class LearningPart(Part[P, Learning]):
                     trends,
                     ("Outcome", "l", lambda one: one.outcome),
                     ("Change", "", lambda one: number(one.change)),
-                    ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
-                    ("df", "", lambda one: number(one.df, 0)),
-                    ("p", "n", lambda one: p_number(one.p)),
+                    limits(),
+                    *TESTED[:2],
                     ("Sign-flip p", "n", lambda one: p_number(one.sign_flip_p)),
                     (
                         "Spearman \N{GREEK SMALL LETTER RHO}",
@@ -118,16 +114,14 @@ class LearningPart(Part[P, Learning]):
                     ),
                     ("pooled p", "n", lambda one: p_number(one.spearman_p)),
                 ),
-                Cautions(
-                    "About these trends", grouped([(one.outcome, one.warnings) for one in trends])
-                ),
+                Cautions.each("About these trends", trends, lambda one: one.outcome),
             ),
             sentences=tuple(apa_trend(one) for one in trends),
             methods=(
                 "Change over the session is the mean of a least-squares slope of each participant,"
                 " within conditions, with a t test and a sign-flip test over participants."
             ),
-            tables={"learning.csv": pd.DataFrame(lines)},
+            tables={"learning.csv": flat_table(trends, "changes")},
             figures=() if found.course is None else (self._figure(trends[0], found.course),),
         )
 
@@ -142,10 +136,11 @@ def apa_trend(found: Trend) -> str:
     """Return whether an outcome changed over the session as a sentence."""
     if math.isnan(found.p):
         return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
+    test = "sign-flip test" if math.isnan(found.t) else t_text(found.t, found.df)
     return (
         f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
-        f" [{number(found.lower)}, {number(found.upper)}], over {found.participants} participants,"
-        f" t({found.df:.0f}), {p_text(found.p)}; all trials pooled: Spearman's rho ="
+        f" {number_range(found.lower, found.upper)}, over {found.participants} participants,"
+        f" {test}, {p_text(found.p)}; all trials pooled: Spearman's rho ="
         f" {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
     )
 

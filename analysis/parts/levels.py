@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from analysis.cells import conditions
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
-from analysis.parts.differences import (
+from analysis.parts.shared import (
     apa_difference,
+    deviations,
     difference_estimates,
     difference_tables,
     in_order,
+    law_of_mixed,
 )
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots import psychometric_plot
@@ -29,7 +32,6 @@ from analysis.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
-from analysis.rates import Difference
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
@@ -124,6 +126,10 @@ def curves_figure(
 def _cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
     """Return threshold, limits and width as text; none where the answers do not place them."""
     return (size(value), size_range(ends), size(width)) if known else (NOT_IDENTIFIED, NONE, NONE)
+
+
+def _width_title(logarithmic: bool) -> str:
+    return "Width, as a ratio" if logarithmic else "Width"
 
 
 R = TypeVar("R", bound=Found)
@@ -290,26 +296,12 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
     def show(self, found: Thresholds, plan: RateSettings) -> Shown:
         """Return thresholds, what differs, and each participant's own."""
-        label, each, several = plan.label, found.thresholds, len(found.thresholds) > 1
+        label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
         curves = {
             one.condition: partial(found.average, one.condition) for one in each if one.individual
         }
-        spread = f"; thresholds differ between participants by SD {sd_digits(found.participant_sd)}"
-        random = ["participants", *(["scenes"] if found.scene_sd else [])]
-        effects = ", ".join([*random, *(f"{one} x conditions" for one in random if several)])
-        if several:
-            between = sd_digits(found.interaction_sd)
-            spread += f", of one participant between conditions by SD {between}"
-        if found.scene_sd:
-            spread += f", between scenes by SD {sd_digits(found.scene_sd)}"
-        if found.scene_interaction_sd:
-            between = sd_digits(found.scene_interaction_sd)
-            spread += f", of one scene between conditions by SD {between}"
-        if found.logarithmic:
-            spread += " of the threshold's natural logarithm"
-        if math.isnan(found.participant_sd):
-            spread = ""
+        effects = _deviations(found)
         own = sorted({who for one in each for who in one.individual})
         people = (
             Table.of(
@@ -348,8 +340,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     (
                         ("Condition", "l c"),
                         ("Threshold", "strong"),
-                        (f"{100 * found.level:g} % limits", "n"),
-                        ("Width, as a ratio" if found.logarithmic else "Width", ""),
+                        (plan.limits, "n"),
+                        (_width_title(found.logarithmic), ""),
                     ),
                     [
                         (
@@ -362,7 +354,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     ],
                 ),
                 Paragraph(
-                    f"Mean lapse rate of participants {share(found.lapse)}{spread}.",
+                    f"Mean lapse rate of participants {share(found.lapse)}"
+                    f"{_spread(found, '; {}')}.",
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
@@ -371,13 +364,14 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             sentences=(
                 apa_thresholds(found, levels=found.levels),
-                *map(apa_difference, found.contrasts),
+                *(apa_difference(one, label) for one in found.contrasts),
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
-                f" {effects}, with a lapse rate of each participant, drawn towards small ones"
-                " (adaptive quadrature over participants"
-                f"{', then Laplace approximation' if found.scene_sd else ''})."
+                f" {', '.join(effects)}, with a lapse rate of each participant, drawn towards small"
+                " ones (adaptive quadrature over participants"
+                f"{', then Laplace approximation' * ('scenes' in effects)}). Limits and tests are"
+                f" {law_of_mixed(scenes='scenes' in effects)}."
             ),
             tables={
                 "thresholds.csv": pd.DataFrame(lines),
@@ -405,20 +399,24 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
         else f"{one.condition} {NOT_IDENTIFIED}"
         for one in model.thresholds
     ]
-    spread = f"participants SD = {sd_digits(model.participant_sd)}"
-    if len(model.thresholds) > 1:
-        spread += f", participants x conditions SD = {sd_digits(model.interaction_sd)}"
-    if model.scene_sd:
-        spread += f", scenes SD = {sd_digits(model.scene_sd)}"
-    if model.scene_interaction_sd:
-        spread += f", scenes x conditions SD = {sd_digits(model.scene_interaction_sd)}"
-    scale = " of ln threshold" if model.logarithmic else ""
     return (
         f"Thresholds ({model.shape} functions of {model.participants} participants fitted"
         f" together; guess rate {share(model.guess)}, mean lapse rate"
         f" {leading(f'{model.lapse:.3f}')}):"
-        f" {'; '.join(parts)}{'' if math.isnan(model.participant_sd) else f' ({spread}{scale})'}."
+        f" {'; '.join(parts)}{_spread(model, ' ({})')}."
     )
+
+
+def _deviations(model: ThresholdModel) -> dict[str, float]:
+    return deviations(model, conditions=len(model.thresholds), scenes=bool(model.scene_sd))
+
+
+def _spread(model: ThresholdModel, form: str) -> str:
+    """Return deviations within `form`; nothing where they are not identified."""
+    if math.isnan(model.participant_sd):
+        return ""
+    text = ", ".join(f"{name} SD = {sd_digits(sd)}" for name, sd in _deviations(model).items())
+    return form.format(text + " of ln threshold" * model.logarithmic)
 
 
 @dataclass(frozen=True)
@@ -428,6 +426,11 @@ class PersonFit:
     participant: str
     condition: str
     fit: PsychometricPosterior
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """When not to trust it."""
+        return self.fit.warnings
 
     @property
     def known(self) -> bool:
@@ -506,7 +509,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     "Each participant's curve, from these answers alone",
                     (
                         *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
-                        *(("Limits", "n"), ("Width", ""), ("Lapse rate", ""), ("Spread", "")),
+                        *(("Limits", "n"), (_width_title(plan.logarithmic), "")),
+                        *(("Lapse rate", ""), ("Spread", "")),
                     ),
                     [
                         (
@@ -528,14 +532,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     " level strays.",
                     muted=True,
                 ),
-                Cautions(
-                    TRUST,
-                    grouped(
-                        [
-                            (f"{one.participant}, {label(one.condition)}", one.fit.warnings)
-                            for one in found.people
-                        ]
-                    ),
+                Cautions.each(
+                    TRUST, found.people, lambda one: f"{one.participant}, {label(one.condition)}"
                 ),
             ),
             sentences=tuple(

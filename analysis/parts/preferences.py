@@ -7,24 +7,26 @@ from typing import Any, ClassVar, TypeAlias
 
 import pandas as pd
 from markupsafe import Markup
-from numpy.random import Generator
 
 from analysis.pairings import Comparisons, counts
-from analysis.parts import Estimate, Part, PartFigure, Shown
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart
 from analysis.parts.people import shares_figure
 from analysis.plans.preference import Settings
 from analysis.plots import forest_plot, preference_bars
 from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 from analysis.report.wording import (
+    NONE,
     big,
-    grouped,
+    df_text,
     leading,
+    level_text,
     number,
     p_number,
     p_text,
     share,
     share_range,
+    t_text,
 )
 
 TESTS = {
@@ -71,16 +73,14 @@ class Preferences:
     notes: tuple[str, ...]
 
 
-class PreferencesPart(Part[Settings, Preferences]):
+class PreferencesPart(SimplePart[Settings, Preferences]):
     """Shares of choices with their tests; the primary comparison leads."""
 
     name: ClassVar[str] = "preferences"
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
     essential: ClassVar[bool] = True
 
-    def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
-    ) -> Preferences:
+    def of(self, table: pd.DataFrame, plan: Settings) -> Preferences:
         """Test every pairing at every size, and the primary comparison by itself."""
         decisions = Comparisons(table)
         how: dict[str, Any] = {"alpha": plan.alpha, "margin": plan.margin, "test": plan.test}
@@ -188,11 +188,11 @@ def apa_preference(cell: Preference, plan: Settings, *, adjusted: bool) -> str:
     correction = f" ({plan.correction.title()}-adjusted)" * corrected
     test = decided.name
     if decided.t is not None and decided.df is not None and "t" in decided.name.split():
-        test = f"t({decided.df:.1f}) = {decided.t:.2f}"
+        test = t_text(decided.t, decided.df)
     text = (
         f"{plan.label(cell.method)} was chosen over {plan.label(cell.against)}"
         f"{plan.at(cell.size, ' ({})', 'all sizes together')} in {cell.answers.chosen} of"
-        f" {cell.answers.trials} trials, {share(found.share)}, {100 * found.level:g}% CI"
+        f" {cell.answers.trials} trials, {share(found.share)}, {level_text(found.level)}"
         f" {share_range(found.lower, found.upper)}, {test},"
         f" {p_text(decided.p_adjusted if adjusted else decided.p)}{correction}, Cohen's h ="
         f" {found.cohens_h:.2f}, OR = {big(found.odds_ratio)} [{big(found.odds_lower)},"
@@ -251,7 +251,7 @@ def _lead(primary: Preference, said: str, plan: Settings) -> tuple[Block, ...]:
 
 def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
     cells, margin = found.table.cells, share(plan.margin)
-    level = f"{100 * plan.confidence:g} % limits"
+    level = plan.limits
     adjusted = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm")
 
     def name(cell: Preference) -> str:
@@ -259,7 +259,7 @@ def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
 
     def score(cell: Preference) -> str:
         t, df = cell.test.t, cell.test.df
-        return "none" if t is None or df is None else f"{number(t)} ({number(df, 1)})"
+        return NONE if t is None or df is None else f"{number(t)} ({df_text(df)})"
 
     yield Picture("preference")
     yield Table.each(
@@ -315,9 +315,7 @@ def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
         " chance an effect more than twice as often as they say.",
         muted=True,
     )
-    yield Cautions(
-        "When not to trust these comparisons", grouped([(name(c), c.warnings) for c in cells])
-    )
+    yield Cautions.each("When not to trust these comparisons", cells, name)
     yield Picture("forest")
 
 
@@ -332,18 +330,18 @@ def _shares(found: Preferences) -> pd.DataFrame:
 
 
 def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
-    cells, level = found.table.cells, f"{100 * plan.confidence:g} %"
+    cells = found.table.cells
     dots = {key: [value for _, value in pairs] for key, pairs in found.participant_shares.items()}
     yield PartFigure(
         "preference",
         "Share of trials in which the method on the left was chosen; dark: the one chosen more"
-        f" often. Whiskers: {level} limits that respect participants and scenes; dots:"
+        f" often. Whiskers: {plan.limits} that respect participants and scenes; dots:"
         " participants; dashed: chance.",
         partial(preference_bars, cells, dots, label=plan.label),
     )
     yield PartFigure(
         "forest",
-        f"Odds of choosing the first method of each pair, with {level} limits (each comparison"
+        f"Odds of choosing the first method of each pair, with {plan.limits} (each comparison"
         " alone). Blue: the first is preferred after correction; orange: the second; grey:"
         " neither is. Grey band: smaller than the smallest effect of interest.",
         partial(forest_plot, cells, label=plan.label),

@@ -11,16 +11,17 @@ import pandas as pd
 from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
+    df_text,
     leading,
+    level_text,
     number,
     number_range,
-    p_number,
-    p_text,
     share,
 )
 
@@ -78,7 +79,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
         several = plan.correction == "holm" and len(model.contrasts) > 1
         caption = (
             f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
-            f" {100 * plan.confidence:g} % limits, from the first condition on."
+            f" {plan.limits}, from the first condition on."
         )
         return Shown(
             lead=(
@@ -111,11 +112,10 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
-        f"{one.first} was rated {one.difference:.2f} {_unit(model)} above {one.second},"
-        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({round(one.df, 1):g}),"
-        f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
-        f" {model.link} mixed model); one showing of it is rated higher with a chance of"
-        f" {leading(f'{one.superiority:.2f}')}."
+        f"{one.first} was rated {number(one.difference)} {_unit(model)} above {one.second},"
+        f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f" {apa_test(one, f'cumulative {model.link} mixed model')}; one showing of it is rated"
+        f" higher with a chance of {leading(f'{one.superiority:.2f}')}."
     )
 
 
@@ -131,7 +131,7 @@ def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
 def _methods(found: Ratings, plan: RatingSettings) -> str:
     model = found.model
     kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
-    df = sorted({f"{round(one.df, 1):g}" for one in model.contrasts}, key=float)
+    df = sorted({df_text(one.df) for one in model.contrasts}, key=float)
     law = f"t of {' to '.join(dict.fromkeys((df[0], df[-1])))}"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
     return (
@@ -145,7 +145,6 @@ def _methods(found: Ratings, plan: RatingSettings) -> str:
 
 def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
     pairs, unit = not plan.by, _unit(model)
-    level = f"{100 * model.level:g} % limits"
     steps = [] if pairs else [(f"{name}", "") for name in model.categories]
     places = Table.of(
         f"Places on the latent axis, {unit} from the first",
@@ -153,7 +152,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
             ("Condition", "l c"),
             ("Ratings", ""),
             ("Place", "strong"),
-            (level, "n"),
+            (plan.limits, "n"),
             *([] if pairs else [("Mean", "")]),
             *steps,
         ),
@@ -172,20 +171,18 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
     differences = Table.each(
         "Comparisons",
         model.contrasts,
-        ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
+        compared(plan),
         (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
-        (level, "n", lambda one: number_range(one.lower, one.upper)),
-        ("t(df)", "n", lambda one: f"({round(one.df, 1):g})"),
-        ("p", "n", lambda one: p_number(one.p)),
-        ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+        limits(plan.limits),
+        ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
+        *TESTED[1:],
         ("Rated higher", "", lambda one: share(one.superiority)),
     )
-    spread = ", ".join(f"{name} {number(sd)}" for name, sd in model.sd.items())
     told = (
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
-        f" condition lies on it. Random, SD: {spread}. Rated higher: the chance that one showing of"
-        " the first is rated above one of the second by the same person, on the axis, where"
-        " nothing ties."
+        f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
+        " showing of the first is rated above one of the second by the same person, on the axis,"
+        " where nothing ties."
     )
     if pairs:
         told += (

@@ -9,9 +9,19 @@ import pandas as pd
 
 from analysis.models import ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
+from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.report.blocks import Cautions, Paragraph, Table
-from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    big,
+    grouped,
+    law,
+    number,
+    p_number,
+    p_text,
+    t_text,
+)
 
 
 @dataclass(frozen=True)
@@ -62,21 +72,21 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
-        terms = [(name, fit, c) for name, fit in found.fits for c in fit.coefficients]
+        terms = rows_of((one, one[1].coefficients) for one in found.fits)
         return Shown(
             blocks=(
                 Table.each(
                     f"Logistic models of right answers, {formula}",
                     terms,
-                    ("Errors", "l", lambda one: one[0] if _first(one) else ""),
-                    ("Term", "l", lambda one: one[2].term),
-                    ("b", "", lambda one: number(one[2].estimate, 3)),
-                    ("SE", "", lambda one: number(one[2].standard_error, 3)),
-                    ("Statistic", "", lambda one: number(one[2].statistic)),
-                    ("Law", "", lambda one: "z" if one[2].df is None else f"t({one[2].df:g})"),
-                    ("p", "n", lambda one: p_number(one[2].p)),
-                    ("OR", "", lambda one: big(one[2].odds_ratio)),
-                    ("Random SD", "l", lambda one: random_sd(one[1]) if _first(one) else ""),
+                    ("Errors", "l", lambda row: row[0][0] * row[2]),
+                    ("Term", "l", lambda row: row[1].term),
+                    ("b", "", lambda row: number(row[1].estimate, 3)),
+                    ("SE", "", lambda row: number(row[1].standard_error, 3)),
+                    ("Statistic", "", lambda row: number(row[1].statistic)),
+                    ("Law", "", lambda row: law(row[1].df)),
+                    ("p", "n", lambda row: p_number(row[1].p)),
+                    ("OR", "", lambda row: big(row[1].odds_ratio)),
+                    ("Random SD", "l", lambda row: sd_text(row[0][1].random_sd) * row[2]),
                 ),
                 Paragraph(
                     "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
@@ -104,13 +114,9 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                 " between them, by t of participants - 1."
             ),
             tables={
-                "models.csv": pd.DataFrame([{"errors": name, **vars(c)} for name, _, c in terms])
+                "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms])
             },
         )
-
-
-def _first(one: tuple[str, ModelFit, object]) -> bool:
-    return one[2] is one[1].coefficients[0]
 
 
 def _identifier(name: str) -> str:
@@ -121,18 +127,12 @@ def _identifier(name: str) -> str:
     return f"x_{plain}" if taken else plain
 
 
-def random_sd(fit: ModelFit) -> str:
-    """Return the deviations of random effects."""
-    return ", ".join(f"{name} {number(sd)}" for name, sd in fit.random_sd.items()) or "none"
-
-
 def apa_term(fit: ModelFit, term: str) -> str:
     """Return one coefficient of a model of right answers as a sentence."""
     row = fit[term]
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
-    law = "z" if row.df is None else f"t({row.df:.0f})"
     return (
         f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
-        f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
+        f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({fit.method})."
     )

@@ -1,13 +1,12 @@
 """Quality in JOD: Thurstone's scale of the methods, and whether answers fit on one axis."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from analysis.bootstrap import ScaleIntervals, bootstrap_scale
@@ -23,11 +22,19 @@ from analysis.consistency import (
 )
 from analysis.observers import ObserverCheck, check_observers
 from analysis.pairings import as_numbers, numbered
-from analysis.parts import Part, PartFigure, Shown, tried
+from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.plans.preference import Settings
 from analysis.plots import jod_plot
 from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture, Table
-from analysis.report.wording import grouped, leading, number, number_range, p_number, p_text
+from analysis.report.wording import (
+    df_text,
+    grouped,
+    leading,
+    number,
+    number_range,
+    p_number,
+    p_text,
+)
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from protocols.prose import count_of
@@ -84,15 +91,13 @@ class Scales:
     notes: tuple[str, ...]
 
 
-class ScalePart(Part[Settings, Scales]):
+class ScalePart(SimplePart[Settings, Scales]):
     """Thurstone Case V by size, with limits of a bootstrap over participants and scenes."""
 
     name: ClassVar[str] = "scale"
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
-    def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
-    ) -> Scales:
+    def of(self, table: pd.DataFrame, plan: Settings) -> Scales:
         """Fit the methods of each size that can be placed on an axis."""
         decisions, notes = as_numbers(table), list[str]()
         sizes = (
@@ -215,7 +220,7 @@ def _clustered(
 
 
 def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
-    level, label = f"{100 * plan.confidence:g} % limits", plan.label
+    level, label = plan.limits, plan.label
     yield Picture("scale")
     for size in found.sizes:
         if plan.sized:
@@ -272,7 +277,7 @@ def _checks(one: SizeScale, plan: Settings) -> Iterator[str]:
     if one.agreement is not None:
         yield (
             f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
-            f" alike), χ²({number(one.agreement.df, 1)}) ="
+            f" alike), χ²({df_text(one.agreement.df)}) ="
             f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
         )
     if one.triads:

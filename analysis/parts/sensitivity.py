@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 
 from analysis.cells import grid
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.detection import (
     Discrimination,
     DiscriminationResults,
@@ -22,20 +22,23 @@ from analysis.detection import (
 from analysis.models import ModelFit, glmm_probit
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
-from analysis.parts.differences import (
+from analysis.parts.shared import (
+    P,
+    TableColumn,
     alone,
     apa_difference,
+    condition,
     difference_estimates,
     difference_tables,
     estimate,
     in_order,
-    limits_title,
+    limits,
+    sd_text,
     told_apart,
 )
-from analysis.parts.right_models import random_sd
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.rates import Difference, Rate, rate
+from analysis.rates import Rate, rate
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -48,6 +51,7 @@ from analysis.report.wording import (
     p_text,
     share,
     share_range,
+    t_text,
 )
 
 TRUST = "When not to trust these sensitivities"
@@ -122,12 +126,12 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
     def show(self, found: YesNoSensitivity, plan: RateSettings) -> Shown:
         """Return hits and false alarms, what follows from them, and differences."""
         label, cells = plan.label, found.conditions
-        answer, limits = label(cells[0].bias_answer), f"{100 * plan.confidence:g} %"
+        answer = label(cells[0].bias_answer)
         compared = [one for _, several in found.measures for one in several]
         figures = [
             PartFigure(
                 "detection",
-                f"Shares of right answers, and of one answer, with {limits} limits that respect"
+                f"Shares of right answers, and of one answer, with {plan.limits} that respect"
                 f" {respected(one.correct for one in cells)}; p against one half; dashed: one"
                 " half.",
                 partial(detection_plot, found, label=label),
@@ -135,7 +139,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
         ]
         if any(one.d_prime for one in cells):
             caption = (
-                f"Sensitivity d' by condition with {limits} limits, and the criterion: negative"
+                f"Sensitivity d' by condition with {plan.limits}, and the criterion: negative"
                 " where the signal's answer is given too readily."
             )
             draw = partial(d_prime_plot, found, label=label)
@@ -144,29 +148,22 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             blocks=(
                 Picture("detection"),
                 Picture("sensitivity"),
-                Table.of(
+                Table.each(
                     f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
+                    cells,
+                    condition(plan),
+                    ("Hits", "n", lambda one: f"{one.hits} / {one.hits + one.misses}"),
                     (
-                        ("Condition", "l c"),
-                        ("Hits", "n"),
-                        ("False alarms", "n"),
-                        *(("d'", "strong"), ("Limits", "n"), ("p", "n")),
-                        *(("c", "strong"), ("Limits", "n"), ("p", "n")),
-                        (f'Share "{answer}"', ""),
-                        ("p", "n"),
+                        "False alarms",
+                        "n",
+                        lambda one: (
+                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}"
+                        ),
                     ),
-                    [
-                        (
-                            label(one.condition),
-                            f"{one.hits} / {one.hits + one.misses}",
-                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}",
-                            *_cells(one.d_prime),
-                            *_cells(one.criterion),
-                            share(one.bias.share),
-                            p_number(one.bias.p),
-                        )
-                        for one in cells
-                    ],
+                    *_measured("d'", lambda one: one.d_prime),
+                    *_measured("c", lambda one: one.criterion),
+                    (f'Share "{answer}"', "", lambda one: share(one.bias.share)),
+                    ("p", "n", lambda one: p_number(one.bias.p)),
                 ),
                 Paragraph(
                     "d': how far signal and noise lie apart, in standard deviations of the noise; p"
@@ -180,7 +177,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
                     for name, several in found.measures
                     for block in difference_tables(f"Differences of {name}", several, plan)
                 ),
-                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+                Cautions.each(TRUST, cells, lambda one: label(one.condition)),
             ),
             sentences=(
                 *(
@@ -189,7 +186,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
                     )
                     for one in cells
                 ),
-                *(apa_difference(one) for one in compared if not plan.adaptive),
+                *(apa_difference(one, label) for one in compared if not plan.adaptive),
             ),
             methods=methods_yes_no(found),
             tables={
@@ -218,10 +215,19 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     return pd.concat([kept, *shared], ignore_index=True)
 
 
-def _cells(one: Measure | None) -> tuple[str, str, str]:
-    if one is None:
-        return NONE, NONE, NONE
-    return number(one.value), number_range(one.lower, one.upper), p_number(one.p)
+def _measured(
+    title: str, of: Callable[[YesNo], Measure | None]
+) -> tuple[TableColumn, TableColumn, TableColumn]:
+    """Return the columns of a quantity; none where it cannot be had."""
+
+    def known(text: Callable[[Measure], str]) -> Callable[[YesNo], str]:
+        return lambda one: NONE if (measure := of(one)) is None else text(measure)
+
+    return (
+        (title, "strong", known(lambda one: number(one.value))),
+        ("Limits", "n", known(limits()[2])),
+        ("p", "n", known(P[2])),
+    )
 
 
 def apa_yes_no(one: YesNo, *, name: str = "") -> str:
@@ -238,11 +244,9 @@ def apa_yes_no(one: YesNo, *, name: str = "") -> str:
 
 
 def _said(one: Measure) -> str:
-    law = "z" if np.isinf(one.df) else f"t({one.df:.1f})"
-    ratio = one.value / max(one.standard_error, 1e-12)
     return (
         f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" {law} = {number(ratio)}, {p_text(one.p)}"
+        f" {t_text(one.t, one.df)}, {p_text(one.p)}"
     )
 
 
@@ -321,7 +325,6 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
         lines = [
             {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
         ]
-        warned = [(plan.label(name), fit.warnings) for name, fit in found.fits]
         return Shown(
             blocks=(
                 Table.each(
@@ -332,9 +335,12 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
                     ("SE", "", lambda one: number(one[1]["signal"].standard_error)),
                     ("c", "strong", lambda one: number(-one[1]["Intercept"].estimate)),
                     ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
-                    ("Random SD", "l", lambda one: random_sd(one[1])),
+                    ("Random SD", "l", lambda one: sd_text(one[1].random_sd)),
                 ),
-                Cautions("When not to trust these mixed models", grouped(warned)),
+                Cautions(
+                    "When not to trust these mixed models",
+                    grouped([(plan.label(name), fit.warnings) for name, fit in found.fits]),
+                ),
             ),
             sentences=tuple(
                 f"The typical participant's d' in condition {plan.label(name)} was"
@@ -412,7 +418,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
     def show(self, found: ChoiceSensitivity, plan: RateSettings) -> Shown:
         """Return d' by condition, and differences of shares."""
         label, cells = plan.label, found.conditions
-        caption = f"Sensitivity d' by condition with {100 * plan.confidence:g} % limits."
+        caption = f"Sensitivity d' by condition with {plan.limits}."
         draw = partial(d_prime_plot, found, label=label)
         return Shown(
             blocks=(
@@ -420,10 +426,10 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                 Table.each(
                     f"d' from shares of right answers ({found.rule})",
                     cells,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("Share", "", lambda one: share(one.correct.share)),
                     ("d'", "strong", lambda one: number(one.d_prime)),
-                    (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
+                    limits(plan.limits),
                     ("p", "n", lambda one: p_number(one.correct.p)),
                 ),
                 Paragraph(
@@ -442,11 +448,11 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     for one in (found.answered,)
                     if one is not None
                 ),
-                Cautions(TRUST, grouped([(label(one.condition), one.warnings) for one in cells])),
+                Cautions.each(TRUST, cells, lambda one: label(one.condition)),
             ),
             sentences=(
                 *(apa_discrimination(one, found.rule, name=label(one.condition)) for one in cells),
-                *(apa_difference(one) for one in found.contrasts if not plan.adaptive),
+                *(apa_difference(one, label) for one in found.contrasts if not plan.adaptive),
             ),
             methods=methods_discrimination(found),
             tables={

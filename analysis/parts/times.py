@@ -10,23 +10,27 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
+from analysis.contrasts import Difference
 from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts.shared import (
+    TESTED,
+    TableColumn,
+    apa_test,
+    compared,
+    deviations,
+    law_of_mixed,
+    limits,
+    sd_text,
+)
 from analysis.plots import reaction_plot
-from analysis.rates import Difference
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
-from analysis.report.wording import (
-    NOT_IDENTIFIED,
-    grouped,
-    number,
-    number_range,
-    p_number,
-    p_text,
-)
+from analysis.report.values import flat_table
+from analysis.report.wording import NOT_IDENTIFIED, level_text, number, number_range
 
-COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Other time, s"}
+COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,7 @@ class TimesPart(SimplePart[Plan, Times]):
     def show(self, found: Times, plan: Plan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
         draw = partial(reaction_plot, found.summary, found.medians, label=plan.label)
-        caption = (
-            "Participants' median reaction times, and their mean with"
-            f" {100 * plan.confidence:g} % limits."
-        )
+        caption = f"Participants' median reaction times, and their mean with {plan.limits}."
         return Shown(
             blocks=(
                 *_summary(found, plan),
@@ -116,44 +117,35 @@ def _summary(found: Times, plan: Plan) -> Iterator[Block]:
         ("Quartiles", "n", lambda t: f"{number(t.quartile_low)} to {number(t.quartile_high)}"),
         ("Trimmed mean", "", lambda t: number(t.trimmed_mean)),
         ("Mean of medians", "", lambda t: number(t.mean_of_medians)),
-        ("Limits", "n", lambda t: number_range(t.lower, t.upper)),
+        limits(),
     )
-    yield Cautions("About these times", grouped([(label(t.condition), t.warnings) for t in times]))
+    yield Cautions.each("About these times", times, lambda t: label(t.condition))
 
 
 def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
     if model is None:
         return
-    level, label = f"{100 * model.level:g} % limits", plan.label
-    deviations = {
-        "participants": model.participant_sd,
-        "participants x conditions": model.interaction_sd,
-        "scenes": model.scene_sd,
-        "scenes x conditions": model.scene_interaction_sd,
-        "the rest": model.residual_sd,
-    }
-    spread = ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items())
+    sd = _deviations(model) | {"the rest": model.residual_sd}
     yield Table.each(
         "Typical reaction times by a log-normal mixed model",
         model.times,
-        ("Condition", "l", lambda one: label(one.condition)),
+        ("Condition", "l", lambda one: plan.label(one.condition)),
         ("Answers", "", lambda one: str(one.answers)),
         ("Typical, s", "strong", lambda one: number(one.median_s)),
-        (level, "n", lambda one: number_range(one.lower, one.upper)),
+        limits(plan.limits),
     )
     if model.ratios:
         yield Table.each(
             "How many times as long answers take",
             model.ratios,
-            ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
+            compared(plan, "/"),
             ("Ratio", "strong", lambda one: number(one.ratio)),
-            (level, "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: f"{round(one.df, 1):g}"),
-            ("p", "n", lambda one: p_number(one.p)),
-            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+            limits(plan.limits),
+            *TESTED,
         )
     yield Paragraph(
-        f"Typical: the median answer of the median person. SD of ln s: {spread}. p adj.: Holm.",
+        f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
+        " Holm.",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)
@@ -162,46 +154,45 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
 def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
     if found is None:
         return
-    label = plan.label
-    yield Table.of(
+    yield Table.each(
         "EZ diffusion: means over participants",
-        (
-            ("Condition", "l"),
-            ("People", ""),
-            *((part, "n") for name in MEASURES for part in (COLUMNS[name], "limits")),
-        ),
-        [
-            [label(one.condition), str(one.participants)]
-            + [
-                cell
-                for name in MEASURES
-                for cell in (
-                    number(one.means[name]),
-                    number_range(one.lower[name], one.upper[name]),
-                )
-            ]
-            for one in found.conditions
-        ],
+        found.conditions,
+        ("Condition", "l", lambda one: plan.label(one.condition)),
+        ("People", "", lambda one: str(one.participants)),
+        *(column for measure in MEASURES for column in _columns(measure)),
     )
     if found.contrasts:
         yield Table.each(
             "Differences, paired over participants",
             found.contrasts,
-            ("Conditions", "l c", lambda one: f"{label(one.first)} - {label(one.second)}"),
-            ("Of", "l", lambda one: one.measure),
+            compared(plan),
+            ("Of", "l", lambda one: _measure(one.measure)),
             ("Difference", "strong", lambda one: number(one.difference)),
-            ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
-            ("df", "", lambda one: f"{round(one.df, 1):g}"),
-            ("p", "n", lambda one: p_number(one.p)),
-            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+            limits(),
+            *TESTED,
         )
     yield Paragraph(
-        "Drift: how fast evidence comes; boundary: how much of it is asked for; other time: for"
-        " seeing and pressing (Wagenmakers et al. 2007). It takes right and wrong answers as"
+        "Drift: how fast evidence comes; boundary: how much of it is asked for; non-decision time:"
+        " for seeing and pressing (Wagenmakers et al. 2007). It takes right and wrong answers as"
         " equally fast.",
         muted=True,
     )
     yield Cautions("When not to trust EZ diffusion", found.warnings)
+
+
+def _columns(measure: str) -> tuple[TableColumn, TableColumn]:
+    return (
+        (COLUMNS[measure], "n", lambda one: number(one.means[measure])),
+        ("limits", "n", lambda one: number_range(one.lower[measure], one.upper[measure])),
+    )
+
+
+def _deviations(model: TimeModel) -> dict[str, float]:
+    return deviations(model, conditions=len(model.times), scenes=model.scenes > 1)
+
+
+def _measure(name: str) -> str:
+    return COLUMNS[name].partition(",")[0].lower()
 
 
 def _sentences(found: Times, plan: Plan) -> Iterator[str]:
@@ -212,7 +203,7 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         if not math.isnan(one.lower):
             text += (
                 f"; the participants' medians were {number(one.mean_of_medians)} s on average,"
-                f" {100 * plan.confidence:g}% CI {number_range(one.lower, one.upper)}"
+                f" {level_text(plan.confidence)} {number_range(one.lower, one.upper)}"
             )
         yield f"{text}."
     for ratio in found.model.ratios if found.model else ():
@@ -221,17 +212,16 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             yield f"How long answers to {first} took against {second} is {NOT_IDENTIFIED}."
             continue
         yield (
-            f"Answers to {first} took {ratio.ratio:.2f} times as long as those to {second},"
-            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}],"
-            f" t({round(ratio.df, 1):g}), {p_text(ratio.p)} ({p_number(ratio.p_adjusted)}"
-            " Holm-adjusted; log-normal mixed model)."
+            f"Answers to {first} took {number(ratio.ratio)} times as long as those to {second},"
+            f" {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
+            f" {apa_test(ratio, 'log-normal mixed model')}."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
+        unit = " s" * (gap.measure == "nondecision_s")
         yield (
-            f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}: {gap.difference:.3g} in"
-            f" {gap.measure}, {100 * gap.level:g}% CI [{gap.lower:.3g}, {gap.upper:.3g}],"
-            f" t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
-            f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
+            f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
+            f" {gap.difference:.3g}{unit} in {_measure(gap.measure)}, {level_text(gap.level)}"
+            f" [{gap.lower:.3g}, {gap.upper:.3g}], {apa_test(gap)}."
         )
 
 
@@ -241,17 +231,10 @@ def _methods(found: Times) -> Iterator[str]:
         " the participants' medians, taken on the logarithm, with t limits."
     )
     if found.model is not None:
-        effects = ["participants", *(["scenes"] if found.model.scene_sd else [])]
-        if len(found.model.times) > 1:
-            effects += [f"{effect} x conditions" for effect in effects]
-        law = (
-            "degrees of freedom between those of participants and of scenes"
-            if found.model.scene_sd
-            else "participants - 1 degrees of freedom"
-        )
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(effects)}; tests are t with {law}, Holm-adjusted."
+            f" {', '.join(_deviations(found.model))}; tests are"
+            f" {law_of_mixed(scenes=found.model.scenes > 1)}, Holm-adjusted."
         )
     if found.diffusion is not None:
         yield (
@@ -262,8 +245,7 @@ def _methods(found: Times) -> Iterator[str]:
 
 
 def _tables(found: Times) -> dict[str, pd.DataFrame]:
-    lines = [vars(one) | {"warnings": "; ".join(one.warnings)} for one in found.summary]
-    tables = {"reaction.csv": pd.DataFrame(lines)}
+    tables = {"reaction.csv": flat_table(found.summary)}
     if found.model is not None:
         tables["times.csv"] = pd.DataFrame([vars(one) for one in found.model.times])
         tables["ratios.csv"] = frame_of(TimeRatio, found.model.ratios)

@@ -147,7 +147,8 @@ def from_decisions(
     found = found_pairings(decisions)
     methods = told.sort(sorted({method for pairing in found for method in pairing}))
     sizes = tuple(sorted(map(str, decisions["size"].unique())))
-    pairings = tuple(pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
+    pairs = (pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
+    pairings = _asked(pairs, told, methods)
     primary = None
     if told.primary is not None:
         known = {
@@ -175,6 +176,33 @@ def from_decisions(
         labels=told.label,
         primary=primary,
     )
+
+
+def _asked(
+    pairs: Iterable[tuple[str, str]], told: PreferencesTold, methods: Sequence[str]
+) -> tuple[tuple[str, str], ...]:
+    """Return the pairings that are asked for, the way round that they do."""
+    asked = {"method": told.method, "against": told.against}
+    for key, name in asked.items():
+        if name is not None and name not in methods:
+            raise StudyError(
+                f"--set {key}={name}: must be one of {', '.join(methods)}"
+                f"{did_you_mean(name, methods)}"
+            )
+    found = []
+    for pair in pairs:
+        ways = [
+            way
+            for way in (pair, pair[::-1])
+            if told.method in (None, way[0]) and told.against in (None, way[1])
+        ]
+        found += ways[:1]
+    if not found:
+        raise StudyError(
+            f"--set method={told.method}: must be compared with --set"
+            f" against={told.against} (no decision does)"
+        )
+    return tuple(found)
 
 
 def _scenes(cells: Sequence[Cell], pair: set[str], size: str) -> tuple[str, ...]:

@@ -85,6 +85,10 @@ class PreferencesTold(Preferences, Named):
     primary: str | None = None
     """The comparison that the report leads with and does not adjust, as METHOD/AGAINST or
     METHOD/AGAINST/SIZE. Default: none."""
+    method: str | None = None
+    """The method whose comparisons are reported, its share counted. Default: all."""
+    against: str | None = None
+    """The method that others are compared with. Default: all."""
 
 
 class RatesTold(RatesAnalysis, Named):

@@ -14,7 +14,9 @@ from analysis.plots.style import (
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
+    interval,
     new_figure,
+    null_line,
     share_axis,
     share_text,
     style,
@@ -101,7 +103,7 @@ def preference_bars(
                 f"[{share_text(cell.estimate.lower)}, {share_text(cell.estimate.upper)}]",
                 va="center",
             )
-        axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
+        null_line(axes, 0.5)
         share_axis(axes, f"Share preferring the method on the left ({_level(cells)} % limits)")
         if width_in < 5:
             axes.set_xlabel(f"Share preferring left ({_level(cells)} %)")
@@ -156,12 +158,11 @@ def forest_plot(
         margin = cells[0].equivalence.margin
         edge = (0.5 + margin) / (0.5 - margin)
         axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
-        axes.axvline(1.0, color="black", lw=0.8, ls=(0, (4, 3)))
+        null_line(axes, 1.0)
         for y, cell in enumerate(cells):
             colour = {"preferred": BLUE, "rejected": ORANGE}.get(cell.verdict, GREY)
             found = cell.estimate
-            axes.plot([found.odds_lower, found.odds_upper], [y, y], color=colour, lw=1.4)
-            axes.plot(found.odds_ratio, y, "o", color=colour, ms=4)
+            interval(axes, y, found.odds_ratio, found.odds_lower, found.odds_upper, colour)
             limits = f"[{_short(found.odds_lower)}, {_short(found.odds_upper)}]"
             text = f"{_short(found.odds_ratio)} {limits}"
             numbers.text(0.0, y, text, va="center")

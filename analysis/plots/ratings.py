@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.ordinal import RatingModel
-from analysis.plots.style import BLUE, new_figure, share_axis, style, wrapped
+from analysis.plots.style import interval, name_rows, new_figure, null_line, share_axis, style
 
 
 def ratings_plot(
@@ -29,15 +29,12 @@ def ratings_plot(
             _bars(panels[0], model)
         axes = panels[-1]
         for y, one in enumerate(cells):
-            axes.plot([one.lower, one.upper], [y, y], color=BLUE, lw=1.4)
-            axes.plot(one.place, y, "o", color=BLUE, ms=4)
-        axes.axvline(0.0, color="black", lw=0.8, ls=(0, (4, 3)))
+            interval(axes, y, one.place, one.lower, one.upper)
+        null_line(axes, 0.0)
         unit = "SD" if model.link == "probit" else "logits"
         axes.set_xlabel(f"Place ({unit})" if width_in < 5 else f"Place on the latent axis ({unit})")
-        axes.tick_params(axis="y", length=0)
-        names = [wrapped(one.condition, width_in) for one in cells]
-        panels[0].set_yticks(range(len(names)), names)
-        panels[0].set_ylim(len(names) - 0.4, -0.6)
+        for panel in panels:
+            name_rows(panel, [one.condition for one in cells], width_in)
         if shares:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(
@@ -62,7 +59,6 @@ def _bars(axes: mpl.axes.Axes, model: RatingModel) -> None:
             )
             left += value
     share_axis(axes, "Share of ratings")
-    axes.tick_params(axis="y", length=0)
 
 
 def _ramp(count: int) -> Sequence[tuple[float, float, float, float]]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.bootstrap import ScaleIntervals
-from analysis.plots.style import BLUE, GREY, new_figure, style, wrapped
+from analysis.plots.style import GREY, interval, name_rows, new_figure, style
 from analysis.scaling import Scale
 
 
@@ -27,19 +28,13 @@ def jod_plot(
         for axes, (name, (scale, limits)) in zip(panels.ravel(), scales.items(), strict=True):
             order = sorted(range(len(scale.conditions)), key=lambda i: -scale.scores[i])
             for y, index in enumerate(order):
-                if limits is not None:
-                    axes.plot(
-                        [limits.lower[index], limits.upper[index]], [y, y], color=BLUE, lw=1.4
-                    )
-                axes.plot(scale.scores[index], y, "o", color=BLUE, ms=4.5)
+                none = (np.nan, np.nan)
+                ends = none if limits is None else (limits.lower[index], limits.upper[index])
+                interval(axes, y, scale.scores[index], *ends)
             axes.axvline(0.0, color=GREY, lw=0.6)
             axes.grid(axis="x", color="#EEEEEE", lw=0.6)
-            axes.set_yticks(
-                range(len(order)), [wrapped(label(scale.conditions[i]), width_in) for i in order]
-            )
-            axes.set_ylim(len(order) - 0.5, -0.5)
+            name_rows(axes, [label(scale.conditions[i]) for i in order], width_in)
             axes.set_title("all sizes" if name == "all" else label(name), loc="left")
-            axes.tick_params(axis="y", length=0)
             unit = scale.unit
             axes.locator_params(axis="x", nbins=5)
             if not stacked or axes is panels.ravel()[-1]:

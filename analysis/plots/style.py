@@ -120,6 +120,32 @@ def share_axis(axes: Axes, label: str) -> None:
     axes.set_xlabel(label)
 
 
+def name_rows(axes: Axes, names: Sequence[str], width_in: float) -> None:
+    """Set an axis with a name for each row, the first above."""
+    axes.set_yticks(range(len(names)), [wrapped(name, width_in) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+
+
+def interval(
+    axes: Axes, y: float, value: float, lower: float, upper: float, colour: str = BLUE
+) -> None:
+    """Draw a value with its limits in a row."""
+    axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
+    axes.plot(value, y, "o", color=colour, ms=4)
+
+
+def own_dots(axes: Axes, y: float, values: Sequence[float]) -> None:
+    """Draw participants' own values below a row."""
+    own = np.asarray(values)
+    axes.scatter(own, np.full(own.size, y + 0.22), s=6, color=GREY, linewidth=0, alpha=0.7)
+
+
+def null_line(axes: Axes, x: float) -> None:
+    """Draw where there is no effect."""
+    axes.axvline(x, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
+
+
 def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
     """Set a logarithmic axis of levels, with 1, 2 and 5 of each power of ten on it."""
     axes.set_xscale("log")

@@ -16,12 +16,14 @@ from analysis.plots.style import (
     MARKERS,
     ORANGE,
     SERIES,
+    interval,
     legend_columns,
     level_axis,
+    name_rows,
     new_figure,
+    null_line,
     share_axis,
     style,
-    wrapped,
 )
 from analysis.rates import Rate
 
@@ -48,11 +50,11 @@ def detection_plot(
         ):
             for y, bar in enumerate(bars):
                 _share_bar(axes, y, bar, colour)
-            axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
+            null_line(axes, 0.5)
             share_axis(axes, "Share" if width_in < 5 else wide)
             axes.set_xlim(0, 1.4 if width_in < 5 else 1.24)
             axes.set_title(title, loc="left")
-        _condition_axis(panels[0], [one.condition for one in cells], label, width_in)
+        name_rows(panels[0], [label(one.condition) for one in cells], width_in)
         panels[1].tick_params(axis="y", length=0)
     return figure
 
@@ -78,16 +80,16 @@ def d_prime_plot(
                 colour = ORANGE if name == "d'" else BLUE
                 for y, value in enumerate(values):
                     if value is not None:
-                        _dot(axes, y, value.value, value.lower, value.upper, colour)
+                        interval(axes, y, value.value, value.lower, value.upper, colour)
                 axes.set_xlabel(name)
         else:
             for y, one in enumerate(results.conditions):
-                _dot(panels[0], y, one.d_prime, one.lower, one.upper, ORANGE)
+                interval(panels[0], y, one.d_prime, one.lower, one.upper, ORANGE)
             panels[0].set_xlabel(f"d' ({results.rule})")
         for axes in panels:
-            axes.axvline(0.0, color="black", lw=0.8, ls=(0, (4, 3)))
+            null_line(axes, 0.0)
             axes.tick_params(axis="y", length=0)
-        _condition_axis(panels[0], [one.condition for one in cells], label, width_in)
+        name_rows(panels[0], [label(one.condition) for one in cells], width_in)
     return figure
 
 
@@ -174,17 +176,6 @@ def scaling_plot(
     return figure
 
 
-def _condition_axis(axes: Axes, names: Sequence[str], label: Label, width_in: float) -> None:
-    axes.set_yticks(range(len(names)), [wrapped(label(name), width_in) for name in names])
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
-
-
-def _dot(axes: Axes, y: int, value: float, lower: float, upper: float, colour: str) -> None:
-    axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
-    axes.plot(value, y, "o", color=colour, ms=4)
-
-
 def _share_bar(axes: Axes, y: int, share: Rate, colour: str) -> None:
     axes.barh(y, share.share, height=0.6, color=colour, alpha=0.75)
     axes.plot([share.lower, share.upper], [y, y], color="black", lw=1.1)
@@ -201,8 +192,8 @@ def rates_plot(
         axes = figure.subplots()
         for y, one in enumerate(rates):
             _share_bar(axes, y, one, ORANGE)
-        axes.axvline(rates[0].chance, color="black", lw=0.8, ls=(0, (4, 3)))
+        null_line(axes, rates[0].chance)
         share_axis(axes, "Share correct")
         axes.set_xlim(0, 1.24)
-        _condition_axis(axes, [one.condition for one in rates], label, width_in)
+        name_rows(axes, [label(one.condition) for one in rates], width_in)
     return figure

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from analysis.bias import Bias
 from analysis.plots.style import (
     BLUE,
-    GREY,
     ORANGE,
+    interval,
+    name_rows,
     new_figure,
+    null_line,
+    own_dots,
     share_axis,
     share_text,
     style,
-    wrapped,
 )
 from analysis.reaction import ReactionTimes
 
@@ -84,15 +86,11 @@ def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool
         figure = new_figure(width_in, 0.55 + 0.4 * len(biases), simulated=simulated)
         axes = figure.subplots()
         for y, bias in enumerate(biases):
-            own = np.array([share for _, share in bias.by_participant])
-            axes.scatter(own, np.full(own.size, y + 0.22), s=6, color=GREY, linewidth=0, alpha=0.7)
-            axes.plot([bias.lower, bias.upper], [y, y], color=BLUE, lw=1.4)
-            axes.plot(bias.share, y, "o", color=BLUE, ms=4)
-        axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)))
+            own_dots(axes, y, [share for _, share in bias.by_participant])
+            interval(axes, y, bias.share, bias.lower, bias.upper)
+        null_line(axes, 0.5)
         share_axis(axes, "Share picked")
-        axes.set_yticks(range(len(biases)), [bias.alternative for bias in biases])
-        axes.set_ylim(len(biases) - 0.5, -0.5)
-        axes.tick_params(axis="y", length=0)
+        name_rows(axes, [bias.alternative for bias in biases], width_in)
     return figure
 
 
@@ -109,10 +107,8 @@ def reaction_plot(
         figure = new_figure(width_in, 0.6 + 0.36 * len(summaries), simulated=simulated)
         axes = figure.subplots()
         for y, summary in enumerate(summaries):
-            own = np.asarray(medians.get(summary.condition, ()))
-            axes.scatter(own, np.full(own.size, y + 0.22), s=6, color=GREY, linewidth=0, alpha=0.7)
-            axes.plot([summary.lower, summary.upper], [y, y], color=BLUE, lw=1.4)
-            axes.plot(summary.mean_of_medians, y, "o", color=BLUE, ms=4)
+            own_dots(axes, y, medians.get(summary.condition, ()))
+            interval(axes, y, summary.mean_of_medians, summary.lower, summary.upper)
         axes.set_xscale("log")
         values = [value for own in medians.values() for value in own]
         values += [end for one in summaries for end in (one.lower, one.upper)]
@@ -126,11 +122,7 @@ def reaction_plot(
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel("Reaction time, s (log axis)")
-        axes.set_yticks(
-            range(len(summaries)), [wrapped(label(one.condition), width_in) for one in summaries]
-        )
-        axes.set_ylim(len(summaries) - 0.5, -0.6)
-        axes.tick_params(axis="y", length=0)
+        name_rows(axes, [label(one.condition) for one in summaries], width_in)
     return figure
 
 

@@ -3,14 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import pandas as pd
-
-from analysis.parts import Estimate, Part, Plan, computed
+from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
 from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
 from analysis.report.wording import number, number_range, p_number
-from analysis.tasks.base import AnyAnalysis
 from protocols.errors import StudyError
 
 
@@ -49,8 +46,10 @@ def beside(source: Source) -> Beside | None:
         return None
     own, settings = source.analysis, source.settings
     try:
-        kept = estimates_of(own, source.decisions, settings)
-        every = estimates_of(own, main.assign(included=1).reset_index(drop=True), settings)
+        kept, every = (
+            estimates_of(with_added(own.parts), own.table(rows, settings), settings)
+            for rows in (source.decisions, main.assign(included=1).reset_index(drop=True))
+        )
     except (ValueError, StudyError) as problem:
         why_not = str(problem).removeprefix(f"{settings.study}: ")
         return Beside((), (), left_out, alpha, (), why_not)
@@ -63,31 +62,6 @@ def beside(source: Source) -> Beside | None:
         if one.what in before and (one.p <= alpha) != (before[one.what].p <= alpha)
     )
     return Beside(kept, every, left_out, alpha, turned)
-
-
-def estimates_of(
-    analysis: AnyAnalysis, decisions: pd.DataFrame, plan: Plan, *, planned: bool = False
-) -> tuple[Estimate, ...]:
-    """Return the main numbers of decisions, or those of the planned test; no other is computed.
-
-    Raises
-    ------
-    ValueError or StudyError
-        If nothing can be said of these decisions.
-    """
-    every = with_added(analysis.parts)
-    main = {p.name: p for p in every if type(p).estimates is not Part.estimates}
-    asked = set(main)
-    for part in every[::-1]:
-        asked |= {*part.needs} if part.name in asked else set()
-    parts = [part for part in every if part.name in asked]
-    found, _ = computed(parts, analysis.table(decisions, plan), plan)
-    return tuple(
-        one
-        for name, part in main.items()
-        if name in found
-        for one in (part.planned if planned else part.estimates)(found[name], plan)
-    )
 
 
 def beside_blocks(found: Beside | None) -> Sequence[Block]:

@@ -5,12 +5,25 @@ A text is escaped on the page unless it is `Markup`.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from analysis.report.wording import grouped
+
 T = TypeVar("T")
+
+
+class Warned(Protocol):
+    """A result that says when not to trust it."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons."""
+
+
+W = TypeVar("W", bound=Warned)
 
 
 @dataclass(frozen=True)
@@ -85,6 +98,11 @@ class Cautions:
 
     title: str
     notes: tuple[str, ...]
+
+    @classmethod
+    def each(cls, title: str, things: Iterable[W], name: Callable[[W], str]) -> "Cautions":
+        """Return the warnings of some results, equal ones once, with the names of the results."""
+        return cls(title, grouped([(name(one), one.warnings) for one in things]))
 
 
 @dataclass(frozen=True)

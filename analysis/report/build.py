@@ -16,7 +16,6 @@ from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_fig
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.blocks import ReportFigure
 from analysis.report.content import Content, content_of
-from analysis.report.looks import look_figures, look_of, looks_blocks
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
@@ -119,8 +118,6 @@ def write_report(
     with whole_folder(out, replace=replace, reads=[read]) as work:
         say("analysing", 0, 0)
         content = content_of(source, lambda name: say(f"analysing: {name}", 0, 0))
-        stand = look_of(source, content.planned_p)
-        figures = (*content.figures, *look_figures(stand, simulated=source.simulated))
         provenance = source.provenance | {
             "analysed_with": f"{package_version()} ({code_revision()})",
             "libraries": {name: metadata.version(name) for name in _LIBRARIES},
@@ -128,7 +125,7 @@ def write_report(
         }
         with python_warnings.catch_warnings(record=True) as caught:
             python_warnings.simplefilter("always")
-            drawn = _draw(figures, work, files=figure_files, say=say)
+            drawn = _draw(content.figures, work, files=figure_files, say=say)
         content = dataclasses.replace(content, warnings=(*content.warnings, *_font_notes(caught)))
         say("writing", 0, 0)
         tables = work / "tables"
@@ -142,14 +139,11 @@ def write_report(
             "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "without_exclusions": as_json(both),
-            "sequential": as_json(stand),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],
             "warnings": list(content.warnings),
             "provenance": provenance,
         }
-        html = report_page(
-            source, content, drawn, provenance, beside_blocks(both), looks_blocks(stand)
-        )
+        html = report_page(source, content, drawn, provenance, beside_blocks(both))
         (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         (work / NAME).write_bytes(json_bytes(text + "\n"))

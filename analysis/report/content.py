@@ -7,6 +7,7 @@ import pandas as pd
 
 from analysis.parts import Shown, computed
 from analysis.parts.added import with_added
+from analysis.parts.looks import LooksPart
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.source import Source
 from analysis.report.values import as_json
@@ -33,8 +34,6 @@ class Content:
         A paragraph; `sentences` are results, the most important one is `headline`.
     tables : mapping of file name to DataFrame
     numbers : mapping of part to its numbers
-    planned_p : float or None
-        Of the planned test, which looks at unfinished data test.
     warnings : tuple of str
         What is odd about the data as a whole.
     """
@@ -48,7 +47,6 @@ class Content:
     headline: str
     tables: Mapping[str, pd.DataFrame]
     numbers: Mapping[str, Json]
-    planned_p: float | None
     warnings: tuple[str, ...]
 
 
@@ -57,6 +55,8 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
     every = with_added(analysis.parts_of(plan))
     parts = tuple(one for one in every if not source.only or one.name in source.only)
+    if source.protocol is not None and (looks := source.protocol.analysis.sequential) is not None:
+        parts = (LooksPart(looks, parts), *parts)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     if not found:
         raise StudyError(
@@ -70,13 +70,11 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     said = Shown(methods=f"We analysed {counted}. {left_out}".strip())
     sections: list[Section] = []
     figures: list[ReportFigure] = []
-    planned: list[float | None] = []
     for part, one in shown:
         name, title = part.section
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
-        planned.append(part.planned_p(found[part.name]))
     told = (said, *(one for _, one in shown))
     sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."
@@ -90,7 +88,6 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         headline=next(filter(None, (*(one.headline for one in told), *sentences)), ""),
         tables={name: table for one in told for name, table in one.tables.items()},
         numbers={name: as_json(one) for name, one in found.items()},
-        planned_p=next((p for p in planned if p is not None), None),
         warnings=(
             *source.warnings,
             *notes,

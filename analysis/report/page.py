@@ -23,11 +23,10 @@ def report_page(
     figures: list[dict[str, str | Markup]],
     provenance: dict[str, Json],
     quality: Sequence[Block] = (),
-    first: Sequence[Block] = (),
 ) -> str:
     """Return the page; `figures` hold a name, a caption, and SVG under `narrow` and `wide`.
 
-    `quality` are blocks that end the section on data quality, `first` stand before all others.
+    `quality` are blocks that end the section on data quality.
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
@@ -44,7 +43,6 @@ def report_page(
         s=source.settings,
         w=wording,
         content=content,
-        first=first,
         figures={str(figure["name"]): figure for figure in figures},
         simulated=source.simulated,
         provenance=provenance,

@@ -61,16 +61,18 @@ def rows_as_json(table: pd.DataFrame) -> list[Json]:
     return [as_json(row) for row in plain.to_dict("records")]
 
 
-def flat_table(results: Iterable[object]) -> pd.DataFrame:
+def flat_table(results: Iterable[object], *without: str) -> pd.DataFrame:
     """Return results as a table, one a row: numbers of nested ones by both names, no mappings.
 
-    Pairs are limits; what is not identified, or not finite, is missing.
+    Fields `without` are left out. Pairs are limits; what is not identified, or not finite, is
+    missing.
     """
     rows = []
     for one in results:
         held = as_json(one)
         assert isinstance(held, dict)
-        plain = {name: held[name] for name in held if not isinstance(vars(one)[name], Mapping)}
+        left_out = {name for name, value in vars(one).items() if isinstance(value, Mapping)}
+        plain = {name: held[name] for name in held if name not in left_out.union(without)}
         rows.append(dict(_flat(plain, "")))
     return pd.DataFrame(rows)
 

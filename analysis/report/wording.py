@@ -26,9 +26,9 @@ def p_text(p: float) -> str:
     return "p = " + leading(f"{p:.3f}")
 
 
-def p_number(p: float) -> str:
-    """Return a p-value for a table: ``.012``, ``< .001``, ``none`` for NaN."""
-    if math.isnan(p):
+def p_number(p: float | None) -> str:
+    """Return a p-value for a table: ``.012``, ``< .001``, ``none`` for None and NaN."""
+    if p is None or math.isnan(p):
         return NONE
     return p_text(p).removeprefix("p ").removeprefix("= ")
 
@@ -80,6 +80,21 @@ def number_range(lower: float, upper: float) -> str:
 def level_text(level: float) -> str:
     """Return what stands before limits in a sentence: ``95% CI``."""
     return f"{100 * level:g}% CI"
+
+
+def df_text(df: float) -> str:
+    """Return degrees of freedom: one digit after the point where they are not whole."""
+    return NONE if math.isnan(df) else f"{round(df, 1):.10g}"
+
+
+def law(df: float | None) -> str:
+    """Return ``t(5)``; ``z`` where there are no degrees of freedom, or no end of them."""
+    return "z" if df is None or math.isinf(df) else f"t({df_text(df)})"
+
+
+def t_text(t: float, df: float | None) -> str:
+    """Return a statistic with its law: ``t(5) = 2.31``."""
+    return f"{law(df)} = {number(t)}"
 
 
 def size(value: float | None, digits: int = 3) -> str:

@@ -149,9 +149,10 @@ def _of_file(path: Path) -> FileRows:
 
 
 def counted_lines(lines: Sequence[int | str]) -> str:
-    """Return how many rows, and where the first are: ``2 rows (line 3, 5)``."""
+    """Return how many rows, and where the first are: ``2 rows (lines 3, 5)``."""
     shown = ", ".join(map(str, lines[:5])) + " ..." * (len(lines) > 5)
-    return f"{len(lines)} row{'s' * (len(lines) != 1)} (line {shown})"
+    several = "s" * (len(lines) != 1)
+    return f"{len(lines)} row{several} (line{several} {shown})"
 
 
 def _is_spreadsheet(path: Path) -> bool:

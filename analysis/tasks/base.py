@@ -142,6 +142,10 @@ class TaskAnalysis(ABC, Generic[S]):
         """Return what is odd about the answers of a table that was read."""
         return ()
 
+    def lacks(self, _decisions: pd.DataFrame, _settings: S) -> str:
+        """Return what a table that was read lacks for a report, and the cure; empty: nothing."""
+        return ""
+
     def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
         """Refuse a table that does not fit the protocol given with it (StudyError)."""
 

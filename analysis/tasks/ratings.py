@@ -5,11 +5,12 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from analysis.ordinal import lacking
 from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingSettings, from_protocol, settings_of
+from analysis.plans.ratings import RatingSettings, conditions_of, from_protocol, settings_of
 from analysis.plans.told import RatingsTold
 from analysis.tables.ratings import read_ratings
 from analysis.tables.table import Source
@@ -41,3 +42,8 @@ class Ratings(TaskAnalysis[RatingSettings]):
         return as_decisions(
             read_ratings(table, mapping, by=by, scale=told.scale, option="--set {}=")
         )
+
+    def lacks(self, decisions: pd.DataFrame, settings: RatingSettings) -> str:
+        """Return what nothing can be compared without."""
+        rated = len(conditions_of(decisions, settings))
+        return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())

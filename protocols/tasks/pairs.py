@@ -75,12 +75,16 @@ class PrimaryComparison(Model):
 class Preferences(Analysis):
     """How preferences are tested, whatever is compared."""
 
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes")
+
     smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
     """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
+    bayes: bool = False
+    """Also give posteriors of every pairing, which the extra `bayes` samples."""
 
 
 class PreferenceAnalysis(Preferences):
@@ -133,6 +137,7 @@ class PreferenceAnalysis(Preferences):
             f"Other comparisons: correction {self.correction}.",
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
+            *["Posteriors of every pairing are given as well."] * self.bayes,
         ]
 
 

@@ -406,7 +406,12 @@ def import_(
     counted = f"{count_of(len(decisions), 'decision')} of {people}"
     say(f"{out / 'decisions.csv'}: {counted}")
     written = shlex.quote(str(out / "decisions.csv"))
-    say(f"next: metamerlab analysis report {written} --out report")
+    lack = analysis.lacks(decisions, settings)
+    say(
+        f"no report yet: {lack}"
+        if lack
+        else f"next: metamerlab analysis report {written} --out report"
+    )
 
 
 register(app)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,10 +15,10 @@ from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ProtocolArgument, ReplaceOption
 from study_app.cli.progress import one_line
-from study_app.cli.table_commands import OutOption, hand_over
+from study_app.cli.table_commands import OutOption, print_blocks
+from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
-    from analysis.from_csv.found import Found
     from analysis.sequential import SequentialError, SequentialPlan
 
 STUDIES = 2000
@@ -47,10 +50,16 @@ def sequential(
     """
     import numpy as np
 
+    from analysis.parts.looks import looks_frame, looks_table
+    from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+    from analysis.plots.sequential import bounds_plot
+    from analysis.report.values import as_json
     from analysis.sequential import plan_of, sequential_error
+    from analysis.tables.write import write_table
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
-    from protocols.result_folder import check_result
+    from protocols.outside import json_bytes
+    from protocols.result_folder import check_result, whole_folder
 
     with user_errors():
         if out is not None:
@@ -82,84 +91,60 @@ def sequential(
                 )
                 found.append(sequential_error(plan, p))
         nothing, something = found
-        hand_over(_found(plan, nothing, something, assumed), out, replace=replace)
-
-
-def _found(
-    plan: SequentialPlan,
-    nothing: SequentialError,
-    something: SequentialError,
-    assumed: dict[str, float],
-) -> Found:
-    """Return bounds and errors, ready to print."""
-    import numpy as np
-    import pandas as pd
-
-    from analysis.from_csv.found import Found
-    from analysis.plots.sequential import bounds_plot
-
-    taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
-    lines = [
-        {
-            "participants": str(people),
-            "significant if p <=": f"{plan.reject_p[k]:.5f}",
-            "no difference if p >=": _none(plan.accept_p[k], 3),
-            "alpha spent": _none(plan.spent[k], 5),
-            "stops, no effect": f"{nothing.stops[k]:.3f}",
-            "stops, effect": f"{something.stops[k]:.3f}",
-        }
-        for k, people in enumerate(plan.looks)
-    ]
-    notes = []
-    error = float(np.sqrt(plan.alpha * (1.0 - plan.alpha) / nothing.studies))
-    if nothing.significant > plan.alpha + 2.0 * error:
-        notes.append(
-            f"false positives {nothing.significant:.3f} are above alpha {plan.alpha:g}"
-            + (
-                ": a Bayes factor promises no error; raise bayes_factor, or choose another rule"
-                if plan.rule == "bayes-factor"
-                else ": too few people at the first looks for this test"
-            )
+        taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
+        title = (
+            f"{plan.rule}, {len(plan.looks)} looks; {nothing.studies} simulated studies; {taken};"
+            f" alpha {plan.alpha:g}"
         )
-    return Found(
-        title=f"{plan.rule}, {len(plan.looks)} looks; {nothing.studies} simulated studies; {taken};"
-        f" alpha {plan.alpha:g}",
-        shown=pd.DataFrame(lines),
-        sentences=(
-            f"Without an effect {nothing.significant:.3f} of studies end as significant"
-            f" (testing each look at alpha: {nothing.naive:.3f}), with it"
-            f" {something.significant:.3f}.",
-            f"They end with {nothing.participants:.1f} and {something.participants:.1f}"
-            f" participants on average; without looks, {plan.looks[-1]}.",
-            *(
-                [
-                    f"They stop for no difference in {nothing.accepted:.3f} and"
-                    f" {something.accepted:.3f}."
-                ]
-                if any(bound is not None for bound in plan.accept_p)
-                else []
-            ),
-        ),
-        notes=tuple(notes),
-        tables={
-            "looks.csv": pd.DataFrame(
-                {
-                    "participants": plan.looks,
-                    "reject_p": plan.reject_p,
-                    "accept_p": plan.accept_p,
-                    "spent": plan.spent,
+        sentences = [*_sentences(plan, nothing, something)]
+        notes = [*_notes(plan, nothing)]
+        if out is not None:
+            said = {
+                "title": title,
+                "sentences": sentences,
+                "notes": notes,
+                "result": {"plan": plan, "without_effect": nothing, "with_effect": something},
+            }
+            with whole_folder(out, replace=replace) as work:
+                for name, width_in in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
+                    save_figure(bounds_plot(plan, width_in=width_in), work, f"looks-{name}")
+                stops = {
                     "stops_without_effect": nothing.stops,
                     "stops_with_effect": something.stops,
                 }
-            )
-        },
-        figures={"looks": lambda width: bounds_plot(plan, width_in=width)},
-        result={"plan": plan, "without_effect": nothing, "with_effect": something},
+                write_table(looks_frame(plan).assign(**stops), work / "looks.csv")
+                text = json.dumps(as_json(said), indent=1, sort_keys=True, allow_nan=False)
+                (work / "results.json").write_bytes(json_bytes(text + "\n"))
+    shares = {"Stops, no effect": nothing.stops, "Stops, effect": something.stops}
+    print_blocks(title, [looks_table(plan, shares)], sentences, notes)
+    if out is not None:
+        say(f"figure, table, numbers: {out}")
+
+
+def _sentences(
+    plan: SequentialPlan, nothing: SequentialError, something: SequentialError
+) -> Iterator[str]:
+    yield (
+        f"Without an effect {nothing.significant:.3f} of studies end as significant (testing each"
+        f" look at alpha: {nothing.naive:.3f}), with it {something.significant:.3f}."
     )
+    yield (
+        f"They end with {nothing.participants:.1f} and {something.participants:.1f} participants on"
+        f" average; without looks, {plan.looks[-1]}."
+    )
+    if any(bound is not None for bound in plan.accept_p):
+        yield (
+            f"They stop for no difference in {nothing.accepted:.3f} and {something.accepted:.3f}."
+        )
 
 
-def _none(value: float | None, digits: int) -> str:
-    return "none" if value is None else f"{value:.{digits}f}"
+def _notes(plan: SequentialPlan, nothing: SequentialError) -> Iterator[str]:
+    error = math.sqrt(plan.alpha * (1.0 - plan.alpha) / nothing.studies)
+    if nothing.significant > plan.alpha + 2.0 * error:
+        why = "too few people at the first looks for this test"
+        if plan.rule == "bayes-factor":
+            why = "a Bayes factor promises no error; raise bayes_factor, or choose another rule"
+        yield f"false positives {nothing.significant:.3f} are above alpha {plan.alpha:g}: {why}"
 
 
 def register(app: typer.Typer) -> None:

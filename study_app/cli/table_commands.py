@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
@@ -13,7 +14,13 @@ from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analysis.plans.told import CurvesTold, DetectionTold, RatingsTold, TimesTold
+from analysis.plans.told import (
+    CurvesTold,
+    DetectionTold,
+    PreferencesTold,
+    RatingsTold,
+    TimesTold,
+)
 from protocols.errors import StudyError
 from protocols.key_docs import key_docs
 from protocols.tasks.base import Analysis
@@ -24,7 +31,7 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
-    from analysis.from_csv.found import Found
+    from analysis.report.blocks import Block
     from analysis.report.blocks import Table as Rows
     from analysis.report.content import Content
     from analysis.tables.table import Table as AnyTable
@@ -70,11 +77,16 @@ LevelOption = Annotated[
 
 
 def _question(
-    told: type[Analysis], keys: Sequence[str], only: Sequence[str] = (), needed: Sequence[str] = ()
+    told: type[Analysis],
+    keys: Sequence[str],
+    only: Sequence[str] = (),
+    needed: Sequence[str] = (),
+    also: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """Make a command of a kind of analysis, whose options are keys of what a table is told.
 
-    `only` are the parts that answer the question; none: all of them.
+    `only` are the parts that answer the question; none: all of them. `also` are keys that the
+    question itself says.
     """
 
     def command(
@@ -89,7 +101,7 @@ def _question(
     ) -> None:
         said = {key: one for key, one in given.items() if one is not None and one is not False}
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
-        texts["alpha"] = f"{1.0 - confidence:.12g}"
+        texts |= {**also, "alpha": f"{1.0 - confidence:.12g}"}
         kind = str(told.model_fields["kind"].default)
         with user_errors():
             ask(kind, table, (columns, where, answer), texts, out, replace=replace, only=only)
@@ -187,45 +199,21 @@ def ratings() -> None:
     """
 
 
-def bayes(
-    table: TrialsArgument,
-    method: Annotated[str | None, typer.Option(help="Default: all methods.")] = None,
-    against: Annotated[str | None, typer.Option(help="Default: all others.")] = None,
-    margin: Annotated[
-        float,
-        typer.Option(
-            min=0.001,
-            max=0.499,
-            help="Shares up to this far from one half count as practically equal.",
-        ),
-    ] = 0.1,
-    columns: MapOption = None,
-    where: WhereOption = None,
-    answer: AnswerOption = None,
-    confidence: LevelOption = 0.95,
-    out: OutOption = None,
-    replace: ReplaceOption = False,
-) -> None:
+@_question(
+    PreferencesTold,
+    ("method", "against", "smallest_effect_rate"),
+    ("bayes",),
+    also={"bayes": "true"},
+)
+def bayes() -> None:
     """Compute posteriors of preferences: credible limits, equality, influence of the prior.
 
     Needs participant, first, second, and chosen or chose_first, and scene if there are several. A
     hierarchical logit model is sampled under three priors. Needs the extra `bayes`.
 
-    Example: metamerlab analysis bayes decisions.csv --method ours --margin 0.1 --out posterior
+    Example: metamerlab analysis bayes decisions.csv --method ours --smallest-effect-rate 0.1
+    --out posterior
     """
-    from analysis.from_csv.bayes import bayes_of_csv
-    from protocols.result_folder import check_result
-
-    with user_errors():
-        if out is not None:
-            check_result(out, replace=replace, reads=[table])
-        with one_line() as progress:
-            rows = table_told(table, (columns, where, answer))
-            found = bayes_of_csv(
-                rows, method=method, against=against, margin=margin, level=confidence,
-                progress=progress,
-            )  # fmt: skip
-        hand_over(found, out, replace=replace, reads=[table])
 
 
 def register(app: typer.Typer) -> None:
@@ -300,13 +288,25 @@ def ask(
 
 def print_content(content: Content, *, simulated: bool) -> None:
     """Print what a page says, without its figures."""
+    print_blocks(
+        content.counted + " (SIMULATED)" * simulated,
+        (*content.lead, *(block for section in content.sections for block in section.blocks)),
+        content.sentences,
+        content.warnings,
+    )
+
+
+def print_blocks(
+    title: str, blocks: Iterable[Block], sentences: Iterable[str], notes: Iterable[str]
+) -> None:
+    """Print a title, tables and their texts, sentences, and each note once."""
     from analysis.report.blocks import Cautions, Heading, Paragraph
     from analysis.report.blocks import Table as Rows
 
     console = PlainConsole()
-    console.print(content.counted + " (SIMULATED)" * simulated)
-    notes = list(content.warnings)
-    for block in (*content.lead, *(b for section in content.sections for b in section.blocks)):
+    console.print(title)
+    notes = list(notes)
+    for block in blocks:
         match block:
             case Rows():
                 console.print(_plain(block.caption))
@@ -315,7 +315,7 @@ def print_content(content: Content, *, simulated: bool) -> None:
                 console.print(_plain(text))
             case Cautions(notes=found):
                 notes += found
-    for sentence in content.sentences:
+    for sentence in sentences:
         console.print(sentence)
     say_notes(dict.fromkeys(notes))
 
@@ -333,27 +333,3 @@ def _printed(rows: Rows) -> Table:
 
 def _plain(text: str) -> str:
     return str(text.striptags()) if isinstance(text, Markup) else text
-
-
-def hand_over(found: Found, out: Path | None, *, replace: bool, reads: Iterable[Path] = ()) -> None:
-    """Print what was found, and write it where a folder is named."""
-    from analysis.from_csv.found import write_found
-    from protocols.result_folder import whole_folder
-
-    if out is not None:
-        with whole_folder(out, replace=replace, reads=reads) as work:
-            write_found(found, work)
-    console = PlainConsole()
-    console.print(found.title)
-    # Narrow terminals break lines within cells: no digit is ever left out.
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for place, name in enumerate(found.shown.columns):
-        table.add_column(str(name), justify="left" if place == 0 else "right", overflow="fold")
-    for row in found.shown.itertuples(index=False):
-        table.add_row(*map(str, row))
-    console.print(table)
-    for sentence in found.sentences:
-        console.print(sentence)
-    say_notes(found.notes)
-    if out is not None:
-        say(f"figures, tables, numbers: {out}")

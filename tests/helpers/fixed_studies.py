@@ -26,7 +26,7 @@ from analysis.tasks.note import write_note
 STORED = Path(__file__).parents[1] / "stats" / "fixed"
 DIGITS = 6
 """Of stored numbers; a search for a maximum ends elsewhere in the last of a double."""
-PARTS = ("results", "without_exclusions", "sequential", "flow", "warnings")
+PARTS = ("results", "without_exclusions", "flow", "warnings")
 """Of `results.json`: the rest is of the machine or of the journals."""
 
 

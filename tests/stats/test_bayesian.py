@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from importlib.util import find_spec
 
@@ -13,6 +14,8 @@ from typer.testing import CliRunner
 from analysis import bayesian as module
 from analysis.bayesian import Posterior, Prior, _verdict, bayesian_preference
 from analysis.models import glmm_logit
+from analysis.parts.bayes import BayesPart
+from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from study_app.cli import app
 
@@ -71,7 +74,8 @@ def test_a_prior_that_rules_is_noted(fitted):
 
 @needs_numpyro
 def test_the_command_tells_and_writes(tmp_path, monkeypatch):
-    for name, value in (("WARM_UP", 150), ("DRAWS", 150), ("CHAINS", 2)):
+    for name, value in (("WARM_UP", 150), ("DRAWS", 150), ("CHAINS", 2), ("LEAST_DRAWS", 20),
+                        ("WORST_R_HAT", 1.2)):  # fmt: skip
         monkeypatch.setattr(module, name, value)
     file, out = tmp_path / "votes.csv", tmp_path / "out"
     votes(people=5, scenes=3, repeats=2).to_csv(file, index=False)
@@ -83,10 +87,10 @@ def test_the_command_tells_and_writes(tmp_path, monkeypatch):
 
     assert result.exit_code == 0, result.output
     assert "theirs was chosen over ours with a share of" in result.output
-    table = pd.read_csv(out / "posteriors.csv")
+    table = pd.read_csv(out / "tables" / "posteriors.csv")
     assert table["prior"].tolist() == ["default", "narrow", "wide"]
     assert (table["lower"] < table["share"]).all()
-    assert (out / "posteriors-1-column.pdf").is_file()
+    assert (out / "figures" / "posteriors-1-column.pdf").is_file()
 
 
 @pytest.mark.parametrize(
@@ -129,3 +133,29 @@ def test_chains_that_cannot_be_trusted_are_noted():
 
     assert any("do not agree" in note for note in notes)
     assert any("4 draws diverged" in note for note in notes)
+
+
+def test_a_study_that_asks_for_posteriors_has_the_part_and_one_that_does_not_keeps_its_hash(
+    demo_protocol,
+):
+    asked = demo_protocol.analysis.model_copy(update={"bayes": True})
+    study = demo_protocol.model_copy(update={"analysis": asked})
+    analysis = analysis_of("preference")
+
+    for protocol, wanted in ((demo_protocol, False), (study, True)):
+        settings = analysis.settings(protocol)
+        assert BayesPart().wanted(votes(people=2), settings) == wanted
+        assert analysis.options_of(settings).bayes == wanted
+        assert ("bayes" in json.dumps(protocol.analysis.model_dump())) == wanted
+
+
+def test_a_method_that_is_none_is_refused_by_the_option_that_named_it(tmp_path):
+    votes(people=2, scenes=2, repeats=2).to_csv(tmp_path / "votes.csv", index=False)
+    done = CliRunner().invoke(
+        app, ["analysis", "bayes", str(tmp_path / "votes.csv"), "--method", "our"]
+    )
+
+    assert done.exit_code == 2
+    assert "--method our: must be one of ours, theirs; did you mean 'ours'?" in " ".join(
+        done.output.split()
+    )

@@ -125,7 +125,7 @@ def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuit
         "--out", tmp_path / "out",
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    note = "left out without an answer: 4 rows (line 2, 3, 564, 565)"
+    note = "left out without an answer: 4 rows (lines 2, 3, 564, 565)"
     assert note in result.output
     assert note in json.loads((tmp_path / "out/results.json").read_text())["warnings"]
     plain = run("psychometric", acuity, *asked, "--map", "participant=who", "--map", "correct=hit")

@@ -82,7 +82,7 @@ def test_the_likelihood_ratio_of_a_mixed_model_equals_glmmtmbs(crossed):
 
     assert column(fit, "ratio_p") == pytest.approx(R_PAIRED["glmm_ratio_p"], rel=1e-3)
     assert fit["cond[T.b]"].ratio_p != fit["cond[T.b]"].p
-    assert fit["cond[T.b]"].statistic_name == "z"
+    assert fit["cond[T.b]"].df is None
 
 
 def coded(crossed: pd.DataFrame) -> pd.DataFrame:
@@ -248,7 +248,7 @@ def test_clustered_standard_errors_use_t_of_the_smaller_number_of_clusters(cross
     fit = glm_logit("y ~ 1 + cond", crossed, cluster=("participant", "item"))
 
     assert fit.coefficients[0].df == 7.0
-    assert fit.coefficients[0].statistic_name == "t(7)"
+    assert fit.coefficients[0].df == 7
     assert fit.coefficients[0].standard_error > R["glm_se"][0]
     assert any("only 8 clusters" in note for note in fit.warnings)
 

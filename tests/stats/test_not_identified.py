@@ -18,11 +18,11 @@ from typer.testing import CliRunner, Result
 from analysis import scaling
 from analysis.bayesian import BayesianPreference, Posterior, PriorCheck
 from analysis.diffusion import diffusion_by_condition
-from analysis.from_csv.bayes import apa_bayes
 from analysis.learning import trend
 from analysis.models import glm_logit, models_beside
 from analysis.ordinal import paired_ratings, rating_model
 from analysis.parts import computed
+from analysis.parts.bayes import apa_bayes
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.right_models import apa_term

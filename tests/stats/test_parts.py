@@ -15,8 +15,11 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.parts import Estimate, Part, Shown, added, computed
-from analysis.report.beside import estimates_of
+from analysis import bayesian
+from analysis.parts import Estimate, Part, Shown, added, computed, estimates_of
+from analysis.parts.looks import LooksPart
+from analysis.report.blocks import Cautions, Paragraph
+from analysis.report.blocks import Table as Rows
 from analysis.report.build import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -34,7 +37,8 @@ REPORTS = {
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "scale", "bias", "learning", "times"),
+    "preference": ("preferences", "choice_models", "bayes", "scale", "bias", "learning", "times"),
+    "sessions": ("looks",),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
@@ -45,6 +49,7 @@ COMMANDS = {
         ("curves", "thresholds", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
+    ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
 }
 SAID = {
     "times": {
@@ -78,6 +83,22 @@ SAID = {
         "methods": "Logit mixed models had",
         "tables": {"models.csv", "pairings.csv"},
         "figure": None,
+    },
+    "bayes": {
+        "section": "bayes",
+        "caption": "Posterior shares of choices over all sizes",
+        "sentence": "ours was chosen over blur with a share of",
+        "methods": "Posteriors of shares of choices are of a hierarchical logit model",
+        "tables": {"posteriors.csv"},
+        "figure": "posteriors",
+    },
+    "looks": {
+        "section": "looks",
+        "caption": "Bounds of the planned looks",
+        "sentence": "Look 1 of 2 (4 participants)",
+        "methods": "Error is spent by the Lan-DeMets function",
+        "tables": {"looks.csv", "look_limits.csv"},
+        "figure": "looks",
     },
     "scale": {
         "section": "scale",
@@ -131,7 +152,7 @@ SAID = {
         "caption": "Differences of",
         "sentence": "minus",
         "methods": "Tests are two-sided, alpha = .05",
-        "tables": {"comparisons.csv"},
+        "tables": {"sensitivity_differences.csv"},
     },
     "curves": {
         "section": "levels",
@@ -186,6 +207,12 @@ def check(folder, parts, page: str) -> None:
     numbers = read_results(folder / "results.json").results
     assert set(parts) <= set(numbers)
     methods, sentences = page.split('id="methods"')[1].split('id="apa"')
+    # A t is said with its value; degrees of freedom have no digit that says nothing.
+    assert not re.search(r"\bt\([\d.]+\)(?! = -?\d)", sentences)
+    assert not re.search(r"\(\d+\.0\)", page)
+    assert "nondecision_s" not in page.split('id="provenance"')[0]
+    written = [file.read_bytes() for file in sorted((folder / "tables").glob("*.csv"))]
+    assert len({*written}) == len(written)
     for name in parts:
         said = SAID[name]
         assert numbers[name]
@@ -201,16 +228,31 @@ def check(folder, parts, page: str) -> None:
 
 def test_every_shipped_part_is_among_those_that_are_checked():
     shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
-    assert shipped == set(SAID)
+    assert {*shipped, LooksPart.name} == set(SAID)
+
+
+@pytest.fixture(autouse=True)
+def _sampled_without_numpyro(monkeypatch):
+    """Draws around the share of choices in place of chains, which the extra `bayes` runs."""
+
+    def draws(chosen, shown, priors, seed):
+        rng = np.random.default_rng(seed)
+        share = np.clip(rng.normal(chosen.sum() / shown.sum(), 0.05, 4000), 0.001, 0.999)
+        own = (np.log(share / (1 - share)), *np.abs(rng.normal(0.5, 0.1, (2, 4000))))
+        return (bayesian._Draws(share, *own, 1.0, 4000.0, 0),) * len(priors)
+
+    monkeypatch.setattr(bayesian, "_sampled", draws)
+    kind, options, make = TABLES["preference"]
+    monkeypatch.setitem(TABLES, "preference", (kind, options | {"bayes": True}, make))
 
 
 @pytest.mark.parametrize(
     "name",
     [one if one == "ratings" else pytest.param(one, marks=pytest.mark.slow) for one in REPORTS],
 )
-def test_a_report_shows_all_of_each_part(name, tmp_path):
+def test_a_report_shows_all_of_each_part(name, tmp_path, write_journals):
     with drawn_narrow():
-        folder = report_of(name, tmp_path)
+        folder = report_of(name, tmp_path, write_journals)
     check(folder, REPORTS[name], (folder / "report.html").read_text(encoding="utf-8"))
 
 
@@ -296,7 +338,56 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
     rows.to_csv(tmp_path / "rows.csv", index=False)
     table = Table(tmp_path / "rows.csv")
     assert len(read_times(table, by="method")) == len(rows) - 2
-    assert "left out without an answer: 2 rows (line 5, 7)" in table.notes
+    assert "left out without an answer: 2 rows (lines 5, 7)" in table.notes
+
+
+def shown(kind, options, rows, part) -> Shown:
+    """What a part shows of rows."""
+    analysis = analysis_of(kind)
+    plan = analysis.settings_of_table(rows, "rows", analysis.options(**options))
+    found, _ = computed(analysis.parts, analysis.table(rows, plan), plan)
+    (own,) = (one for one in analysis.parts if one.name == part)
+    return own.show(found[part], plan)
+
+
+def texts(blocks) -> str:
+    return " ".join(block.text for block in blocks if isinstance(block, Paragraph))
+
+
+def test_scenes_that_are_none_have_no_deviation(trials):
+    options = {"by": "method"}
+    assert "scenes" not in texts(shown("reaction", options, trials, "times").blocks)
+    told = shown("reaction", options, TABLES["ratings"][2](), "times")
+    assert "scenes " in texts(told.blocks)
+    assert "random over participants, participants x conditions, scenes" in told.methods
+
+
+def test_widths_of_logarithmic_levels_are_headed_as_ratios():
+    rows = TABLES["two-answers"][2]().query("participant < 'P003'")
+    for log, head in ((True, "Width, as a ratio"), (False, "Width")):
+        options = {"level": "level", "by": "method", "falling": True, "log": log}
+        for part in ("psychometric", "thresholds"):
+            drawn = shown("psychometric", options, rows.assign(order=1), part)
+            tables = [block for block in drawn.blocks if isinstance(block, Rows)]
+            assert head in {column.title for table in tables for column in table.columns}
+    assert "t with degrees of freedom of participants - 1" in drawn.methods
+
+
+def test_what_holds_p_of_d_prime_and_of_differences_is_said():
+    rows = pd.DataFrame(
+        [
+            (f"P{p}", method, expected, expected if (k + p + extra) % 8 or not k else "no", 1)
+            for p in range(4)
+            for method, extra in (("a", 0), ("b", 4))
+            for k in range(12)
+            for expected in ("yes", "no")
+        ],
+        columns=["participant", "method", "expected", "answer", "kind"],
+    )
+    rows["correct"] = (rows["expected"] == rows["answer"]).astype(int)
+    drawn = shown("detection", {"signal": "yes", "by": "method"}, rows, "sensitivity")
+    (cautions,) = (b for b in drawn.blocks if isinstance(b, Cautions) and "sensit" in b.title)
+    assert any("d': p is held at 0.12, the least that 4 participants" in n for n in cautions.notes)
 
 
 # The runner.

@@ -8,11 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
 from analysis import psychometric_posterior as module
 from analysis.psychometric import sigmoid
-from analysis.psychometric_posterior import compare_thresholds, psychometric_posterior
+from analysis.psychometric_posterior import (
+    WIDTH_OF_LEVELS,
+    compare_thresholds,
+    psychometric_posterior,
+)
 
 ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle_psignifit.json").read_text())
 LEVELS = np.array(ORACLE["levels"])
@@ -185,6 +190,22 @@ def test_a_width_near_the_gap_between_levels_has_no_lower_limit_of_the_prior():
     )
     flat = psychometric_posterior(x, np.array([20, 22, 25, 30, 35, 38, 40]) * 1.0, np.full(7, 40.0))
 
+    assert WIDTH_OF_LEVELS in steep.warnings
+    assert WIDTH_OF_LEVELS not in flat.warnings
     assert steep.width.lower == 0.0
     assert 1.0 < steep.width.upper < 4.0
     assert flat.width.lower > 2.0
+
+
+def test_the_note_on_steep_curves_comes_with_these_and_seldom_with_others(rng):
+    """By the lower limit alone it came with nearly every curve of ten answers a level."""
+    x = np.arange(5.0)
+
+    def noted(width: float) -> int:
+        share = 0.5 + 0.5 * ndtr((x - 1.8) / width * 2.0 * ndtri(0.95))
+        drawn = (rng.binomial(10, share).astype(float) for _ in range(10))
+        fits = (psychometric_posterior(x, one, np.full(5, 10.0)) for one in drawn)
+        return sum(WIDTH_OF_LEVELS in one.warnings for one in fits)
+
+    assert noted(0.6) > 7
+    assert noted(4.0) < 6

@@ -146,3 +146,21 @@ def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):
 
     with pytest.raises(StudyError, match=r"baseline=blurr.*did you mean 'blur'"):
         analysis.settings_of_table(analysis.read(file, {}, options), "votes", options)
+
+
+def test_ratings_of_one_person_are_refused_with_a_cure_that_import_names_too(votes, tmp_path):
+    cure = "add those of another participant"
+    for people, status in ((1, 2), (2, 0)):
+        rows = votes.query("who < @people").rename(columns={"who": "participant", "vote": "rating"})
+        rows.to_csv(tmp_path / "votes.csv", index=False)
+        done = run(
+            "import", tmp_path / "votes.csv", "--task", "ratings", "--set", "by=method",
+            "--set", f"scale={','.join(SCALE)}", "--out", tmp_path / f"in{people}",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.output
+        assert ("no report yet" in done.output and cure in done.output) == (people == 1)
+        assert ("next: metamerlab analysis report" in done.output) == (people == 2)
+        decisions = tmp_path / f"in{people}" / "decisions.csv"
+        made = run("report", decisions, "--out", tmp_path / f"out{people}", "--no-figures")
+        assert made.exit_code == status, made.output
+        assert (cure in " ".join(made.output.split())) == (people == 1)

@@ -12,8 +12,8 @@ from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
 from analysis.bayes import t_bayes_factor
+from analysis.parts import estimates_of
 from analysis.plots.sequential import bounds_plot
-from analysis.report.beside import estimates_of
 from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
@@ -222,12 +222,18 @@ def test_the_report_says_at_which_look_it_stands(write_journals, demo_protocol, 
         made = report_sessions(journals, study, tmp_path / "r", figure_files=False)
     noted = json.loads(made.json.read_text())
 
-    assert noted["sequential"]["standing"]["look"] == 1
-    assert noted["sequential"]["standing"]["p"] == noted["results"]["preferences"]["primary"]["p"]
+    assert noted["results"]["looks"]["standing"]["look"] == 1
+    assert (
+        noted["results"]["looks"]["standing"]["p"]
+        == noted["results"]["preferences"]["primary"]["p"]
+    )
     assert "Planned looks: " in made.html.read_text()
     assert "Look 1 of 2 (4 participants)" in made.html.read_text()
     assert "Limits that take account of the looks" in made.html.read_text()
-    (limits,), plain = noted["sequential"]["limits"], noted["results"]["preferences"]["primary"]
+    (limits,), plain = (
+        noted["results"]["looks"]["limits"],
+        noted["results"]["preferences"]["primary"],
+    )
     assert limits["value"] == plain["share"]
     assert limits["lower"] < plain["lower"] < plain["upper"] < limits["upper"]
 
@@ -263,7 +269,9 @@ def test_limits_at_a_look_leave_out_one_half_exactly_where_it_stops(demo_protoco
             ],
             columns=["participant", "scene", "size", "first", "second", "chosen"],
         )  # fmt: skip
-        (one,) = estimates_of(analysis_of("preference"), rows, settings, planned=True)
+        analysis = analysis_of("preference")
+        table = analysis.table(rows, settings)
+        (one,) = estimates_of(analysis.parts, table, settings, planned=True)
         assert (one.p < bound) == (one.lower > 0.5 or one.upper < 0.5)
         stopped.add(one.p < bound)
 

@@ -442,7 +442,7 @@ def test_headers_marks_and_sums_between_rows_are_left_out_and_counted(table, tri
     assert len(read_trials(read, levels=("level",))) == 640
     assert read.notes[:2] == [
         "left out, the header again: 1 row (line 322)",
-        "left out, summary of others: 2 rows (line 643, 644)",
+        "left out, summary of others: 2 rows (lines 643, 644)",
     ]
 
 

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from undrawn_reports import undrawn
 
-from analysis.parts import Estimate
+from analysis.parts import Estimate, estimates_of
 from analysis.plans.told import DetectionTold, IdentificationTold
 from analysis.preference import preferences
-from analysis.report.beside import Beside, beside, beside_blocks, estimates_of
+from analysis.report.beside import Beside, beside, beside_blocks
 from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions
 from analysis.tasks.detection import Detection
@@ -111,8 +111,10 @@ def test_yes_no_tasks_give_d_prime_and_others_shares():
         rows, "t", IdentificationTold(by="method", alternatives=2)
     )
 
-    found = [one.what for one in estimates_of(detection, rows, settings)]
-    shares = estimates_of(identification, rows, other)
+    found = [
+        one.what for one in estimates_of(detection.parts, detection.table(rows, settings), settings)
+    ]
+    shares = estimates_of(identification.parts, identification.table(rows, other), other)
     assert found == ["d' of ours", "d' of theirs", "theirs - ours, d'"]
     assert [one.what for one in shares] == [
         "right answers, ours",

@@ -20,7 +20,6 @@ from analysis.learning import trend
 from analysis.models import glm_logit
 from analysis.parts.correct import apa_rate
 from analysis.parts.critical import apa_critical
-from analysis.parts.differences import apa_difference
 from analysis.parts.learning import apa_trend
 from analysis.parts.levels import apa_thresholds
 from analysis.parts.right_models import apa_term
@@ -30,6 +29,7 @@ from analysis.parts.sensitivity import (
     methods_discrimination,
     methods_yes_no,
 )
+from analysis.parts.shared import apa_difference
 from analysis.rates import correct_rates
 from analysis.thresholds import fit_thresholds
 

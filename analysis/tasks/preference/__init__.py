@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
+from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
@@ -59,6 +60,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         ChoiceModelsPart(),
+        BayesPart(),
         ScalePart(),
         BiasPart(),
         ChoiceLearning(),

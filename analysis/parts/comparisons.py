@@ -1,109 +1,27 @@
-"""Differences between conditions in tables and sentences; which of them were planned."""
+"""The planned comparisons of a study of right answers."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
-from analysis.columns import frame_of
-from analysis.detection import Measure
-from analysis.parts import Estimate, Part, Plan, Shown
+from analysis.contrasts import Difference
+from analysis.parts import Part, Shown
+from analysis.parts.shared import apa_difference
 from analysis.plans.rates import RateSettings
-from analysis.rates import Difference, Rate
-from analysis.report.blocks import Box, Table
+from analysis.rates import Rate
+from analysis.report.blocks import Box
 from analysis.report.wording import (
     leading,
     level_text,
     number,
     number_range,
-    p_number,
     p_text,
     share,
     share_range,
 )
-
-T = TypeVar("T")
-
-
-def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:
-    """Sort results by the order of conditions that the study declares."""
-    names = plan.in_order(list(dict.fromkeys(map(name, found))))
-    return tuple(sorted(found, key=lambda one: names.index(name(one))))
-
-
-def alone(table: pd.DataFrame, plan: Plan) -> tuple[str, ...]:
-    """Return a note where one person saw several conditions."""
-    if table["participant"].nunique() > 1 or len(set(table[plan.compared[0]])) < 2:
-        return ()
-    return ("one participant only: conditions are not compared",)
-
-
-def told_apart(found: Sequence[Difference], plan: Plan) -> tuple[Difference, ...]:
-    """Return differences in order, without those that nothing can be said of: of one person."""
-    known = [one for one in found if np.isfinite(one.p)]
-    return in_order(known, plan, lambda one: one.first)
-
-
-def difference_tables(caption: str, found: Sequence[Difference], plan: Plan) -> tuple[Table, ...]:
-    """Return the table of differences; none where there are none."""
-    label = plan.label
-    if not found:
-        return ()
-    return (
-        Table.each(
-            caption,
-            found,
-            ("Conditions", "l c", lambda one: f"{label(one.first)} - {label(one.second)}"),
-            ("Difference", "strong", lambda one: number(one.difference)),
-            (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
-            ("SE", "", lambda one: number(one.standard_error)),
-            ("df", "", lambda one: number(one.df, 1)),
-            ("p", "n", lambda one: p_number(one.p)),
-            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
-        ),
-    )
-
-
-def limits_title(plan: Plan) -> str:
-    """Return what heads limits."""
-    return f"{100 * plan.confidence:g} % limits"
-
-
-def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estimate:
-    """Return one of the main numbers of a report."""
-    return Estimate(what, value, one.lower, one.upper, one.p, trials)
-
-
-def difference_estimates(
-    several: Sequence[Difference], trials: Mapping[str, int], plan: Plan
-) -> list[Estimate]:
-    """Return differences as the main numbers of a report; `trials` are those of conditions."""
-    return [
-        Estimate(
-            f"{plan.label(one.first)} - {plan.label(one.second)}, {one.measure}",
-            one.difference,
-            one.lower,
-            one.upper,
-            one.p_adjusted,
-            trials[one.first] + trials[one.second],
-        )
-        for one in several
-    ]
-
-
-def apa_difference(one: Difference) -> str:
-    """Return the difference of two conditions as a sentence."""
-    ratio = one.difference / max(one.standard_error, 1e-12)
-    text = (
-        f"{one.first} minus {one.second}: {number(one.difference)} in {one.measure},"
-        f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" t({one.df:.1f}) = {number(ratio)}, {p_text(one.p)}"
-    )
-    if abs(one.p_adjusted - one.p) > 1e-12:
-        text += f" ({p_text(one.p_adjusted)} Holm-adjusted)"
-    return text + "."
 
 
 @dataclass(frozen=True)
@@ -179,9 +97,8 @@ class ComparisonsPart(Part[RateSettings, Planned]):
                 methods = f"{count} comparisons with {against} were planned{corrected}. "
         return Shown(
             lead=(Box(title, " ".join(lines[:6]) + more, decides),),
-            headline=apa_difference(planned[0]) if planned else lines[0],
+            headline=apa_difference(planned[0], label) if planned else lines[0],
             methods=f"{methods}Tests are two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
-            tables={"comparisons.csv": frame_of(Difference, planned)},
         )
 
 

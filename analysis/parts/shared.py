@@ -1,0 +1,178 @@
+"""What parts have in common: columns of tables, and ends of sentences."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.contrasts import Difference
+from analysis.detection import Measure
+from analysis.ordinal import RatingDifference
+from analysis.parts import Estimate, Plan
+from analysis.rates import Rate
+from analysis.reaction_model import TimeModel, TimeRatio
+from analysis.report.blocks import Cautions, Table
+from analysis.report.wording import (
+    NONE,
+    df_text,
+    grouped,
+    level_text,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    t_text,
+)
+from analysis.thresholds import ThresholdModel
+
+G = TypeVar("G")
+T = TypeVar("T")
+TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
+"""As `analysis.report.blocks.Table.each` takes them."""
+
+P: TableColumn = ("p", "n", lambda one: p_number(one.p))
+TESTED: tuple[TableColumn, ...] = (
+    ("df", "", lambda one: df_text(one.df)),
+    P,
+    ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+)
+"""Degrees of freedom and p of a comparison."""
+
+
+Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
+"""Of two conditions, with a t test, Holm-adjusted among others."""
+
+
+def compared(plan: Plan, sign: str = "-") -> TableColumn:
+    """Return the column that names what is compared."""
+    return "Conditions", "l c", lambda one: between(one, plan, sign)
+
+
+def condition(plan: Plan) -> TableColumn:
+    """Return the column that names conditions."""
+    return "Condition", "l c", lambda one: plan.label(one.condition)
+
+
+def between(one: Comparison, plan: Plan, sign: str = "-") -> str:
+    """Return the name of a comparison: ``ours - blur``."""
+    return f"{plan.label(one.first)} {sign} {plan.label(one.second)}"
+
+
+def limits(
+    title: str = "Limits", text: Callable[[float, float], str] = number_range
+) -> TableColumn:
+    """Return the column of limits."""
+    return title, "n", lambda one: text(one.lower, one.upper)
+
+
+def apa_test(one: Comparison, more: str = "") -> str:
+    """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``."""
+    also = f"{p_number(one.p_adjusted)} Holm-adjusted{more and f'; {more}'}"
+    return f"{t_text(one.t, one.df)}, {p_text(one.p)} ({also})"
+
+
+def law_of_mixed(*, scenes: bool) -> str:
+    """Return the law of limits and tests of a mixed model, for a paragraph on methods."""
+    df = "between those of participants and of scenes" if scenes else "of participants - 1"
+    return f"t with degrees of freedom {df}"
+
+
+def deviations(
+    model: TimeModel | ThresholdModel, *, conditions: int, scenes: bool
+) -> dict[str, float]:
+    """Return standard deviations of a model's random effects by name, without absent ones."""
+    found = {"participants": model.participant_sd}
+    if conditions > 1:
+        found["participants x conditions"] = model.interaction_sd
+    if scenes:
+        found["scenes"] = model.scene_sd
+    if scenes and model.scene_interaction_sd:
+        found["scenes x conditions"] = model.scene_interaction_sd
+    return found
+
+
+def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[tuple[G, T, bool]]:
+    """Return the rows of a table of groups: group, entry, and whether it is the group's first."""
+    return [(group, one, one is several[0]) for group, several in groups for one in several]
+
+
+def sd_text(deviations: Mapping[str, float]) -> str:
+    """Return deviations by name as text: ``participant 0.31, scene 0.12``."""
+    return ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items()) or NONE
+
+
+def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:
+    """Return results by condition in the order that the study declares."""
+    names = plan.in_order(list(dict.fromkeys(map(name, found))))
+    return tuple(sorted(found, key=lambda one: names.index(name(one))))
+
+
+def told_apart(found: Sequence[Difference], plan: Plan) -> tuple[Difference, ...]:
+    """Return differences in order, without those that nothing can be said of: of one person."""
+    known = [one for one in found if np.isfinite(one.p)]
+    return in_order(known, plan, lambda one: one.first)
+
+
+def difference_tables(
+    caption: str, found: Sequence[Difference], plan: Plan
+) -> tuple[Table | Cautions, ...]:
+    """Return the table of differences, and whose p is held; nothing where there are none."""
+    if not found:
+        return ()
+    return (
+        Table.each(
+            caption,
+            found,
+            compared(plan),
+            ("Difference", "strong", lambda one: number(one.difference)),
+            limits(plan.limits),
+            ("SE", "", lambda one: number(one.standard_error)),
+            *TESTED,
+        ),
+        Cautions(
+            "About these differences",
+            grouped([(between(one, plan), (one.held,) if one.held else ()) for one in found]),
+        ),
+    )
+
+
+def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
+    """Return the difference of two conditions as a sentence."""
+    text = (
+        f"{label(one.first)} minus {label(one.second)}: {number(one.difference)} in {one.measure},"
+        f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f" {t_text(one.t, one.df)}, {p_text(one.p)}"
+    )
+    if abs(one.p_adjusted - one.p) > 1e-12:
+        text += f" ({p_text(one.p_adjusted)} Holm-adjusted)"
+    return text + "."
+
+
+def alone(table: pd.DataFrame, plan: Plan) -> tuple[str, ...]:
+    """Return a note where one person saw several conditions."""
+    if table["participant"].nunique() > 1 or len(set(table[plan.compared[0]])) < 2:
+        return ()
+    return ("one participant only: conditions are not compared",)
+
+
+def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estimate:
+    """Return one of the main numbers of a report."""
+    return Estimate(what, value, one.lower, one.upper, one.p, trials)
+
+
+def difference_estimates(
+    several: Sequence[Difference], trials: Mapping[str, int], plan: Plan
+) -> list[Estimate]:
+    """Return differences as the main numbers of a report; `trials` are those of conditions."""
+    return [
+        Estimate(
+            f"{between(one, plan)}, {one.measure}",
+            one.difference,
+            one.lower,
+            one.upper,
+            one.p_adjusted,
+            trials[one.first] + trials[one.second],
+        )
+        for one in several
+    ]
