@@ -1,7 +1,7 @@
 """At which planned look a study stands, and where its looks stop it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
@@ -55,8 +55,7 @@ class LooksPart(Part[Plan, Looks]):
         now = standing(bounds, int(table["participant"].nunique()), p)
         if now.reject_p is None or now.reject_p < LEAST or bounds.rule == "bayes-factor":
             return Looks(bounds, now, ())
-        told: Any = plan
-        at_bound = replace(told, alpha=now.reject_p)
+        at_bound = plan.but(alpha=now.reject_p)
         return Looks(bounds, now, estimates_of(self._parts, table, at_bound, planned=True))
 
     def show(self, found: Looks, plan: Plan) -> Shown:

@@ -145,7 +145,7 @@ def test_a_study_that_asks_for_posteriors_has_the_part_and_one_that_does_not_kee
     for protocol, wanted in ((demo_protocol, False), (study, True)):
         settings = analysis.settings(protocol)
         assert BayesPart().wanted(votes(people=2), settings) == wanted
-        assert analysis.options_of(settings).bayes == wanted
+        assert analysis.told_by(settings).bayes == wanted
         assert ("bayes" in json.dumps(protocol.analysis.model_dump())) == wanted
 
 

@@ -521,5 +521,6 @@ def test_what_exclusions_change_is_told_of_a_labs_part_too(monkeypatch):
     monkeypatch.setattr(added, "ADDED", {"lab": lambda: Told("lab", needs=("times",))})
     table = TABLES["ratings"][2]().assign(rt_s=1.0)
     monkeypatch.setattr(Draws, "compute", lambda *_: Number(0.25))
-    found = estimates_of(analysis_of("reaction"), table, PLAN)
+    analysis = analysis_of("reaction")
+    found = estimates_of(added.with_added(analysis.parts), analysis.table(table, PLAN), PLAN)
     assert [one.what for one in found] == ["a lab's number"]
