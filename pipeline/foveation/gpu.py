@@ -20,11 +20,12 @@ from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.moments import (
+    LEAST_BOUND,
+    LEAST_SKEWED,
     LEAST_TIGHTNESS,
-    LOOSE_VARIANCE,
     PARTNER_SHARE,
     SMALLEST_VARIANCE,
-    STRONGEST_BEND,
+    STRONGEST_SKEW,
 )
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
@@ -246,8 +247,9 @@ class MetamerPass(FoveationPass):
             CHROMA=self._chroma,
             COARSER=count > 2,
             LEAST_TIGHTNESS=LEAST_TIGHTNESS,
-            LOOSE_VARIANCE=LOOSE_VARIANCE,
-            STRONGEST_BEND=STRONGEST_BEND,
+            LEAST_SKEWED=LEAST_SKEWED,
+            LEAST_BOUND=LEAST_BOUND,
+            STRONGEST_SKEW=STRONGEST_SKEW,
         )
         self._gains = self._gains_step(gains)
         self._finish = self._compile_finish(carried=False)
