@@ -160,6 +160,5 @@ vec3 baked_colour(vec2 place_px, float rho, float eta, float strength) {
             variance += (own.x + own.y + own.z) * along * along;
             noise += dot(sqrt(own), noise_at(k, place_px)) * along;
         }
-    noise *= strength;
-    return added(base, noise, strength * sqrt(variance), vec3(1.0), vec3(1.0));
+    return added(base, strength * noise, spread_of(strength * strength * variance));
 }

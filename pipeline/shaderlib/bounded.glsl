@@ -34,21 +34,29 @@ vec3 slope_of(vec3 filled, vec3 most, vec3 mean) {
     return min(sqrt(filled) * (little + filled / (1.0 - filled) * nearly_all), STEEPEST);
 }
 
-// Add normal noise of this deviation to R'G'B', to lead no farther below and above. Where there is
-// none, the base stays as it is.
-vec3 added(vec3 base, vec3 noise, vec3 deviation, vec3 below, vec3 above) {
+// Of noise's red, green and blue: the deviation, 1 over it, and how far from the base noise may lead.
+struct Spread { vec3 deviation, rate, below, above; };
+
+// Spread over all of the display.
+Spread spread_of(vec3 variance) {
+    vec3 rate = inversesqrt(variance + SMALLEST_VARIANCE);
+    return Spread(1.0 / rate, rate, vec3(1.0), vec3(1.0));
+}
+
+// Add normal noise to R'G'B'. Where there is none, the base stays as it is.
+vec3 added(vec3 base, vec3 noise, Spread spread) {
     if (noise == vec3(0.0)) return base;
-    deviation = sqrt(deviation * deviation + SMALLEST_VARIANCE);
-    vec3 changed = base + noise, low = max(base - below, 0.0), width = min(base + above, 1.0) - low;
-    vec3 place = (base - low) / width, spread = deviation / width, room = min(place, 1.0 - place) / spread;
+    vec3 changed = base + noise, low = max(base - spread.below, 0.0), high = min(base + spread.above, 1.0);
+    vec3 room = min(base - low, high - base) * spread.rate;
     float share = clamp((FREE - min(room.r, min(room.g, room.b))) / (FREE - BOUND), 0.0, 1.0);
     if (share > 0.0) {
-        place = clamp(place, LEAST_VALUE, 1.0 - LEAST_VALUE);
-        vec3 most = place * (1.0 - place), filled = min(spread * spread / most, MOST_FILLED);
+        vec3 width = high - low, part = 1.0 / width, deviation = spread.deviation * part;
+        vec3 place = clamp((base - low) * part, LEAST_VALUE, 1.0 - LEAST_VALUE);
+        vec3 most = place * (1.0 - place), filled = min(deviation * deviation / most, MOST_FILLED);
         vec3 mean = normal_place(place), slope = slope_of(filled * (1.0 - SHARPENED * filled), most, mean);
-        vec3 square = slope * slope, wide = 1.0 + square, part = square / wide;
-        mean -= EXCESS / 24.0 * part * part * mean * (3.0 - mean * mean);
-        vec3 bent = low + width * normal_share(mean * sqrt(wide) + slope * noise / deviation);
+        vec3 square = slope * slope, wide = 1.0 + square, bend = square / wide;
+        mean -= EXCESS / 24.0 * bend * bend * mean * (3.0 - mean * mean);
+        vec3 bent = low + width * normal_share(mean * sqrt(wide) + slope * noise * spread.rate);
         changed = mix(changed, bent, share);
     }
     return clamp(changed, 0.0, 1.0);

@@ -32,34 +32,28 @@ struct Noise { vec4 luma, blue, red; };
 
 vec3 rgb_of(Noise noise, int i) { return RGB_FROM_YCBCR * vec3(noise.luma[i], noise.blue[i], noise.red[i]); }
 
-// How far below and above their mean a pool's red, green and blue lie. Without a shape, all of the
-// display is theirs.
-struct Reach { vec3 below, above; };
-
-// Twin: reach_of() in reference.py.
-Reach reach_of(vec3 skew, float tightness, vec3 deviation, float coloured) {
+// Hold noise to the colours of its pool. Twin: reach_of() in reference.py.
+Spread held(Spread spread, vec3 skew, float tightness, float coloured) {
     vec3 lean = 1.5 * skew * (1.0 + tightness), total = abs(lean) + sqrt(lean * lean + tightness);
-    vec3 scale = sqrt(deviation * deviation + SMALLEST_VARIANCE);
-    scale *= max(ROOMY, COLOURED / max(coloured, SMALLEST_VARIANCE));
+    vec3 scale = spread.deviation * max(ROOMY, COLOURED / max(coloured, SMALLEST_VARIANCE));
     vec3 near = scale / total, far = scale * total / tightness;
     bvec3 low = lessThan(lean, vec3(0.0));
-    return Reach(mix(near, far, low), mix(far, near, low));
+    return Spread(spread.deviation, spread.rate, mix(near, far, low), mix(far, near, low));
 }
 
-// A band of each pixel, weighed: `bands` has a column a pixel.
-vec4 weighed(mat4x3 bands, int level, vec2 at, vec3 weight) {
-    if (level < FIRST_SMOOTH) return weight * bands;
-    vec2 half_px = 0.125 / vec2(textureSize(weights, 0).xy);
-    vec4 found;
+// What the four blocks around a cell, as textureGather() has them, give each of its pixels: a column a
+// pixel.
+mat4 shares_of(ivec2 cell) {
+    vec2 place = vec2(0.75) - 0.5 * vec2(cell & 1);  // of the cell's middle between blocks
+    mat4 shares;
     for (int i = 0; i < 4; ++i) {
-        vec2 aside = half_px * (2.0 * vec2(i & 1, i >> 1) - 1.0);
-        found[i] = dot(textureLod(weights, vec3(at + aside, float(level)), 0.0).xyz, bands[i]);
+        vec2 next = place + 0.125 * (2.0 * vec2(i & 1, i >> 1) - 1.0), own = 1.0 - next;
+        shares[i] = vec4(own.x * next.y, next.x * next.y, next.x * own.y, own.x * own.y);
     }
-    return found;
+    return shares;
 }
 
-// Noise and its deviation: R'G'B'.
-void store(ivec2 pixel, vec3 noise, vec3 deviation, Reach reach) {
+void store(ivec2 pixel, vec3 noise, Spread spread) {
     ivec2 size = textureSize(source, 0);
     if (any(greaterThanEqual(pixel, size))) return;
     vec4 own = texelFetch(source, pixel, 0);
@@ -70,28 +64,38 @@ void store(ivec2 pixel, vec3 noise, vec3 deviation, Reach reach) {
     vec2 within = 0.5 * place / vec2((size + 1) / 2);
     base = mix(own.rgb, textureLod(coarse, within, 0.0).rgb, beyond_lod(pool_at(seen), 0));
 #endif
-    float by = strength;
 #if PROJECTION
-    by *= noise_strength(seen.ray);
+    float by = noise_strength(seen.ray);
+    noise *= by;
+    spread.deviation *= by;
+    spread.rate /= by;
 #endif
-    vec3 changed = added(base, by * noise, by * deviation, reach.below, reach.above);
+    vec3 changed = added(base, noise, spread);
     imageStore(target, pixel, vec4(faded(own.rgb, changed, seen), own.a));
 }
 
-// Add noise to the 2x2 pixels of a cell: of each level, unit noise in three bands of each pixel.
-void add_noise(ivec2 cell, mat4x3 noise[LEVELS]) {
+// Add noise to the 2x2 pixels of a cell: of each level, unit noise of three bands, a column a band.
+void add_noise(ivec2 cell, mat3x4 noise[LEVELS]) {
     vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
     float scalars[4 * SCALAR_LAYERS];
     for (int layer = 0; layer < SCALAR_LAYERS; ++layer) {
         vec4 four = textureLod(weights, vec3(at, float(LEVELS + layer)), 0.0);
         for (int i = 0; i < 4; ++i) scalars[4 * layer + i] = four[i];
     }
+    mat4 shares = shares_of(cell);
     Noise sum = Noise(vec4(0.0), vec4(0.0), vec4(0.0));
-    vec4 shares = vec4(0.0);  // variances of R'G'B' and luma, but for bands' overlap
+    vec4 varies = vec4(0.0);  // variances of R'G'B' and luma, but for bands' overlap
     float variance = 0.0;     // of chroma
     for (int level = 0; level < LEVELS; ++level) {
         vec4 weight = textureLod(weights, vec3(at, float(level)), 0.0);
-        vec4 luma = weighed(noise[level], level, at, weight.xyz);
+        vec4 luma = vec4(0.0);
+        if (level < FIRST_SMOOTH) luma = noise[level] * weight.xyz;
+        else {
+            vec3 layer = vec3(at, float(level));
+            luma += textureGather(weights, layer, 0) * shares * noise[level][0];
+            luma += textureGather(weights, layer, 1) * shares * noise[level][1];
+            luma += textureGather(weights, layer, 2) * shares * noise[level][2];
+        }
         vec2 slope = vec2(weight.a, scalars[level]);
         sum.luma += luma;
         sum.blue += slope.x * luma;
@@ -99,14 +103,14 @@ void add_noise(ivec2 cell, mat4x3 noise[LEVELS]) {
         vec3 along = RGB_FROM_YCBCR * vec3(1.0, slope);
         float square = dot(weight.xyz, weight.xyz);
         variance += square * dot(slope, slope);
-        shares += square * vec4(along * along, 1.0);
+        varies += square * vec4(along * along, 1.0);
     }
-    vec3 deviation = scalars[LEVELS] * sqrt(shares.a > 0.0 ? shares.rgb / shares.a : vec3(0.0));
-    Reach reach = Reach(vec3(1.0), vec3(1.0));
+    float by = strength * scalars[LEVELS];
+    Spread spread = spread_of(by * by * (varies.a > 0.0 ? varies.rgb / varies.a : vec3(0.0)));
 #if BENT
     vec3 skew = vec3(scalars[LEVELS + 1], scalars[LEVELS + 2], scalars[LEVELS + 3]);
-    reach = reach_of(skew, scalars[LEVELS + 4], deviation, variance / max(shares.a, SMALLEST_VARIANCE));
+    spread = held(spread, skew, scalars[LEVELS + 4], variance / max(varies.a, SMALLEST_VARIANCE));
 #endif
     for (int i = 0; i < 4; ++i)
-        store(2 * cell + ivec2(i & 1, i >> 1), rgb_of(sum, i), deviation, reach);
+        store(2 * cell + ivec2(i & 1, i >> 1), strength * rgb_of(sum, i), spread);
 }
