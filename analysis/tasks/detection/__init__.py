@@ -9,6 +9,7 @@ from scipy.special import ndtr
 
 from analysis.detection import d_prime_influence
 from analysis.parts import AnyPart
+from analysis.parts.confidence import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
 from analysis.plans.rates import RateSettings, RatesOptions
 from analysis.rates import Influence, share_influence
@@ -34,7 +35,10 @@ class Detection(RatesTask):
     kind: ClassVar[str] = "detection"
     options: ClassVar[type[TableOptions]] = DetectionOptions
     task: ClassVar[str] = "yes-no answers"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        *rate_parts(YesNoPart(), TypicalPart()),
+        GradedPart(),
+    )
     two: ClassVar[bool] = True
 
     def read(self, table: Source, mapping: Mapping[str, str], options: Any) -> pd.DataFrame:

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.parts import AnyPart
+from analysis.parts.confidence import ConfidencePart, MetacognitionPart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.differences import ComparisonsPart
 from analysis.parts.learning import RightLearning
@@ -67,6 +68,8 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         ComparisonsPart(),
         ModelsPart(),
         PeoplePart(),
+        ConfidencePart(),
+        MetacognitionPart(),
         RightLearning(),
         TimesPart(),
     )

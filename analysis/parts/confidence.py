@@ -1,0 +1,956 @@
+"""Confidence in answers that are right or wrong: what it tells of them, and people's metacognition.
+
+All means and limits are over participants, each with a value of their own: claims about people
+like these, with the scenes that were shown.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar, TypeVar
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.cells import grid
+from analysis.detection import Measure
+from analysis.metacognition import (
+    FEWEST_TRIALS,
+    FEWEST_WRONG,
+    MOST_STEPS,
+    MetaFit,
+    Ratio,
+    Reliability,
+    UnequalFit,
+    fit_meta,
+    fit_unequal,
+    graded_area,
+    graded_counts,
+    halves_agree,
+    mean_over_people,
+    rank_area,
+    ratio_of_means,
+    roc_points,
+)
+from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts.correct import answers_in
+from analysis.parts.sensitivity import with_shared_noise
+from analysis.plans.rates import RateSettings, by_columns, shown_in
+from analysis.plots.confidence import calibration_plot, metacognition_plot, pairs_plot, roc_plot
+from analysis.rates import Rate, rate
+from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
+from analysis.report.values import flat_table
+from analysis.report.wording import (
+    grouped,
+    level_text,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    share,
+    share_range,
+)
+from protocols.prose import count_of
+from protocols.tasks.confidence import CONFIDENCE
+
+Floats = NDArray[np.float64]
+SECTION = ("confidence", "Confidence")
+TOGETHER = "all conditions together"
+MIXED = "answers of unequal d' taken together raise M-ratio, and lower the slope of the ROC"
+NO_PERSON = "no participant has what it takes"
+
+
+def has_confidence(table: pd.DataFrame) -> bool:
+    """Return whether a table says how sure people were."""
+    return CONFIDENCE in table and bool(table[CONFIDENCE].replace("", np.nan).notna().any())
+
+
+def with_steps(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[float, ...], list[str]]:
+    """Return the rows with confidence, the steps that were used, and notes of what is odd.
+
+    Returns
+    -------
+    rows : DataFrame
+        Also with ``step``, the place of the confidence among the steps, from 0, and ``half``: 0
+        and 1 in turn within what is the same but for the trial.
+
+    Raises
+    ------
+    ValueError
+        If confidence is no number, has too many values, or never varies.
+    """
+    given = table[CONFIDENCE].replace("", np.nan)
+    values = pd.to_numeric(given, errors="coerce").astype(float)
+    words = given[given.notna() & ~np.isfinite(values)]
+    if len(words):
+        raise ValueError(
+            f"the column {CONFIDENCE} must hold numbers, such as 1 to 4 (found {words.iloc[0]!r})"
+        )
+    steps = tuple(sorted(map(float, values.dropna().unique())))
+    if len(steps) > MOST_STEPS:
+        raise ValueError(
+            f"the column {CONFIDENCE} must hold steps, at most {MOST_STEPS} (found {len(steps)}"
+            " values); group them into steps"
+        )
+    if len(steps) < 2:
+        raise ValueError(f"every answer was given with the same confidence ({steps[0]:g})")
+    notes = []
+    missing = int(values.isna().sum())
+    if missing:
+        notes.append(
+            f"confidence is missing in {missing} of {len(table)} answers, which are left out of all"
+            " that is said of it"
+        )
+    rows = table.assign(**{CONFIDENCE: values})[values.notna()].reset_index(drop=True)
+    rows["step"] = np.searchsorted(steps, rows[CONFIDENCE])
+    flat = rows.groupby("participant", observed=True)["step"].nunique()
+    if (flat < 2).any():
+        who = [str(name) for name in flat.index[flat < 2]]
+        notes.append(
+            f"{', '.join(who[:8])}{' ...' * (len(who) > 8)} gave one step of confidence only, which"
+            " tells nothing"
+        )
+    return rows, steps, notes
+
+
+def halved(rows: pd.DataFrame, within: Sequence[str]) -> pd.DataFrame:
+    """Return rows in order of the session with ``half``: odd and even ones of what is alike."""
+    if "order" in rows:
+        rows = rows.sort_values("order", kind="stable")
+    alike = rows.groupby(["participant", *within], observed=True, sort=False)
+    return rows.assign(half=alike.cumcount() % 2)
+
+
+def reliability_table(found: Sequence[Reliability]) -> Iterator[Block]:
+    """Yield the table of split halves; nothing where there are none."""
+    if found:
+        yield Table.each(
+            "How reliably people differ: odd against even trials",
+            found,
+            ("Of", "l", lambda one: one.measure),
+            ("People", "", lambda one: str(one.people)),
+            ("r of halves", "", lambda one: share(one.half)),
+            ("Reliability", "strong", lambda one: share(one.value)),
+            ("Limits", "n", lambda one: share_range(one.lower, one.upper)),
+        )
+
+
+def apa_reliability(one: Reliability, plan: Plan) -> str:
+    """Return a split-half reliability as a sentence."""
+    return (
+        f"The split-half reliability (Spearman-Brown) of {one.measure} over {one.people}"
+        f" participants was {share(one.value)}, {level_text(plan.confidence)}"
+        f" {share_range(one.lower, one.upper)}."
+    )
+
+
+HALVES = (
+    "Reliability of people's differences is the correlation of odd and even trials, within what was"
+    " shown, stepped up by the Spearman-Brown formula; its limits are Fisher's."
+)
+
+
+def measured(one: Measure | None) -> str:
+    """Return a mean with its limits for a table, or why there is none."""
+    if one is None:
+        return "none"
+    return f"{number(one.value)} {number_range(one.lower, one.upper)}".removesuffix(" none")
+
+
+def apa_measure(one: Measure, *, against: float = 0.0) -> str:
+    """Return a mean over people in a sentence, with its limits and test where there are any."""
+    if math.isnan(one.lower):
+        return f"{number(one.value)} (one participant: no limits)"
+    text = f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)}"
+    if math.isnan(one.p):
+        return text
+    ratio = (one.value - against) / one.standard_error
+    said = f" against {share(against)}" if against else ""
+    return f"{text}, t({one.df:.0f}) = {number(ratio)}, {p_text(one.p)}{said}"
+
+
+# Confidence by correctness.
+
+
+@dataclass(frozen=True)
+class PersonConfidence:
+    """Confidence of one person in one condition, in its steps; NaN where there is no answer."""
+
+    condition: str
+    participant: str
+    trials: int
+    mean: float
+    right: float
+    wrong: float
+    area: float
+
+
+@dataclass(frozen=True)
+class ConditionConfidence:
+    """Means over people in one condition; None where nobody has the value.
+
+    `difference` is right minus wrong of those who gave both; `area` that below the type-2 ROC,
+    tested against one half.
+    """
+
+    condition: str
+    trials: int
+    participants: int
+    mean: Measure | None
+    right: Measure | None
+    wrong: Measure | None
+    difference: Measure | None
+    area: Measure | None
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The share of right answers at one step of confidence; the rate names the condition."""
+
+    step: float
+    rate: Rate
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Every number; `roc` are points (wrong, right answers at least so sure) by condition."""
+
+    steps: tuple[float, ...]
+    conditions: tuple[ConditionConfidence, ...]
+    people: tuple[PersonConfidence, ...]
+    calibration: tuple[Calibrated, ...]
+    roc: Mapping[str, tuple[tuple[float, float], ...]]
+    reliability: tuple[Reliability, ...]
+    notes: tuple[str, ...]
+
+
+class ConfidencePart(SimplePart[RateSettings, Confidence]):
+    """Confidence of right and wrong answers, type-2 ROC area, calibration, reliability."""
+
+    name: ClassVar[str] = "confidence"
+    section: ClassVar[tuple[str, str]] = SECTION
+
+    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether people said how sure they were, and that is no condition."""
+        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Confidence:
+        """Take each person's values in each condition, and their means."""
+        rows, steps, notes = with_steps(table)
+        places, names = grid(rows), shown_in(rows, plan)
+        people = [one for name in names for one in _people(name, _of(rows, name))]
+        calibration = [
+            Calibrated(
+                step,
+                rate(
+                    part["correct"],
+                    places,
+                    condition=name,
+                    chance=plan.chance,
+                    level=plan.confidence,
+                ),
+            )
+            for name in names
+            for step, part in _of(rows, name).groupby(CONFIDENCE)
+        ]
+        halves = halved(rows, [*plan.compared, "correct"])
+        measures = {
+            "mean confidence": lambda own: float(own[CONFIDENCE].mean()),
+            "type-2 ROC area": _mean_area,
+        }
+        found = (
+            tried(partial(_reliable, halves, name, of, plan), f"reliability of {name}", notes)
+            for name, of in measures.items()
+        )
+        return Confidence(
+            steps,
+            tuple(_condition(name, people, plan) for name in names),
+            tuple(people),
+            tuple(calibration),
+            {name: _type_2(_of(rows, name), len(steps)) for name in names},
+            tuple(one for one in found if one is not None),
+            tuple(notes),
+        )
+
+    def show(self, found: Confidence, plan: RateSettings) -> Shown:
+        """Return tables and figures of both kinds of answers, and what the steps are worth."""
+        label, cells = plan.label, found.conditions
+        limits = f"{100 * plan.confidence:g} %"
+        steps = f"steps {', '.join(map('{:g}'.format, found.steps))}"
+        rows = {one.condition: (("right", one.right), ("wrong", one.wrong)) for one in cells}
+        dots = {
+            one.condition: tuple(
+                (own.right, own.wrong) for own in found.people if own.condition == one.condition
+            )
+            for one in cells
+        }
+        series = {
+            one.condition: [
+                (own.step, own.rate)
+                for own in found.calibration
+                if own.rate.condition == one.condition
+            ]
+            for one in cells
+        }
+        return Shown(
+            blocks=(
+                Picture("confidence"),
+                Table.each(
+                    f"Confidence of right and wrong answers ({steps}), means over participants",
+                    cells,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    ("Answers", "", lambda one: str(one.trials)),
+                    ("Right", "n", lambda one: measured(one.right)),
+                    ("Wrong", "n", lambda one: measured(one.wrong)),
+                    ("Right - wrong", "strong n", lambda one: measured(one.difference)),
+                    ("p", "n", lambda one: p_number(_p(one.difference))),
+                    ("Type-2 area", "strong n", lambda one: measured(one.area)),
+                    ("p", "n", lambda one: p_number(_p(one.area))),
+                ),
+                Paragraph(
+                    "Type-2 area: how probably a right answer came with more confidence than a"
+                    " wrong one (.5: confidence tells nothing). It grows with d', too. Limits are"
+                    " over participants: of people like these, with these scenes.",
+                    muted=True,
+                ),
+                Picture("calibration"),
+                Table.each(
+                    "How often answers of each confidence were right",
+                    found.calibration,
+                    ("Condition", "l c", lambda one: label(one.rate.condition)),
+                    ("Confidence", "", lambda one: f"{one.step:g}"),
+                    ("Answers", "", lambda one: str(one.rate.trials)),
+                    ("Share right", "strong", lambda one: share(one.rate.share)),
+                    ("Limits", "n", lambda one: share_range(one.rate.lower, one.rate.upper)),
+                ),
+                Picture("type_2_roc"),
+                *reliability_table(found.reliability),
+                Cautions(
+                    "About this confidence",
+                    grouped([(label(one.condition), one.warnings) for one in cells]),
+                ),
+            ),
+            sentences=(
+                *_sentences(found, plan),
+                *(apa_reliability(one, plan) for one in found.reliability),
+            ),
+            methods=(
+                "Confidence was averaged over each participant's right and wrong answers; type-2"
+                " ROC areas are each participant's chance that a right answer came with more"
+                " confidence than a wrong one. Means over participants have t limits."
+                + f" {HALVES}"
+                * bool(found.reliability)
+            ),
+            tables={
+                "confidence.csv": flat_table(cells),
+                "confidence_people.csv": pd.DataFrame(map(vars, found.people)),
+                "calibration.csv": pd.DataFrame(
+                    [
+                        {"step": one.step}
+                        | vars(one.rate)
+                        | {"warnings": "; ".join(one.rate.warnings)}
+                        for one in found.calibration
+                    ]
+                ),
+                "confidence_reliability.csv": _reliability_frame(found.reliability),
+            },
+            figures=(
+                PartFigure(
+                    "confidence",
+                    f"Mean confidence of right and wrong answers with {limits} limits over"
+                    " participants; small: participants.",
+                    partial(pairs_plot, rows, dots, x_label="Confidence", label=label),
+                ),
+                PartFigure(
+                    "calibration",
+                    f"Share of right answers at each step of confidence, with {limits} limits;"
+                    " dashed: chance.",
+                    partial(calibration_plot, series, chance=plan.chance, label=label),
+                ),
+                *(
+                    [
+                        PartFigure(
+                            "type_2_roc",
+                            "Type-2 ROC of all answers together: how often right and wrong answers"
+                            " came with at least so much confidence; dashed: confidence tells"
+                            " nothing.",
+                            partial(
+                                roc_plot,
+                                {name: points for name, points in found.roc.items() if points},
+                                {},
+                                labels=("Wrong answers at least so sure", "Right answers"),
+                                label=label,
+                            ),
+                        )
+                    ]
+                    if any(found.roc.values())
+                    else []
+                ),
+            ),
+        )
+
+
+def _of(rows: pd.DataFrame, name: str) -> pd.DataFrame:
+    return rows[rows["condition"] == name]
+
+
+def _p(one: Measure | None) -> float:
+    return math.nan if one is None else one.p
+
+
+def _area(own: pd.DataFrame) -> float:
+    steps, right = own["step"].to_numpy(float), own["correct"].to_numpy() == 1
+    return rank_area(steps[right], steps[~right])
+
+
+def _mean_area(own: pd.DataFrame) -> float:
+    areas = [_area(part) for _, part in own.groupby("condition")]
+    known = [area for area in areas if not math.isnan(area)]
+    return float(np.mean(known)) if known else math.nan
+
+
+def _people(name: str, rows: pd.DataFrame) -> Iterator[PersonConfidence]:
+    for who, own in rows.groupby("participant", sort=True):
+        right, wrong = (own.loc[own["correct"] == k, CONFIDENCE].mean() for k in (1, 0))
+        mean = float(own[CONFIDENCE].mean())
+        yield PersonConfidence(
+            name, str(who), len(own), mean, float(right), float(wrong), _area(own)
+        )
+
+
+def _condition(name: str, people: Sequence[PersonConfidence], plan: Plan) -> ConditionConfidence:
+    own = [one for one in people if one.condition == name]
+    right, wrong = (np.array([getattr(one, kind) for one in own]) for kind in ("right", "wrong"))
+    both = np.isfinite(right - wrong)
+    notes = []
+    if not both.any():
+        lacking = "wrong" if np.isnan(wrong).all() else "right and wrong"
+        notes.append(f"nobody has {lacking} answers: no difference, no type-2 area")
+    elif not both.all():
+        notes.append(
+            f"{count_of(int((~both).sum()), 'participant')} without right or without wrong answers:"
+            " not in the difference and the type-2 area"
+        )
+    if len(own) < 2:
+        notes.append("one participant only: no limits")
+    take = partial(mean_over_people, level=plan.confidence)
+    return ConditionConfidence(
+        condition=name,
+        trials=sum(one.trials for one in own),
+        participants=len(own),
+        mean=_known(take(np.array([one.mean for one in own]))),
+        right=_known(take(right)),
+        wrong=_known(take(wrong)),
+        difference=_known(take(right - wrong, against=0.0)),
+        area=_known(take(np.array([one.area for one in own]), against=0.5)),
+        warnings=tuple(notes),
+    )
+
+
+def _known(one: Measure) -> Measure | None:
+    return None if math.isnan(one.value) else one
+
+
+def _type_2(rows: pd.DataFrame, steps: int) -> tuple[tuple[float, float], ...]:
+    counts = np.zeros((2, steps))
+    np.add.at(counts, (rows["correct"].to_numpy(int), rows["step"].to_numpy(int)), 1.0)
+    return roc_points(counts) if (counts.sum(axis=1) > 0).all() else ()
+
+
+def _reliable(
+    rows: pd.DataFrame, name: str, of: Callable[[pd.DataFrame], float], plan: Plan
+) -> Reliability:
+    """Return how alike a measure of both halves of people's rows is."""
+    pairs = [
+        (of(own[own["half"] == 0]), of(own[own["half"] == 1]))
+        for _, own in rows.groupby("participant", observed=True)
+    ]
+    return halves_agree(name, pairs, plan.confidence)
+
+
+def _reliability_frame(found: Sequence[Reliability]) -> pd.DataFrame:
+    return pd.DataFrame(map(vars, found), columns=list(Reliability.__dataclass_fields__))
+
+
+def _sentences(found: Confidence, plan: RateSettings) -> Iterator[str]:
+    for one in found.conditions:
+        name = plan.label(one.condition)
+        if one.difference is None or one.right is None or one.wrong is None or one.area is None:
+            mean = "none" if one.mean is None else apa_measure(one.mean).split(", t(")[0]
+            yield f"In condition {name}, mean confidence was {mean}; {one.warnings[0]}."
+            continue
+        yield (
+            f"In condition {name}, confidence was {number(one.right.value)} in right and"
+            f" {number(one.wrong.value)} in wrong answers, a difference of"
+            f" {apa_measure(one.difference)}; the type-2 ROC area was"
+            f" {apa_measure(one.area, against=0.5)}."
+        )
+
+
+# Graded answers: meta-d', and unequal variances.
+
+
+@dataclass(frozen=True)
+class PersonMeta:
+    """d' and meta-d' of one person in one condition."""
+
+    condition: str
+    participant: str
+    trials: int
+    fit: MetaFit
+    m_ratio: float
+
+
+@dataclass(frozen=True)
+class ConditionMeta:
+    """What people's confidence told in one condition.
+
+    `gap` is meta-d' minus d', `m_ratio` the mean meta-d' by the mean d'.
+    """
+
+    condition: str
+    d_prime: Measure
+    meta_d_prime: Measure
+    gap: Measure
+    m_ratio: Ratio
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Metacognition:
+    """Every number."""
+
+    conditions: tuple[ConditionMeta, ...]
+    people: tuple[PersonMeta, ...]
+    reliability: tuple[Reliability, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PersonGraded:
+    """Unequal variances of one person in one condition."""
+
+    condition: str
+    participant: str
+    trials: int
+    fit: UnequalFit
+
+
+@dataclass(frozen=True)
+class ConditionGraded:
+    """Graded answers of one condition.
+
+    Attributes
+    ----------
+    area : Measure
+        Below each person's ROC, without a model.
+    d_a, log_slope : Measure
+        Over people; a slope of 1 (logarithm 0) means equal variances.
+    together : UnequalFit or None
+        Of all answers, as it is drawn; `points` are its (false alarms, hits).
+    """
+
+    condition: str
+    area: Measure
+    d_a: Measure
+    log_slope: Measure
+    together: UnequalFit | None
+    points: tuple[tuple[float, float], ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Graded:
+    """Every number."""
+
+    conditions: tuple[ConditionGraded, ...]
+    people: tuple[PersonGraded, ...]
+    notes: tuple[str, ...]
+
+
+Counts = Mapping[tuple[str, str], Floats]
+"""Graded answers (2, 2 x steps) by condition and person."""
+F = TypeVar("F", MetaFit, UnequalFit)
+Fits = Mapping[tuple[str, str], F]
+
+
+def _counts(rows: pd.DataFrame, plan: RateSettings, steps: int) -> Counts:
+    """Return the graded answers of each condition and person."""
+    answers = answers_in(rows, plan)
+    if len(answers) != 2:
+        raise ValueError("the table must say which of two answers was right, and which was given")
+    found = {}
+    for (name, who), own in rows.groupby(["condition", "participant"], sort=True):
+        there, said = (
+            (own[column].astype(str) == answers[0]).to_numpy(float)
+            for column in ("expected", "answer")
+        )
+        step = own["step"].to_numpy(np.int64)
+        found[str(name), str(who)] = graded_counts(there, said, step, steps)
+    return found
+
+
+def _fits(counts: Counts, fit: Callable[[Floats], F]) -> tuple[Fits[F], dict[str, list[str]]]:
+    """Return fits by condition and person, and by condition why others have none."""
+    found: dict[tuple[str, str], F] = {}
+    lacking: dict[str, list[str]] = {name: [] for name, _ in counts}
+    for (name, who), cells in counts.items():
+        try:
+            found[name, who] = fit(cells)
+        except ValueError as problem:
+            lacking[name].append(str(problem))
+    return found, lacking
+
+
+def _fitted(
+    rows: pd.DataFrame, plan: RateSettings, steps: int, fit: Callable[[Floats], F]
+) -> tuple[Counts, Fits[F], dict[str, tuple[str, ...]]]:
+    """Return counts, fits, and what to say of each condition that has fits.
+
+    Where no condition has two people who can be fitted, all conditions are taken together.
+    """
+    counts = _counts(rows, plan, steps)
+    found, lacking = _fits(counts, fit)
+    said = {name: [*_left_out(lacking[name])] for name in shown_in(rows, plan)}
+    most = max(sum(name == one for one, _ in found) for name in said)
+    if most < 2 and len(said) > 1:
+        together: dict[tuple[str, str], Floats] = {}
+        for (_, who), cells in counts.items():
+            together[TOGETHER, who] = together.get((TOGETHER, who), 0.0) + cells
+        again, lacking = _fits(together, fit)
+        if len(again) > len(found):
+            counts, found = together, again
+            why = (
+                "no condition alone has enough answers; where d' differs between conditions, taking"
+            )
+            said = {
+                TOGETHER: [f"{why} them together raises M-ratio", *_left_out(lacking[TOGETHER])]
+            }
+    if not found:
+        reasons = dict.fromkeys(why for several in lacking.values() for why in several)
+        raise ValueError(f"{NO_PERSON} ({'; '.join(reasons)})")
+    fitted = {name for name, _ in found}
+    if plan.level is not None:
+        for notes in said.values():
+            notes.append(f"the condition has several levels: {MIXED}")
+    return counts, found, {name: tuple(said[name]) for name in said if name in fitted}
+
+
+def _left_out(reasons: Sequence[str]) -> Iterator[str]:
+    for why in dict.fromkeys(reasons):
+        yield f"{count_of(reasons.count(why), 'participant')} left out: {why}"
+
+
+class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
+    """meta-d' and M-ratio of each person in tasks with two answers."""
+
+    name: ClassVar[str] = "metacognition"
+    section: ClassVar[tuple[str, str]] = SECTION
+
+    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether people said how sure they were, and that is no condition."""
+        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Metacognition:
+        """Fit each person in each condition, and both halves of their trials."""
+        if plan.kind not in ("detection", "identification") or plan.alternatives != 2:
+            raise ValueError(
+                "meta-d' is of yes-no tasks and of two alternatives, whose evidence is normal with"
+                f" one criterion (this is {plan.kind} with {plan.alternatives} answers)"
+            )
+        rows, steps, _ = with_steps(table)
+        if plan.kind == "detection":
+            rows = with_shared_noise(rows, plan.answers[0])
+        counts, fits, said = _fitted(rows, plan, len(steps), fit_meta)
+        people = tuple(
+            PersonMeta(name, who, int(counts[name, who].sum()), fit, fit.ratio)
+            for (name, who), fit in fits.items()
+        )
+        notes: list[str] = []
+        whole = rows.assign(condition=TOGETHER) if TOGETHER in said else rows
+        halves = halved(whole, ["condition", "expected"])
+        both = [
+            _fits(_counts(halves[halves["half"] == half], plan, len(steps)), fit_meta)[0]
+            for half in (0, 1)
+        ]
+        measures: Mapping[str, Callable[[Sequence[MetaFit]], float]] = {
+            "meta-d'": lambda own: sum(one.meta_d_prime for one in own) / len(own),
+            "M-ratio": lambda own: (
+                sum(one.meta_d_prime for one in own) / sum(one.d_prime for one in own)
+            ),
+        }
+        reliability = (
+            tried(
+                partial(halves_agree, name, _halves(both, of), plan.confidence),
+                f"reliability of {name}",
+                notes,
+            )
+            for name, of in measures.items()
+        )
+        return Metacognition(
+            tuple(_meta(name, people, said[name], plan) for name in said),
+            people,
+            tuple(one for one in reliability if one is not None),
+            tuple(notes),
+        )
+
+    def show(self, found: Metacognition, plan: RateSettings) -> Shown:
+        """Return means, each person, and the figure of both d'."""
+        cells, label = found.conditions, plan.label
+        return Shown(
+            blocks=(
+                Picture("metacognition"),
+                Table.each(
+                    "Metacognition: meta-d' and M-ratio over participants",
+                    cells,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    ("People", "", lambda one: str(one.m_ratio.people)),
+                    ("d'", "", lambda one: number(one.d_prime.value)),
+                    ("meta-d'", "n", lambda one: measured(one.meta_d_prime)),
+                    ("meta-d' - d'", "n", lambda one: measured(one.gap)),
+                    ("p", "n", lambda one: p_number(one.gap.p)),
+                    ("M-ratio", "strong", lambda one: number(one.m_ratio.value)),
+                    ("Limits", "n", lambda one: number_range(one.m_ratio.lower, one.m_ratio.upper)),
+                ),
+                Table.each(
+                    "Each participant's meta-d'",
+                    found.people,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    ("Participant", "l", lambda one: label(one.participant)),
+                    ("Answers", "", lambda one: str(one.trials)),
+                    ("d'", "", lambda one: number(one.fit.d_prime)),
+                    ("c", "", lambda one: number(one.fit.criterion)),
+                    ("meta-d'", "", lambda one: number(one.fit.meta_d_prime)),
+                    ("M-ratio", "strong", lambda one: number(one.m_ratio)),
+                    ("Padded", "", lambda one: "yes" if one.fit.padded else "no"),
+                ),
+                Paragraph(
+                    "meta-d': the d' with which an ideal observer's confidence would tell right"
+                    " from wrong as well. M-ratio 1: confidence used all that the answer used. That"
+                    " of a condition is the mean meta-d' by the mean d'.",
+                    muted=True,
+                ),
+                *reliability_table(found.reliability),
+                Cautions(
+                    "When not to trust meta-d'",
+                    grouped([(label(one.condition), one.warnings) for one in cells]),
+                ),
+            ),
+            sentences=(
+                *(_apa_meta(one, plan) for one in cells),
+                *(apa_reliability(one, plan) for one in found.reliability),
+            ),
+            methods=(
+                "meta-d' (Maniscalco & Lau, 2012) was fitted to each participant by maximum"
+                " likelihood, with equal variances and the criterion's place relative to d' kept;"
+                " counts of participants with an empty cell were padded by 1 / (2 x steps) in every"
+                f" cell; people with fewer than {FEWEST_TRIALS} answers, {FEWEST_WRONG} wrong ones,"
+                " or a d' not above its error were left out. M-ratio is the mean meta-d' by the"
+                " mean d', with Fieller's limits over participants."
+                + f" {HALVES}"
+                * bool(found.reliability)
+            ),
+            tables={
+                "metacognition.csv": flat_table(cells),
+                "metacognition_people.csv": _people_frame(found.people),
+                "metacognition_reliability.csv": _reliability_frame(found.reliability),
+            },
+            figures=(
+                PartFigure(
+                    "metacognition",
+                    "meta-d' of each participant against d'; on the dashed line confidence uses all"
+                    " that the answers used.",
+                    partial(
+                        metacognition_plot,
+                        {
+                            cell.condition: [
+                                (one.fit.d_prime, one.fit.meta_d_prime)
+                                for one in found.people
+                                if one.condition == cell.condition
+                            ]
+                            for cell in cells
+                        },
+                        label=label,
+                    ),
+                ),
+            ),
+        )
+
+
+def _people_frame(people: Sequence[PersonMeta | PersonGraded]) -> pd.DataFrame:
+    """Return people's fits as a table; a number of one fit has the fit's own name."""
+    return flat_table(people).rename(columns=lambda name: name.removeprefix("fit_"))
+
+
+def _halves(
+    both: Sequence[Fits[MetaFit]], of: Callable[[Sequence[MetaFit]], float]
+) -> list[tuple[float, float]]:
+    """Return a measure of both halves of each person, over conditions that both halves have."""
+    first, second = both
+    shared: dict[str, list[tuple[str, str]]] = {}
+    for key in first.keys() & second.keys():
+        shared.setdefault(key[1], []).append(key)
+    return [
+        (of([first[key] for key in keys]), of([second[key] for key in keys]))
+        for _, keys in sorted(shared.items())
+    ]
+
+
+def _meta(
+    name: str, people: Sequence[PersonMeta], said: tuple[str, ...], plan: Plan
+) -> ConditionMeta:
+    own = [one.fit for one in people if one.condition == name]
+    d_prime, meta = (
+        np.array([getattr(one, of) for one in own]) for of in ("d_prime", "meta_d_prime")
+    )
+    ratio, notes = ratio_of_means(meta, d_prime, plan.confidence), list(said)
+    padded = sum(one.padded for one in own)
+    if padded:
+        notes.append(f"{count_of(padded, 'participant')} with empty cells: padded")
+    if len(own) < 2:
+        notes.append("one participant only: no limits")
+    elif math.isnan(ratio.lower):
+        notes.append("the mean d' is too uncertain for limits of M-ratio")
+    d, m, gap = (
+        mean_over_people(values, plan.confidence, 0.0) for values in (d_prime, meta, meta - d_prime)
+    )
+    return ConditionMeta(name, d, m, gap, ratio, tuple(notes))
+
+
+def _apa_meta(one: ConditionMeta, plan: RateSettings) -> str:
+    ratio = f"M-ratio {number(one.m_ratio.value)}"
+    if not math.isnan(one.m_ratio.lower):
+        ratio += f", {level_text(one.m_ratio.level)} {number_range(one.m_ratio.lower, one.m_ratio.upper)}"
+    return (
+        f"In condition {plan.label(one.condition)}, meta-d' was {number(one.meta_d_prime.value)} at"
+        f" d' = {number(one.d_prime.value)} ({count_of(one.m_ratio.people, 'participant')}), {ratio};"
+        f" meta-d' minus d' was {apa_measure(one.gap)}."
+    )
+
+
+class GradedPart(SimplePart[RateSettings, Graded]):
+    """ROC, d_a and its slope from answers of a yes-no task that confidence grades."""
+
+    name: ClassVar[str] = "graded"
+    section: ClassVar[tuple[str, str]] = SECTION
+
+    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether people said how sure they were, and that is no condition."""
+        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+
+    def of(self, table: pd.DataFrame, plan: RateSettings) -> Graded:
+        """Fit each person in each condition, and all together for the figure."""
+        rows, steps, _ = with_steps(table)
+        rows = with_shared_noise(rows, plan.answers[0])
+        counts, fits, said = _fitted(rows, plan, len(steps), fit_unequal)
+        people = tuple(
+            PersonGraded(name, who, int(counts[name, who].sum()), fit)
+            for (name, who), fit in fits.items()
+        )
+        return Graded(
+            tuple(_graded(name, counts, people, said[name], plan) for name in said), people, ()
+        )
+
+    def show(self, found: Graded, plan: RateSettings) -> Shown:
+        """Return d_a, slopes and the ROC."""
+        cells, label = found.conditions, plan.label
+        drawn = {one.condition: one.points for one in cells if one.points}
+        return Shown(
+            blocks=(
+                Picture("roc"),
+                Table.each(
+                    "Answers graded by confidence: d_a and the slope of the ROC, over participants",
+                    cells,
+                    ("Condition", "l c", lambda one: label(one.condition)),
+                    ("People", "", lambda one: str(int(one.d_a.df) + 1)),
+                    ("Area of ROC", "n", lambda one: measured(one.area)),
+                    ("d_a", "strong n", lambda one: measured(one.d_a)),
+                    ("p", "n", lambda one: p_number(one.d_a.p)),
+                    ("Slope", "strong", lambda one: number(math.exp(one.log_slope.value))),
+                    ("Limits", "n", lambda one: _slope_range(one.log_slope)),
+                    ("p", "n", lambda one: p_number(one.log_slope.p)),
+                ),
+                Paragraph(
+                    "d_a: how far signal and noise lie apart, by the root mean square of both"
+                    " deviations. Slope: deviation of noise by that of signal; p against 1 (equal"
+                    " variances, which d' takes for granted).",
+                    muted=True,
+                ),
+                Cautions(
+                    "When not to trust these slopes",
+                    grouped([(label(one.condition), one.warnings) for one in cells]),
+                ),
+            ),
+            sentences=tuple(
+                f"In condition {label(one.condition)}, answers graded by confidence gave d_a ="
+                f" {apa_measure(one.d_a)}, and a slope of the ROC of"
+                f" {number(math.exp(one.log_slope.value))}{_slope_said(one.log_slope)}."
+                for one in cells
+            ),
+            methods=(
+                "Normal evidence with unequal variances was fitted to each participant's graded"
+                " answers by maximum likelihood; d_a and the logarithm of the slope were averaged"
+                " over participants, with t limits."
+            ),
+            tables={
+                "graded.csv": flat_table(cells).drop(columns="points"),
+                "graded_people.csv": _people_frame(found.people),
+                "roc.csv": pd.DataFrame(
+                    [
+                        {"condition": name, "false_alarms": low, "hits": high}
+                        for name, points in drawn.items()
+                        for low, high in points
+                    ],
+                    columns=["condition", "false_alarms", "hits"],
+                ),
+            },
+            figures=(
+                PartFigure(
+                    "roc",
+                    "ROC of answers graded by confidence, all participants together; curves: normal"
+                    " evidence with unequal variances; dashed: chance.",
+                    partial(
+                        roc_plot,
+                        drawn,
+                        {one.condition: one.together for one in cells},
+                        labels=("False alarms", "Hits"),
+                        label=label,
+                    ),
+                ),
+            ),
+        )
+
+
+def _graded(
+    name: str,
+    counts: Counts,
+    people: Sequence[PersonGraded],
+    said: tuple[str, ...],
+    plan: Plan,
+) -> ConditionGraded:
+    cells = [one for (condition, _), one in counts.items() if condition == name]
+    own = [one.fit for one in people if one.condition == name]
+    areas = np.array([graded_area(one) for one in cells])
+    d_a = mean_over_people(np.array([one.d_a for one in own]), plan.confidence, 0.0)
+    slope = mean_over_people(np.log([one.slope for one in own]), plan.confidence, 0.0)
+    notes = [*said]
+    if len(own) < 2:
+        notes.append("one participant only: no limits")
+    every = np.sum(cells, axis=0)
+    together = tried(partial(fit_unequal, every), "curve of all answers together", notes)
+    area = mean_over_people(areas, plan.confidence, 0.5)
+    return ConditionGraded(name, area, d_a, slope, together, roc_points(every), tuple(notes))
+
+
+def _slope_range(log_slope: Measure) -> str:
+    return number_range(math.exp(log_slope.lower), math.exp(log_slope.upper))
+
+
+def _slope_said(log_slope: Measure) -> str:
+    if math.isnan(log_slope.lower):
+        return " (one participant: no limits)"
+    said = f", {level_text(log_slope.level)} {_slope_range(log_slope)}"
+    return said if math.isnan(log_slope.p) else f"{said}, {p_text(log_slope.p)} against 1"
