@@ -22,8 +22,8 @@ Integers = NDArray[np.int64]
 
 MOST_STEPS = 11
 """More different values are no steps of a scale, but a slider."""
-FEWEST_TRIALS = 40
-"""Of one person, for meta-d'; padding adds 2 more, and limits of fewer missed it too often."""
+FEWEST_TRIALS = 100
+"""Of one person, for meta-d'; of 60, padding takes an eighth of it away."""
 FEWEST_WRONG = 5
 """Wrong answers of one person, for meta-d'."""
 FEWEST_FOR_RELIABILITY = 5
@@ -158,7 +158,7 @@ def fit_meta(counts: Floats) -> MetaFit:
     wrong = float(counts[0, steps:].sum() + counts[1, :steps].sum())
     by_answer = counts.sum(axis=0).reshape(2, steps)
     if counts.sum() < FEWEST_TRIALS:
-        raise ValueError(f"fewer than {FEWEST_TRIALS} trials")
+        raise ValueError(f"fewer than {FEWEST_TRIALS} answers")
     if (counts.sum(axis=1) == 0).any():
         raise ValueError("only one of both stimuli was shown")
     if wrong < FEWEST_WRONG:

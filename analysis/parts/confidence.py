@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.cells import grid
+from analysis.columns import frame_of
 from analysis.detection import Measure
 from analysis.metacognition import (
     FEWEST_TRIALS,
@@ -62,19 +63,13 @@ MIXED = "answers of unequal d' taken together raise M-ratio, and lower the slope
 NO_PERSON = "no participant has what it takes"
 
 
-def has_confidence(table: pd.DataFrame) -> bool:
-    """Return whether a table says how sure people were."""
-    return CONFIDENCE in table and bool(table[CONFIDENCE].replace("", np.nan).notna().any())
-
-
 def with_steps(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[float, ...], list[str]]:
     """Return the rows with confidence, the steps that were used, and notes of what is odd.
 
     Returns
     -------
     rows : DataFrame
-        Also with ``step``, the place of the confidence among the steps, from 0, and ``half``: 0
-        and 1 in turn within what is the same but for the trial.
+        Also with ``step``, the place of the confidence among the steps, from 0.
 
     Raises
     ------
@@ -94,6 +89,8 @@ def with_steps(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[float, ...], li
             f"the column {CONFIDENCE} must hold steps, at most {MOST_STEPS} (found {len(steps)}"
             " values); group them into steps"
         )
+    if not steps:
+        raise ValueError("no answer has a confidence")
     if len(steps) < 2:
         raise ValueError(f"every answer was given with the same confidence ({steps[0]:g})")
     notes = []
@@ -234,8 +231,8 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
-        """Return whether people said how sure they were, and that is no condition."""
-        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+        """Return whether there is a column of confidence, which is no condition."""
+        return CONFIDENCE in table and CONFIDENCE not in by_columns(plan.by)
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Confidence:
         """Take each person's values in each condition, and their means."""
@@ -262,7 +259,7 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
             "type-2 ROC area": _mean_area,
         }
         found = (
-            tried(partial(_reliable, halves, name, of, plan), f"reliability of {name}", notes)
+            tried(partial(reliability_of, halves, name, of, plan), f"reliability of {name}", notes)
             for name, of in measures.items()
         )
         return Confidence(
@@ -355,7 +352,7 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                         for one in found.calibration
                     ]
                 ),
-                "confidence_reliability.csv": _reliability_frame(found.reliability),
+                "confidence_reliability.csv": frame_of(Reliability, found.reliability),
             },
             figures=(
                 PartFigure(
@@ -381,7 +378,7 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                                 roc_plot,
                                 {name: points for name, points in found.roc.items() if points},
                                 {},
-                                labels=("Wrong answers at least so sure", "Right answers"),
+                                labels=("Wrong answers at least so sure", "Right answers so sure"),
                                 label=label,
                             ),
                         )
@@ -460,7 +457,7 @@ def _type_2(rows: pd.DataFrame, steps: int) -> tuple[tuple[float, float], ...]:
     return roc_points(counts) if (counts.sum(axis=1) > 0).all() else ()
 
 
-def _reliable(
+def reliability_of(
     rows: pd.DataFrame, name: str, of: Callable[[pd.DataFrame], float], plan: Plan
 ) -> Reliability:
     """Return how alike a measure of both halves of people's rows is."""
@@ -469,10 +466,6 @@ def _reliable(
         for _, own in rows.groupby("participant", observed=True)
     ]
     return halves_agree(name, pairs, plan.confidence)
-
-
-def _reliability_frame(found: Sequence[Reliability]) -> pd.DataFrame:
-    return pd.DataFrame(map(vars, found), columns=list(Reliability.__dataclass_fields__))
 
 
 def _sentences(found: Confidence, plan: RateSettings) -> Iterator[str]:
@@ -639,6 +632,13 @@ def _fitted(
     return counts, found, {name: tuple(said[name]) for name in said if name in fitted}
 
 
+def _graded_at_all(table: pd.DataFrame, plan: RateSettings) -> bool:
+    return (
+        ConfidencePart().wanted(table, plan)
+        and tried(lambda: with_steps(table), "", []) is not None
+    )
+
+
 def _left_out(reasons: Sequence[str]) -> Iterator[str]:
     for why in dict.fromkeys(reasons):
         yield f"{count_of(reasons.count(why), 'participant')} left out: {why}"
@@ -651,8 +651,8 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
-        """Return whether people said how sure they were, and that is no condition."""
-        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+        """Return whether people said how sure they were; `ConfidencePart` says why not."""
+        return _graded_at_all(table, plan)
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Metacognition:
         """Fit each person in each condition, and both halves of their trials."""
@@ -756,7 +756,7 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
             tables={
                 "metacognition.csv": flat_table(cells),
                 "metacognition_people.csv": _people_frame(found.people),
-                "metacognition_reliability.csv": _reliability_frame(found.reliability),
+                "metacognition_reliability.csv": frame_of(Reliability, found.reliability),
             },
             figures=(
                 PartFigure(
@@ -821,12 +821,12 @@ def _meta(
 
 
 def _apa_meta(one: ConditionMeta, plan: RateSettings) -> str:
-    ratio = f"M-ratio {number(one.m_ratio.value)}"
-    if not math.isnan(one.m_ratio.lower):
-        ratio += f", {level_text(one.m_ratio.level)} {number_range(one.m_ratio.lower, one.m_ratio.upper)}"
+    ratio, of = f"M-ratio {number(one.m_ratio.value)}", one.m_ratio
+    if not math.isnan(of.lower):
+        ratio += f", {level_text(of.level)} {number_range(of.lower, of.upper)}"
     return (
         f"In condition {plan.label(one.condition)}, meta-d' was {number(one.meta_d_prime.value)} at"
-        f" d' = {number(one.d_prime.value)} ({count_of(one.m_ratio.people, 'participant')}), {ratio};"
+        f" d' = {number(one.d_prime.value)} ({count_of(of.people, 'participant')}), {ratio};"
         f" meta-d' minus d' was {apa_measure(one.gap)}."
     )
 
@@ -838,8 +838,8 @@ class GradedPart(SimplePart[RateSettings, Graded]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
-        """Return whether people said how sure they were, and that is no condition."""
-        return has_confidence(table) and CONFIDENCE not in by_columns(plan.by)
+        """Return whether people said how sure they were; `ConfidencePart` says why not."""
+        return _graded_at_all(table, plan)
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Graded:
         """Fit each person in each condition, and all together for the figure."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from analysis.detection import Measure
 from analysis.metacognition import UnequalFit
@@ -164,7 +164,7 @@ def roc_plot(
     with style(width_in):
         figure = new_figure(width_in, 2.9 if width_in < 5 else 3.6, simulated=simulated)
         axes = figure.subplots()
-        fine = np.linspace(0.0005, 0.9995, 400)
+        fine = np.linspace(-5.0, 5.0, 400)
         axes.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls=(0, (4, 3)))
         for place, (name, own) in enumerate(points.items()):
             colour, fit = SERIES[place % len(SERIES)], fits.get(name)
@@ -178,7 +178,7 @@ def roc_plot(
                 label=label(name),
             )
             if fit is not None:
-                axes.plot(fine, ndtr((fit.mean + ndtri(fine)) / fit.sd), color=colour, lw=1.3)
+                axes.plot(ndtr(fine), ndtr((fit.mean + fine) / fit.sd), color=colour, lw=1.3)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_ticks(*_SHARES)
         axes.set_xlim(-0.02, 1.02)

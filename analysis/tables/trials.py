@@ -1,18 +1,22 @@
 """Trials with right answers of any program, one decided trial per row."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from analysis.tables.table import Source, Table, opened
+from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+from protocols.tasks.confidence import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.single import ANSWER_COLUMNS
 
 OURS = ("participant", "scene", "order", "expected", "answer", "correct", "rt_s")
+_KNOWN = (*OURS, CONFIDENCE)
 _SHOWN_VALUES = 12
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
@@ -34,9 +38,10 @@ def read_trials(
     source : Table or Path
     mapping : mapping of our name to the file's column, optional
         Of a path. Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and
-        ``answer``. Optional: ``scene``, ``order``, ``rt_s``. Columns that already have our names
-        need no entry. All other columns are kept, under names of one's own if mapped. Of a table
-        with ``kind`` or ``included``, as tidy ones, only main trials that are included are read.
+        ``answer``. Optional: ``scene``, ``order``, ``rt_s``, ``confidence``. Columns that
+        already have our names need no entry. All other columns are kept, under names of one's own
+        if mapped. Of a table with ``kind`` or ``included``, as tidy ones, only main trials that
+        are included are read.
     conditions : sequence of str
         Columns that must be there and have a value in every row.
     levels : sequence of str
@@ -61,7 +66,7 @@ def read_trials(
         With the column, line and value at fault, and the cure.
     """
     table = opened(source, mapping)
-    table.known((*OURS, *conditions, *levels), own=own)
+    table.known((*_KNOWN, *conditions, *levels), own=own)
     _require(table, conditions, levels)
     table.only_main()
     held = [name for name in ("answer", "correct") if name in table.rows]
@@ -77,6 +82,8 @@ def read_trials(
             rows[column] = _every_number(table, column)
         elif column in conditions:
             rows[column] = _numeric_if_all(table.text(column))
+        elif column == CONFIDENCE:
+            rows[column] = confidence_of(table)
         else:
             rows[column] = _numeric_if_all(given[column].str.strip())
     order = table.order(rows["participant"])
@@ -167,6 +174,12 @@ def _numeric_if_all(values: pd.Series) -> pd.Series:
     return numbers if bool(np.isfinite(numbers.astype(float)).all()) else values
 
 
+def confidence_of(table: Table) -> pd.Series:
+    """Return confidence as numbers, NaN where it is missing; as texts where it holds words."""
+    given = table.rows[CONFIDENCE].str.strip()
+    return _numeric_if_all(given[~missing(given)]).reindex(given.index)
+
+
 def _every_number(table: Table, column: str) -> pd.Series:
     values = table.number(column)
     cure = f"; leave such rows out with {table.cure('--where')} '{column}!=none'"
@@ -252,8 +265,9 @@ def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
     """Return the columns of a table that was read: ours first, those of its conditions between."""
     ours = decided((), ANSWER_COLUMNS)
     known = {column.name for column in ours}
+    given = {column.name: column for column in given_columns()}
     condition = tuple(
-        Column(str(name), "value", "", "Column of the table's conditions")
+        given.get(str(name), Column(str(name), "value", "", "Column of the table's conditions"))
         for name in decisions.columns
         if name not in known
     )
@@ -262,3 +276,8 @@ def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
         for column in decided(condition, ANSWER_COLUMNS)
         if column.name in decisions or column.name in _ALWAYS
     )
+
+
+def given_columns() -> tuple[Column, ...]:
+    """Return the columns of confidence as tables of other programs give it: numbers or words."""
+    return tuple(replace(column, kind="value") for column in COLUMNS)

@@ -156,6 +156,44 @@ def detection(
         ask("detection", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 
+def confidence_(
+    table: TrialsArgument,
+    by: ByOption = None,
+    signal: Annotated[
+        str | None, typer.Option(help="Of a yes-no task: the answer that is right where it is.")
+    ] = None,
+    alternatives: Annotated[
+        int | None, typer.Option(min=2, help="How many answers there were, if no column says.")
+    ] = None,
+    columns: MapOption = None,
+    where: WhereOption = None,
+    answer: AnswerOption = None,
+    confidence: LevelOption = 0.95,
+    out: OutOption = None,
+    replace: ReplaceOption = False,
+) -> None:
+    """Ask what confidence tells of answers: type-2 ROC area, meta-d', M-ratio, calibration.
+
+    Needs the columns participant, confidence (steps, the least sure first) and correct (1/0), and
+    expected and answer of two answers for meta-d'. With --signal, of a yes-no task, answers graded
+    by confidence give the ROC, and d' with unequal variances.
+
+    Example: metamerlab analysis confidence seen.csv --signal seen --map confidence=sure --out sure
+    """
+    own: dict[str, object] = {"signal": signal} if signal else {"alternatives": alternatives}
+    options = {"by": by, "alpha": round(1.0 - confidence, 12), **own}
+    with user_errors():
+        if signal and alternatives:
+            raise StudyError(
+                "--alternatives: must be left out with --signal, whose answers are two"
+                f" (got {alternatives})"
+            )
+        kind = "detection" if signal else "identification"
+        only = ("confidence", "metacognition", "graded")
+        told = columns, where, answer
+        ask(kind, table, told, options, out, replace=replace, only=only, needed=("confidence",))
+
+
 def reaction(
     table: TrialsArgument,
     by: ByOption = None,
@@ -268,6 +306,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
+    app.command("confidence")(confidence_)
     app.command()(reaction)
     app.command()(ratings)
     app.command()(bayes)
@@ -315,10 +354,12 @@ def ask(
     *,
     replace: bool,
     only: Collection[str] = (),
+    needed: Collection[str] = (),
 ) -> None:
     """Print what an analysis says of a table, and write its report where a folder is named.
 
-    `only` are the parts that answer the question; none: all of the analysis.
+    `only` are the parts that answer the question; none: all of the analysis. `needed` are columns
+    that it cannot do without, beside those of the analysis.
     """
     from analysis.report.build import write_report
     from analysis.report.content import content_of
@@ -331,6 +372,7 @@ def ask(
         check_result(out, replace=replace, reads=[path])
     with one_line() as progress:
         rows = table_told(path, told)
+        rows.need([name for name in needed if name not in rows.rows])
         try:
             source = from_question(analysis, rows, analysis.options(**options), only)
         except StudyError as problem:  # its keys are options here

@@ -14,6 +14,7 @@ from analysis.parts import AnyPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
+from analysis.parts.preference_confidence import PreferenceConfidencePart
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
@@ -25,7 +26,7 @@ from analysis.plans.preference import (
 )
 from analysis.plots import power_plot, sized
 from analysis.seed import SEED
-from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
+from analysis.tables.decisions import preference_columns, read_decisions
 from analysis.tables.table import Source
 from analysis.tasks.base import (
     Assumption,
@@ -61,6 +62,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         ChoiceModelsPart(),
         ScalePart(),
         BiasPart(),
+        PreferenceConfidencePart(),
         ChoiceLearning(),
         TimesPart(),
     )
@@ -84,9 +86,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         """Read decisions: who compared what with what, and chose which."""
         return read_decisions(table, mapping)
 
-    def columns_of(self, _decisions: pd.DataFrame) -> tuple[Column, ...]:
+    def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of preferences."""
-        return PREFERENCE_COLUMNS
+        return preference_columns(decisions)
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: Settings) -> None:
         """Refuse methods that the protocol does not have, and a table without its pairings."""
