@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from analysis.detection import d_prime_influence
 from analysis.parts import AnyPart
-from analysis.parts.confidence import GradedPart
+from analysis.parts.graded import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
 from analysis.plans.rates import RateSettings, RatesOptions
 from analysis.rates import Influence, share_influence

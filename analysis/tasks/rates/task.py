@@ -10,9 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.parts import AnyPart
-from analysis.parts.confidence import ConfidencePart, MetacognitionPart
+from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.differences import ComparisonsPart
+from analysis.parts.graded import MetacognitionPart
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
