@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 MOST_STEPS = 11
 """More different values are no steps of a scale, but a slider."""
 FEWEST_TRIALS = 100
-"""Of one person, for meta-d'; of 60, padding takes an eighth of it away."""
+"""Of one person, for meta-d' and slopes of three steps and more; see `fewest_answers`."""
 FEWEST_WRONG = 5
 """Wrong answers of one person, for meta-d'."""
 FEWEST_FOR_RELIABILITY = 5
@@ -137,6 +137,14 @@ def graded_counts(signal: Floats, chose_signal: Floats, step: Integers, steps: i
     return counts
 
 
+def fewest_answers(steps: int) -> int:
+    """Return how many answers of one person metacognition takes: padding of few steps weighs more.
+
+    Of 100 answers in two steps limits of 30 people held the true M-ratio in .87.
+    """
+    return max(FEWEST_TRIALS, math.ceil(400 / steps))
+
+
 def fit_meta(counts: Floats) -> MetaFit:
     """Fit meta-d' by maximum likelihood (Maniscalco & Lau 2012), equal variances.
 
@@ -147,7 +155,7 @@ def fit_meta(counts: Floats) -> MetaFit:
     Raises
     ------
     ValueError
-        If too few trials, wrong answers or steps are there, or d' is not above its error.
+        If too few wrong answers or steps are there, or d' is not above its error.
 
     Notes
     -----
@@ -157,8 +165,6 @@ def fit_meta(counts: Floats) -> MetaFit:
     steps = counts.shape[1] // 2
     wrong = float(counts[0, steps:].sum() + counts[1, :steps].sum())
     by_answer = counts.sum(axis=0).reshape(2, steps)
-    if counts.sum() < FEWEST_TRIALS:
-        raise ValueError(f"fewer than {FEWEST_TRIALS} answers")
     if (counts.sum(axis=1) == 0).any():
         raise ValueError("only one of both stimuli was shown")
     if wrong < FEWEST_WRONG:

@@ -10,8 +10,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from analysis.deviations import Deviation
 from analysis.formula import aliased, group_codes, matrices, well_scaled
-from analysis.glmm import SINGULAR_SD, CrossedFit, fit_crossed, reduced_ratio
+from analysis.glmm import (
+    SINGULAR_SD,
+    CrossedFit,
+    crossed_deviations,
+    fit_crossed,
+    reduced_ratio,
+)
 from analysis.logit import (
     cluster_covariance,
     fit_logit,
@@ -84,6 +91,8 @@ class ModelFit:
         Coverage of the limits.
     warnings : tuple of str
         When not to trust it.
+    deviations : tuple of Deviation
+        Of random effects, with profile limits, where they were asked for.
     """
 
     formula: str
@@ -94,6 +103,7 @@ class ModelFit:
     log_likelihood: float
     level: float
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
     def __getitem__(self, term: str) -> Coefficient:
         for coefficient in self.coefficients:
@@ -183,6 +193,7 @@ def glmm_logit(
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
     df: float | None = None,
+    profile: bool = False,
 ) -> ModelFit:
     """Fit a logit model with crossed random intercepts by the Laplace approximation.
 
@@ -194,6 +205,8 @@ def glmm_logit(
         Random slopes, each independent of all else: ``("signal", "participant")``.
     df : float, optional
         Of t, by which statistics and likelihood ratios are judged; left out, z and chi-square.
+    profile : bool
+        Deviations of random effects get profile limits, which takes longest.
 
     Notes
     -----
@@ -209,7 +222,17 @@ def glmm_logit(
     if separated(scaled, y, np.ones_like(y)):
         return _without(_firth(formula, scaled, y, terms, level, found, back), hidden)
     fit, converged = _mixed(
-        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found, df
+        formula,
+        trials,
+        groups,
+        slopes,
+        LOGIT,
+        "GLMM",
+        (design, y, terms),
+        level,
+        found,
+        df,
+        profile,
     )
     if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
@@ -308,7 +331,7 @@ def models_beside(
         clustered=glm_logit(formula, trials, cluster=several, reference=reference, level=level),
         mixed=glmm_logit(
             formula, table, groups=groups, slopes=slopes, reference=reference, level=level,
-            df=float(trials[several[0]].nunique() - 1),
+            df=float(trials[several[0]].nunique() - 1), profile=True,
         ),
     )  # fmt: skip
 
@@ -342,6 +365,7 @@ def _mixed(
     level: float,
     found: list[str],
     df: float | None = None,
+    profile: bool = False,
 ) -> tuple[ModelFit, bool]:
     design, y, terms = model
     codes = [group_codes(trials, column) for column in groups]
@@ -375,6 +399,15 @@ def _mixed(
             replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution, df))
             for place, row in enumerate(table)
         )
+    deviations: tuple[Deviation, ...] = ()
+    if profile and solution.converged:
+        levels = {
+            name: sorted(map(str, trials[name].unique())) for name in groups if name in GROUPS
+        }
+        deviations = crossed_deviations(
+            solution, design, names, levels, response=response, slopes=names[len(groups) :],
+            level=level,
+        )  # fmt: skip
     several = {group.partition(" x ")[0] for group in groups}
     crossed = "crossed random" if len(several) > 1 else "random"
     effects = f"{crossed} intercepts ({', '.join(groups)})"
@@ -389,6 +422,7 @@ def _mixed(
         log_likelihood=solution.log_likelihood,
         level=level,
         warnings=tuple(found),
+        deviations=deviations,
     )
     return fit, solution.converged
 

@@ -10,6 +10,7 @@ from scipy import stats
 
 from analysis.cells import checked, grid, numbered
 from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.deviations import Deviation
 from analysis.linear_mixed import fit_linear_mixed
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -76,6 +77,7 @@ class TimeModel:
     answers: int
     participants: int
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
 
 def time_model(
@@ -132,7 +134,8 @@ def time_model(
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
-    fit = fit_linear_mixed(design, y, effects)
+    levels = {"participant": places.participants, "scene": places.scenes}
+    fit = fit_linear_mixed(design, y, effects, names=levels, level=level)
     beta, covariance, sd = fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"
@@ -183,4 +186,5 @@ def time_model(
         answers=len(rows),
         participants=people,
         warnings=tuple(notes),
+        deviations=fit.deviations,
     )

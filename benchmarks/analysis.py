@@ -498,7 +498,7 @@ def paired_rates(scale_down: int) -> list[PairedRates]:
 def confidence_rates(scale_down: int) -> list[ConfidenceRates]:
     """Simulate people whose confidence is that of an ideal observer with another d'."""
     rng = np.random.default_rng(9)
-    shapes = ((11, 100, 4), (11, 200, 4), (30, 100, 2), (6, 300, 4), (11, 300, 11))
+    shapes = ((11, 100, 4), (30, 100, 4), (30, 200, 2), (6, 300, 4), (11, 300, 11))
     cases = [(*shape, 1.0) for shape in shapes] + [(11, 200, 4, 0.7), (11, 200, 4, 0.0)]
     rows = []
     for people, trials, steps, m_ratio in cases:

@@ -71,7 +71,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
             if len(methods) < 3:  # Of two methods it would be the pairing's own.
                 continue
             model = tried(
-                partial(paired_model, rows, methods),
+                partial(paired_model, rows, methods, level=plan.confidence),
                 f"model of all pairings at {size}",
                 notes,
             )

@@ -236,7 +236,9 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                 ),
             )
             for name in names
-            for step, part in _of(rows, name).groupby(CONFIDENCE)
+            for step in steps
+            for part in [rows[(rows["condition"] == name) & (rows[CONFIDENCE] == step)]]
+            if len(part)
         ]
         halves = halved(rows, [*plan.compared, "correct"])
         measures = {

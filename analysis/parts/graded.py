@@ -19,6 +19,7 @@ from analysis.metacognition import (
     Ratio,
     Reliability,
     UnequalFit,
+    fewest_answers,
     fit_meta,
     fit_unequal,
     graded_area,
@@ -155,12 +156,16 @@ def _counts(rows: pd.DataFrame, plan: RateSettings, steps: int) -> Counts:
     return found
 
 
-def _fits(counts: Counts, fit: Callable[[Floats], F]) -> tuple[Fits[F], dict[str, list[str]]]:
+def _fits(
+    counts: Counts, fit: Callable[[Floats], F], fewest: int
+) -> tuple[Fits[F], dict[str, list[str]]]:
     """Return fits by condition and person, and by condition why others have none."""
     found: dict[tuple[str, str], F] = {}
     lacking: dict[str, list[str]] = {name: [] for name, _ in counts}
     for (name, who), cells in counts.items():
         try:
+            if cells.sum() < fewest:
+                raise ValueError(f"fewer than {fewest} answers")
             found[name, who] = fit(cells)
         except ValueError as problem:
             lacking[name].append(str(problem))
@@ -174,15 +179,15 @@ def _fitted(
 
     Where no condition has two people who can be fitted, all conditions are taken together.
     """
-    counts = _counts(rows, plan, steps)
-    found, lacking = _fits(counts, fit)
+    counts, fewest = _counts(rows, plan, steps), fewest_answers(steps)
+    found, lacking = _fits(counts, fit, fewest)
     said = {name: [*_left_out(lacking[name])] for name in shown_in(rows, plan)}
     most = max(sum(name == one for one, _ in found) for name in said)
     if most < 2 and len(said) > 1:
         together: dict[tuple[str, str], Floats] = {}
         for (_, who), cells in counts.items():
             together[TOGETHER, who] = together.get((TOGETHER, who), 0.0) + cells
-        again, lacking = _fits(together, fit)
+        again, lacking = _fits(together, fit, fewest)
         if len(again) > len(found):
             counts, found = together, again
             why = f"no condition alone has enough answers of two people: {MIXED}"
@@ -236,9 +241,9 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
         )
         notes: list[str] = []
         whole = rows.assign(condition=TOGETHER) if TOGETHER in said else rows
-        halves = halved(whole, ["condition", "expected"])
+        halves, fewest = halved(whole, ["condition", "expected"]), fewest_answers(len(steps)) // 2
         both = [
-            _fits(_counts(halves[halves["half"] == half], plan, len(steps)), fit_meta)[0]
+            _fits(_counts(halves[halves["half"] == half], plan, len(steps)), fit_meta, fewest)[0]
             for half in (0, 1)
         ]
         measures: Mapping[str, Callable[[Sequence[MetaFit]], float]] = {
@@ -312,11 +317,10 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
                 "meta-d' (Maniscalco & Lau, 2012) was fitted to each participant by maximum"
                 " likelihood, with equal variances and the criterion's place relative to d' kept;"
                 " counts of participants with an empty cell were padded by 1 / (2 x steps) in every"
-                f" cell; people with fewer than {FEWEST_TRIALS} answers, {FEWEST_WRONG} wrong ones,"
-                " or a d' not above its error were left out. M-ratio is the mean meta-d' by the"
-                " mean d', with Fieller's limits over participants."
-                + f" {HALVES}"
-                * bool(found.reliability)
+                f" cell; people with fewer than {FEWEST_TRIALS} answers (of few steps 400 / steps),"
+                f" {FEWEST_WRONG} wrong ones, or a d' not above its error were left out."
+                " M-ratio is the mean meta-d' by the mean d', with Fieller's limits over"
+                " participants." + f" {HALVES}" * bool(found.reliability)
             ),
             tables={
                 "metacognition.csv": flat_table(cells),

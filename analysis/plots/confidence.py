@@ -83,7 +83,7 @@ def pairs_plot(
     with style(width_in):
         figure = new_figure(width_in, 0.85 + 0.45 * len(rows), simulated=simulated)
         axes = figure.subplots()
-        named: dict[str, str] = {}
+        named = set[str]()
         for y, (row, means) in enumerate(rows.items()):
             for place, (name, one) in enumerate(means):
                 colour, marker = SERIES[place], MARKERS[place]
@@ -101,9 +101,9 @@ def pairs_plot(
                 if one is None:
                     continue
                 axes.plot([one.lower, one.upper], [lift, lift], color=colour, lw=1.4)
-                first = {} if name in named else {"label": name}
-                axes.plot(one.value, lift, marker, color=colour, ms=4, **first)
-                named[name] = colour
+                shown = "_" if name in named else name  # in the legend once
+                axes.plot(one.value, lift, marker, color=colour, ms=4, label=shown)
+                named.add(name)
         axes.set_yticks(range(len(rows)), [wrapped(label(name), width_in) for name in rows])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0)
