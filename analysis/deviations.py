@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ MOST_PROFILED = 1000
 """Of all effects together, for profile limits: more take minutes."""
 LATENT_VARIANCE = {"logit": math.pi**2 / 3.0, "probit": 1.0}
 """Of one answer on the scale of the model, by link."""
+MOST_STEPS, MOST_HALVES = 20, 4
+SMALL_GAIN = 1e-3
+"""Of a log likelihood, that a further step would gain; it is added."""
 _LONGEST = 20
 """Doublings of the step in search of an upper limit."""
 
@@ -69,7 +73,10 @@ def profile_limits(
     """
     cut = math.sqrt(float(stats.chi2.ppf(level, 1)))
 
+    @cache  # a search for a root asks for both ends again
     def beyond(value: float) -> float:
+        if value == sd:
+            return -cut
         return math.sqrt(max(2.0 * (best - log_likelihood(value)), 0.0)) - cut
 
     step = error if math.isfinite(error) and error > 0.0 else max(sd, 0.1)
@@ -114,11 +121,30 @@ def held_maximum(
         found, slope = cost(whole)
         return found, slope[keep]
 
-    start = (point + moved * (value - point[place]))[keep]
-    found = optimize.minimize(
-        free, start, jac=True, method="BFGS",
-        options={"gtol": 1e-3, "hess_inv0": 0.5 * (inverse + inverse.T)},
-    )  # fmt: skip
+    at = (point + moved * (value - point[place]))[keep]
+    inverse = 0.5 * (inverse + inverse.T)
+    now, slope = free(at)
+    for _ in range(MOST_STEPS):
+        step = inverse @ slope
+        gain = 0.5 * float(slope @ step)
+        if gain < SMALL_GAIN:
+            return gain - now
+        for _ in range(MOST_HALVES):
+            with np.errstate(all="ignore"):  # a step may lead out of what a model can be
+                new, new_slope = free(at - step)
+            if new < now:
+                break
+            step = 0.25 * step
+        else:
+            break
+        # The inverse second derivative learns from each step (BFGS).
+        bend = slope - new_slope
+        along = float(step @ bend)
+        if along > 0.0:
+            turn = np.eye(step.size) - np.outer(step, bend) / along
+            inverse = turn @ inverse @ turn.T + np.outer(step, step) / along
+        at, now, slope = at - step, new, new_slope
+    found = optimize.minimize(free, at, jac=True, method="BFGS", options={"gtol": 1e-3})
     return -float(found.fun)
 
 

@@ -180,7 +180,7 @@ class _Products:
                 spread = [float(inner.solve(unit.astype(float))[unit][0]) for unit in units]
                 own = levels_of(names[name], modes[slots], sd[place] * np.sqrt(spread))
             found.append(Deviation(name, float(sd[place]), *ends, math.nan, own))
-        return with_shares(found, 0.0)
+        return with_shares(found[:-1], residual**2) + (found[-1],)
 
     def _held(self, sd: Floats, place: int, value: float) -> float:
         """Return the largest restricted log likelihood where one deviation is held."""

@@ -147,9 +147,10 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
             continue
         spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
         yield (
-            f"{about}: b = {row.estimate:.2f}, SE = {row.standard_error:.2f},"
-            f" {row.statistic_name} = {row.statistic:.2f}, {p_text(row.p)}"
-            + ("" if row.ratio_p is None else f", likelihood ratio {p_text(row.ratio_p)}")
+            f"{about}: b = {row.estimate:.2f}, "
+            + ("" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; ")
+            + f"SE = {row.standard_error:.2f}, {row.statistic_name} = {row.statistic:.2f},"
+            + f" {p_text(row.p)}"
             + (f"; {spread}" if spread else "")
             + f" ({fit.method})."
         )
@@ -177,10 +178,10 @@ def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
                     name,
                     "preference" if c.term == "Intercept" else "shown first",
                     number(c.estimate),
+                    "none" if c.ratio_p is None else p_number(c.ratio_p),
                     number(c.standard_error),
                     f"{c.statistic_name} = {number(c.statistic)}",
                     p_number(c.p),
-                    "none" if c.ratio_p is None else p_number(c.ratio_p),
                     f"{_odds(c.estimate)} [{_odds(c.lower)}, {_odds(c.upper)}]",
                     spread,
                 )
@@ -192,10 +193,10 @@ def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
             ("Comparison", "l c"),
             ("Term", "l"),
             ("b", ""),
+            ("LR p", "strong n"),
             ("SE", ""),
             ("Statistic", "n"),
             ("p", "n"),
-            ("LR p", "n"),
             (f"OR, {100 * plan.confidence:g} % limits", "n"),
             ("Random SD", "l"),
         ),

@@ -7,11 +7,11 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.models import ModelFit, ModelsBeside, models_beside
+from analysis.models import Coefficient, ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.report.blocks import Cautions, Paragraph, Table
-from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
+from analysis.report.wording import NONE, NOT_IDENTIFIED, big, grouped, number, p_number, p_text
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     ("Errors", "l", lambda one: one[0] if _first(one) else ""),
                     ("Term", "l", lambda one: one[2].term),
                     ("b", "", lambda one: number(one[2].estimate, 3)),
+                    ("LR p", "strong n", lambda one: _ratio(one[2])),
                     ("SE", "", lambda one: number(one[2].standard_error, 3)),
                     ("Statistic", "", lambda one: number(one[2].statistic)),
                     ("Law", "", lambda one: "z" if one[2].df is None else f"t({one[2].df:g})"),
@@ -86,7 +87,8 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     f" {' and '.join(groups)}; the third has"
                     f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
                     " differ between them (t of participants - 1), and so speaks of the typical"
-                    f" {groups[0]}.",
+                    f" {groups[0]}. LR p: of its likelihood ratio without the term, which errs"
+                    " less often than p of Wald's statistic.",
                     muted=True,
                 ),
                 Cautions(
@@ -109,6 +111,10 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                 "models.csv": pd.DataFrame([{"errors": name, **vars(c)} for name, _, c in terms])
             },
         )
+
+
+def _ratio(one: Coefficient) -> str:
+    return NONE if one.ratio_p is None else p_number(one.ratio_p)
 
 
 def _first(one: tuple[str, ModelFit, object]) -> bool:
@@ -134,7 +140,8 @@ def apa_term(fit: ModelFit, term: str) -> str:
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
     law = "z" if row.df is None else f"t({row.df:.0f})"
+    ratio = "" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; "
     return (
-        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
+        f"{term}: b = {number(row.estimate, 3)}, {ratio}SE = {number(row.standard_error, 3)},"
         f" {law} = {number(row.statistic)}, {p_text(row.p)} ({fit.method})."
     )

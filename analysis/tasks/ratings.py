@@ -7,6 +7,7 @@ import pandas as pd
 
 from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
+from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.ratings import RatingSettings, RatingsOptions, from_protocol, settings_of
@@ -26,7 +27,13 @@ class Ratings(TaskAnalysis[RatingSettings]):
 
     kind: ClassVar[str] = "ratings"
     task: ClassVar[str] = "ratings"
-    parts: ClassVar[tuple[AnyPart, ...]] = (RatingsPart(), StepLearning(), TimesPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        RatingsPart(),
+        RatingEffects(RatingsPart()),
+        StepLearning(),
+        TimesPart(),
+        TimeEffects(TimesPart()),
+    )
     options: ClassVar[type[TableOptions]] = RatingsOptions
 
     def settings(self, study: StudyProtocol) -> RatingSettings:

@@ -10,6 +10,7 @@ from pydantic import Field
 from analysis.cells import conditions
 from analysis.guessing import below_guessing
 from analysis.parts import AnyPart, Plan
+from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns, as_decisions, read_times
@@ -62,7 +63,7 @@ class TableOfTimes(TaskAnalysis[TimesSettings]):
     kind: ClassVar[str] = "reaction"
     task: ClassVar[str] = "reaction times"
     options: ClassVar[type[TableOptions]] = TimesOptions
-    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
+    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, options: Any) -> TimesSettings:
         """Return what the options say."""

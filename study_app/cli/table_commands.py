@@ -257,7 +257,7 @@ def ratings(
             "link": one_of("--link", link, LINKS),
             "alpha": round(1.0 - confidence, 12),
         }
-        only = ("ratings",)
+        only = ("ratings", "random_ratings")
         ask("ratings", table, (columns, where, answer), options, out, replace=replace, only=only)
 
 

@@ -16,6 +16,7 @@ from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.preference_confidence import PreferenceConfidencePart
 from analysis.parts.preferences import PreferencesPart
+from analysis.parts.random_effects import ChoiceEffects, TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
@@ -60,11 +61,13 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         ChoiceModelsPart(),
+        ChoiceEffects(ChoiceModelsPart()),
         ScalePart(),
         BiasPart(),
         PreferenceConfidencePart(),
         ChoiceLearning(),
         TimesPart(),
+        TimeEffects(TimesPart()),
     )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 

@@ -17,6 +17,7 @@ from analysis.parts.graded import MetacognitionPart
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
+from analysis.parts.random_effects import RightEffects, TimeEffects
 from analysis.parts.right_models import ModelsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
@@ -68,11 +69,13 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         *levels,
         ComparisonsPart(),
         ModelsPart(),
+        RightEffects(ModelsPart()),
         PeoplePart(),
         ConfidencePart(),
         MetacognitionPart(),
         RightLearning(),
         TimesPart(),
+        TimeEffects(TimesPart()),
     )
 
 
