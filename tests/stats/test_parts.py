@@ -26,20 +26,20 @@ from protocols.errors import StudyError
 from study_app.cli import app
 
 # The door: a report of a fixed table, or a command on one; the parts that it must show.
-_RIGHT = ("rates", "sensitivity", "comparisons", "models", "people")
+_RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
 REPORTS = {
-    "two-answers": (*_RIGHT, "curves", "thresholds", "learning", "times"),
+    "two-answers": (*_RIGHT, "curves", "thresholds", "learning", "times", "random_times"),
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "confidence": ("confidence", "metacognition", "graded"),
     "preference-confidence": ("confidence",),
-    "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "scale", "bias", "learning", "times"),
+    "ratings": ("ratings", "random_ratings", "learning", "times"),
+    "preference": ("preferences", "choice_models", "random_effects", "scale", "bias", "learning", "times"),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
-    ("reaction", "--by", "method"): ("two-answers", ("times",)),
-    ("ratings", "--by", "method"): ("ratings", ("ratings",)),
+    ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
+    ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
     ("psychometric", *_LEVELS, "--guess", "0.25"): (
         "four-answers",
         ("curves", "thresholds", "psychometric"),
@@ -90,6 +90,29 @@ SAID = {
         "methods": "Normal evidence with unequal variances",
         "tables": {"graded.csv", "graded_people.csv", "roc.csv"},
         "figure": "roc",
+    },
+    "random_effects": {
+        "section": "models",
+        "caption": "Random effects of ",
+        "sentence": "the SD of participant",
+        "methods": "have limits of the profile likelihood",
+        "tables": {"random_effects.csv"},
+    },
+    "random_times": {
+        "section": "checks",
+        "caption": "Random effects of reaction times",
+        "sentence": "Random effects of reaction times: the SD of participant was",
+        "methods": "random effects of reaction times have limits",
+        "tables": {"random_times.csv", "random_times_levels.csv"},
+        "figure": "random_times",
+    },
+    "random_ratings": {
+        "section": "ratings",
+        "caption": "Random effects of ratings",
+        "sentence": "Random effects of ratings: the SD of participant was",
+        "methods": "random effects of ratings have limits",
+        "tables": {"random_ratings.csv", "random_ratings_levels.csv"},
+        "figure": "random_ratings",
     },
     "preferences": {
         "section": "preference",
