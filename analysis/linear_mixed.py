@@ -150,7 +150,8 @@ class _Products:
         free = self.rows - self.xy.size
         variance = squares / free
         deviance = determinants + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
-        return deviance, beta, variance * np.linalg.inv(left), variance
+        covariance = np.asarray(variance * np.linalg.inv(left), dtype=np.float64)
+        return deviance, beta, covariance, variance
 
     def deviations(
         self,
@@ -180,7 +181,7 @@ class _Products:
                 spread = [float(inner.solve(unit.astype(float))[unit][0]) for unit in units]
                 own = levels_of(names[name], modes[slots], sd[place] * np.sqrt(spread))
             found.append(Deviation(name, float(sd[place]), *ends, math.nan, own))
-        return with_shares(found[:-1], residual**2) + (found[-1],)
+        return (*with_shares(found[:-1], residual**2), found[-1])
 
     def _held(self, sd: Floats, place: int, value: float) -> float:
         """Return the largest restricted log likelihood where one deviation is held."""

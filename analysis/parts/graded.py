@@ -148,7 +148,7 @@ def _counts(rows: pd.DataFrame, plan: RateSettings, steps: int) -> Counts:
     found = {}
     for (name, who), own in rows.groupby(["condition", "participant"], sort=True):
         there, said = (
-            (own[column].astype(str) == answers[0]).to_numpy(float)
+            np.asarray(own[column].astype(str) == answers[0], dtype=np.float64)
             for column in ("expected", "answer")
         )
         step = own["step"].to_numpy(np.int64)
@@ -180,18 +180,21 @@ def _fitted(
     Where no condition has two people who can be fitted, all conditions are taken together.
     """
     counts, fewest = _counts(rows, plan, steps), fewest_answers(steps)
+    found: Fits[F]
+    lacking: dict[str, list[str]]
     found, lacking = _fits(counts, fit, fewest)
-    said = {name: [*_left_out(lacking[name])] for name in shown_in(rows, plan)}
-    most = max(sum(name == one for one, _ in found) for name in said)
+    said = {own: [*_left_out(lacking[own])] for own in shown_in(rows, plan)}
+    most = max(sum(own == name for name, _ in found) for own in said)
     if most < 2 and len(said) > 1:
         together: dict[tuple[str, str], Floats] = {}
         for (_, who), cells in counts.items():
             together[TOGETHER, who] = together.get((TOGETHER, who), 0.0) + cells
+        again: Fits[F]
         again, lacking = _fits(together, fit, fewest)
         if len(again) > len(found):
             counts, found = together, again
-            why = f"no condition alone has enough answers of two people: {MIXED}"
-            said = {TOGETHER: [why, *_left_out(lacking[TOGETHER])]}
+            first = f"no condition alone has enough answers of two people: {MIXED}"
+            said = {TOGETHER: [first, *_left_out(lacking[TOGETHER])]}
     if not found:
         reasons = dict.fromkeys(why for several in lacking.values() for why in several)
         raise ValueError(f"{NO_PERSON} ({'; '.join(reasons)})")

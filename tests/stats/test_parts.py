@@ -34,7 +34,15 @@ REPORTS = {
     "confidence": ("confidence", "metacognition", "graded"),
     "preference-confidence": ("confidence",),
     "ratings": ("ratings", "random_ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "random_effects", "scale", "bias", "learning", "times"),
+    "preference": (
+        "preferences",
+        "choice_models",
+        "random_effects",
+        "scale",
+        "bias",
+        "learning",
+        "times",
+    ),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
