@@ -1,6 +1,7 @@
 """Answers that confidence grades: meta-d' and M-ratio of people, ROC and unequal variances."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -183,9 +184,10 @@ def _fitted(
     found: Fits[F]
     lacking: dict[str, list[str]]
     found, lacking = _fits(counts, fit, fewest)
-    said = {own: [*_left_out(lacking[own])] for own in shown_in(rows, plan)}
-    most = max(sum(own == name for name, _ in found) for own in said)
-    if most < 2 and len(said) > 1:
+    conditions = shown_in(rows, plan)
+    said: dict[str, list[str]] = {name: list(_left_out(lacking[name])) for name in conditions}
+    most = Counter(name for name, _ in found).most_common(1)
+    if sum(count for _, count in most) < 2 and len(said) > 1:
         together: dict[tuple[str, str], Floats] = {}
         for (_, who), cells in counts.items():
             together[TOGETHER, who] = together.get((TOGETHER, who), 0.0) + cells
