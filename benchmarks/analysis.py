@@ -7,7 +7,6 @@ tenth of them.
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import platform
 import statistics
@@ -168,8 +167,8 @@ class ConfidenceRates:
     coverage: float
     gap: float
     area: float
-    d_a: float
-    slope: float
+    d_a: float | None
+    slope: float | None
     left_out: float
 
 
@@ -513,8 +512,8 @@ def confidence_rates(scale_down: int) -> list[ConfidenceRates]:
                 coverage=float(coverage),
                 gap=float(gap),
                 area=float(area),
-                d_a=float(d_a) if ideal else math.nan,
-                slope=float(slope) if ideal else math.nan,
+                d_a=float(d_a) if ideal else None,
+                slope=float(slope) if ideal else None,
                 left_out=float(left_out),
             )
         )

@@ -13,7 +13,7 @@ import pytest
 from analysis import deviations
 from analysis.deviations import profile_limits
 from analysis.linear_mixed import fit_linear_mixed
-from analysis.models import ModelFit, glmm_logit, models_beside
+from analysis.models import ModelFit, bootstrap_p, glmm_logit, models_beside
 from analysis.ordinal import fit_cumulative, rating_model
 from analysis.parts.right_models import apa_term
 from analysis.reaction_model import time_model
@@ -112,3 +112,15 @@ def test_the_likelihood_ratio_stands_before_walds_statistic(times):
     rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
     said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
     assert said.index("likelihood ratio p") < said.index("SE =") < said.index("t(8) =")
+
+
+@pytest.mark.slow
+def test_the_bootstrap_of_a_likelihood_ratio_is_near_its_chi_square(times, right, rng):
+    """Of 135 answers a person's number is large: both p agree but for the draws."""
+    groups = ["participant", "scene"]
+    for term in ("cond[T.b]", "cond[T.c]"):
+        p = bootstrap_p("hit ~ 1 + cond", times, term, groups=groups, samples=99, rng=rng)
+        wanted = right[term].ratio_p
+        assert p == pytest.approx(max(wanted, 0.01), abs=3 * math.sqrt(wanted / 99) + 0.01)
+    with pytest.raises(ValueError, match="term must be one of Intercept"):
+        bootstrap_p("hit ~ 1 + cond", times, "b", groups=groups, samples=9, rng=rng)
