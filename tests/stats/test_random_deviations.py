@@ -118,9 +118,9 @@ def test_the_likelihood_ratio_stands_before_walds_statistic(times):
 def test_the_bootstrap_of_a_likelihood_ratio_is_near_its_chi_square(times, right, rng):
     """Of 135 answers a person's number is large: both p agree but for the draws."""
     groups = ["participant", "scene"]
-    for term in ("cond[T.b]", "cond[T.c]"):
-        p = bootstrap_p("hit ~ 1 + cond", times, term, groups=groups, samples=99, rng=rng)
-        wanted = right[term].ratio_p
-        assert p == pytest.approx(max(wanted, 0.01), abs=3 * math.sqrt(wanted / 99) + 0.01)
+    term = "cond[T.b]"
+    p = bootstrap_p("hit ~ 1 + cond", times, term, groups=groups, samples=49, rng=rng)
+    wanted = right[term].ratio_p
+    assert p == pytest.approx(max(wanted, 0.02), abs=3 * math.sqrt(wanted / 49) + 0.02)
     with pytest.raises(ValueError, match="term must be one of Intercept"):
         bootstrap_p("hit ~ 1 + cond", times, "b", groups=groups, samples=9, rng=rng)
