@@ -232,7 +232,7 @@ def crossed_deviations(
             held = partial(held_maximum, model, point, fit.covariance, place)
             ends = profile_limits(held, sd, fit.log_likelihood, float(errors[place]), level)
         own: tuple[Level, ...] = ()
-        if name in levels:
+        if name in levels and model.effects.size <= MOST_PROFILED:
             slots = model.effects.by_factor(np.arange(float(model.effects.size)))[number]
             units = (np.arange(model.effects.size) == slot for slot in slots)
             spread = [float(at.arrow.solve(unit.astype(float))[unit][0]) for unit in units]

@@ -175,7 +175,7 @@ class _Products:
                 held = partial(self._held, sd, place)
                 ends = profile_limits(held, float(sd[place]), best, 0.2 * float(sd[place]), level)
             own: tuple[Level, ...] = ()
-            if name in names:
+            if name in names and sum(self.sizes) <= MOST_PROFILED:
                 slots = np.arange(starts[place], starts[place + 1])
                 units = (np.arange(scale.size) == slot for slot in slots)
                 spread = [float(inner.solve(unit.astype(float))[unit][0]) for unit in units]

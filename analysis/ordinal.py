@@ -232,7 +232,9 @@ def fit_cumulative(
         if not proper or float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
             covariance[: cut[1], : cut[1]] = axes / np.maximum(curvature, FLAT) @ axes.T
     best_value = -laplace(theta, beta, sd)
-    modes, spread = np.repeat(sd, sizes) * mode, np.diag(np.linalg.inv(bowl))
+    few = z.shape[1] <= MOST_PROFILED
+    modes = np.repeat(sd, sizes) * mode
+    spread = np.diag(np.linalg.inv(bowl)) if few and level is not None else mode
 
     def sloped(point: Floats) -> tuple[float, Floats]:
         value = laplace(*np.split(point, cut))
@@ -245,12 +247,12 @@ def fit_cumulative(
     for number, name in enumerate(effects) if level is not None and proper else ():
         place, own = cut[1] + number, slice(starts[number], starts[number + 1])
         ends = math.nan, math.nan
-        if z.shape[1] <= MOST_PROFILED and level is not None:
+        if few and level is not None:
             held = partial(held_maximum, sloped, natural, covariance, place)
             error = math.sqrt(max(float(covariance[place, place]), 0.0))
             ends = profile_limits(held, float(sd[number]), best_value, error, level)
         known: tuple[Level, ...] = ()
-        if name in (names or {}):
+        if few and name in (names or {}):
             errors = sd[number] * np.sqrt(spread[own])
             known = levels_of((names or {})[name], modes[own], errors)
         found.append(Deviation(name, float(sd[number]), *ends, math.nan, known))

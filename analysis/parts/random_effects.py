@@ -68,7 +68,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
         notes = []
         if any(math.isnan(own.lower) for one in models for own in one.deviations):
             notes.append(
-                f"deviations of {self.about} have no profile limits: more than {MOST_PROFILED}"
+                f"deviations of {self.about} have no profile limits, and no levels: more than {MOST_PROFILED}"
                 " random effects would take minutes"
             )
         return RandomEffects(models, tuple(notes))
@@ -117,8 +117,9 @@ class RandomEffectsPart(Part[P, RandomEffects]):
             figures=[
                 PartFigure(
                     name,
-                    f"Random effects of {self.about}: how far each participant and scene lies from"
-                    f" the typical one, with {limits} limits given the model's deviations.",
+                    f"Random effects of {self.about}: how far each"
+                    f" {' and '.join(dict.fromkeys(own.name for _, own in drawn))} lies from the"
+                    f" typical one, with {limits} limits given the model's deviations.",
                     partial(
                         caterpillar_plot,
                         {own.name: own.levels for _, own in drawn},
