@@ -27,6 +27,8 @@ STARTS = (1.0, 0.3, 0.05)
 
 MOST_LEVELS = 50_000
 """Of all random intercepts together: more take minutes."""
+IMPOSSIBLE = 1e10
+"""Minus the log likelihood where the equations are singular."""
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 
@@ -191,7 +193,11 @@ class _Products:
         def cost(free: Floats) -> float:
             whole = np.maximum(np.insert(unit * free, place, value), 0.0)
             whole[-1] = max(float(whole[-1]), unit / LARGEST)
-            return 0.5 * self._deviance(whole[:-1] / whole[-1], float(whole[-1]))
+            theta = np.minimum(whole[:-1] / whole[-1], LARGEST)
+            try:
+                return 0.5 * self._deviance(theta, float(whole[-1]))
+            except (np.linalg.LinAlgError, RuntimeError):  # the levels take all there is
+                return IMPOSSIBLE
 
         keep = np.arange(sd.size) != place
         found = optimize.minimize(

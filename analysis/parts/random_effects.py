@@ -68,8 +68,8 @@ class RandomEffectsPart(Part[P, RandomEffects]):
         notes = []
         if any(math.isnan(own.lower) for one in models for own in one.deviations):
             notes.append(
-                f"deviations of {self.about} have no profile limits, and no levels: more than {MOST_PROFILED}"
-                " random effects would take minutes"
+                f"deviations of {self.about} have no profile limits, and no levels: more than"
+                f" {MOST_PROFILED} random effects would take minutes"
             )
         return RandomEffects(models, tuple(notes))
 
