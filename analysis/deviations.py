@@ -11,7 +11,7 @@ from scipy import optimize, stats
 
 Floats = NDArray[np.float64]
 
-MOST_PROFILED = 1000
+MOST_PROFILED = 300
 """Of all effects together, for profile limits: more take minutes."""
 LATENT_VARIANCE = {"logit": math.pi**2 / 3.0, "probit": 1.0}
 """Of one answer on the scale of the model, by link."""

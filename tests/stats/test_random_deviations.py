@@ -104,7 +104,7 @@ def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
     fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], profile=True)
     assert math.isnan(fit.deviations[0].lower)
     assert fit.deviations[0].levels == ()
-    assert deviations.MOST_PROFILED == 1000
+    assert deviations.MOST_PROFILED == 300
 
 
 def test_the_likelihood_ratio_stands_before_walds_statistic(times):
