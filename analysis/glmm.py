@@ -1,7 +1,9 @@
 """Models of trials with crossed random effects, fitted by the Laplace approximation."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -9,6 +11,16 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit
 
+from analysis.deviations import (
+    LATENT_VARIANCE,
+    MOST_PROFILED,
+    Deviation,
+    Level,
+    held_maximum,
+    levels_of,
+    profile_limits,
+    with_shares,
+)
 from analysis.logit import fit_logit
 from analysis.numeric import newton_polish
 from analysis.random_effects import Arrow, RandomEffects
@@ -185,6 +197,48 @@ def fit_crossed(
         random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
         counted=counted,
     )
+
+
+def crossed_deviations(
+    fit: CrossedFit,
+    design: Floats,
+    names: Sequence[str],
+    levels: Mapping[str, Sequence[str]],
+    *,
+    response: Response = LOGIT,
+    slopes: Sequence[str] = (),
+    level: float = 0.95,
+) -> tuple[Deviation, ...]:
+    """Return the deviations of a fit with profile limits, shares of variance, and their levels.
+
+    Parameters
+    ----------
+    design, response
+        As of the fit.
+    names : sequence of str
+        Of its random effects; `slopes` are those that are no intercepts.
+    levels : mapping of effect to names of its levels
+        Of those whose levels are wanted.
+    """
+    model = _Laplace(design, fit.counted, response)
+    point = np.concatenate([fit.beta, fit.sd, response.start()])
+    errors = np.sqrt(np.diag(fit.covariance).clip(min=0.0))
+    at = model._solve(point)
+    found = []
+    for number, (name, sd) in enumerate(zip(names, fit.sd.tolist(), strict=True)):
+        place = fit.beta.size + number
+        ends = math.nan, math.nan
+        if model.effects.size <= MOST_PROFILED:
+            held = partial(held_maximum, model, point, fit.covariance, place)
+            ends = profile_limits(held, sd, fit.log_likelihood, float(errors[place]), level)
+        own: tuple[Level, ...] = ()
+        if name in levels and model.effects.size <= MOST_PROFILED:
+            slots = model.effects.by_factor(np.arange(float(model.effects.size)))[number]
+            units = (np.arange(model.effects.size) == slot for slot in slots)
+            spread = [float(at.arrow.solve(unit.astype(float))[unit][0]) for unit in units]
+            own = levels_of(levels[name], fit.random[number], sd * np.sqrt(spread))
+        found.append(Deviation(name, sd, *ends, math.nan, own))
+    return with_shares(found, LATENT_VARIANCE[response.link], slopes)
 
 
 def reduced_ratio(

@@ -1,14 +1,23 @@
 """Linear mixed models with crossed random intercepts, by restricted maximum likelihood."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 from scipy.sparse import linalg as splinalg
 
+from analysis.deviations import (
+    MOST_PROFILED,
+    Deviation,
+    Level,
+    levels_of,
+    profile_limits,
+    with_shares,
+)
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
@@ -18,6 +27,8 @@ STARTS = (1.0, 0.3, 0.05)
 
 MOST_LEVELS = 50_000
 """Of all random intercepts together: more take minutes."""
+IMPOSSIBLE = 1e10
+"""Minus the log likelihood where the equations are singular."""
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 
@@ -31,10 +42,16 @@ class LinearMixed:
     sd: Mapping[str, float]
     residual_sd: float
     log_likelihood: float
+    deviations: tuple[Deviation, ...] = ()
 
 
 def fit_linear_mixed(
-    design: Floats, y: Floats, groups: Mapping[str, NDArray[np.int64]]
+    design: Floats,
+    y: Floats,
+    groups: Mapping[str, NDArray[np.int64]],
+    *,
+    names: Mapping[str, Sequence[str]] | None = None,
+    level: float | None = None,
 ) -> LinearMixed:
     """Maximise the restricted likelihood of y = X beta + sum_k Z_k b_k + rest.
 
@@ -45,6 +62,11 @@ def fit_linear_mixed(
     y : ndarray (rows,)
     groups : mapping of name to ndarray (rows,)
         Level of each random intercept.
+    names : mapping of group to names of its levels, optional
+        Whose levels are wanted in `LinearMixed.deviations`.
+    level : float, optional
+        Coverage of profile limits of the deviations, the last of them the residual's; left out,
+        there are none.
 
     Notes
     -----
@@ -53,8 +75,8 @@ def fit_linear_mixed(
     relative to the residual's. All of it needs cross-products only, made once.
     """
     columns, sizes = [], []
-    for level in groups.values():
-        codes = np.unique(level, return_inverse=True)[1].ravel()
+    for own in groups.values():
+        codes = np.unique(own, return_inverse=True)[1].ravel()
         sizes.append(int(codes.max()) + 1)
         if sum(sizes) > MOST_LEVELS:
             raise StudyError(
@@ -93,12 +115,16 @@ def fit_linear_mixed(
     best = min(tried, key=lambda one: float(one.fun)).x
     deviance, beta, covariance, variance = products.profile(best)
     residual = float(np.sqrt(variance))
+    deviations: tuple[Deviation, ...] = ()
+    if level is not None:
+        deviations = products.deviations(list(groups), best, residual, names or {}, level)
     return LinearMixed(
         beta=beta,
         covariance=covariance,
         sd={name: float(theta) * residual for name, theta in zip(groups, best, strict=True)},
         residual_sd=residual,
         log_likelihood=-0.5 * deviance,
+        deviations=deviations,
     )
 
 
@@ -121,6 +147,79 @@ class _Products:
 
     def profile(self, theta: Floats) -> tuple[float, Floats, Floats, float]:
         """Return the REML deviance, beta, its covariance, and the residual's variance."""
+        inner, scale = self._factor(theta)
+        determinants, beta, left, squares, _ = self._solved(inner, scale)
+        free = self.rows - self.xy.size
+        variance = squares / free
+        deviance = determinants + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
+        covariance = np.asarray(variance * np.linalg.inv(left), dtype=np.float64)
+        return deviance, beta, covariance, variance
+
+    def deviations(
+        self,
+        groups: Sequence[str],
+        theta: Floats,
+        residual: float,
+        names: Mapping[str, Sequence[str]],
+        level: float,
+    ) -> tuple[Deviation, ...]:
+        """Return the deviations with profile limits (of REML), shares of variance, and levels."""
+        sd = np.append(theta * residual, residual)
+        best = -0.5 * self._deviance(theta, residual)
+        inner, scale = self._factor(theta)
+        _, beta, _, _, answer = self._solved(inner, scale)
+        modes = scale * (answer - inner.solve(scale[:, None] * self.zx) @ beta)
+        starts = np.concatenate([[0], np.cumsum(self.sizes)])
+        found = []
+        for place, name in enumerate([*groups, "residual"]):
+            ends = math.nan, math.nan
+            if sum(self.sizes) <= MOST_PROFILED:
+                held = partial(self._held, sd, place)
+                ends = profile_limits(held, float(sd[place]), best, 0.2 * float(sd[place]), level)
+            own: tuple[Level, ...] = ()
+            if name in names and sum(self.sizes) <= MOST_PROFILED:
+                slots = np.arange(starts[place], starts[place + 1])
+                units = (np.arange(scale.size) == slot for slot in slots)
+                spread = [float(inner.solve(unit.astype(float))[unit][0]) for unit in units]
+                own = levels_of(names[name], modes[slots], sd[place] * np.sqrt(spread))
+            found.append(Deviation(name, float(sd[place]), *ends, math.nan, own))
+        return (*with_shares(found[:-1], residual**2), found[-1])
+
+    def _held(self, sd: Floats, place: int, value: float) -> float:
+        """Return the largest restricted log likelihood where one deviation is held."""
+
+        unit = float(sd[-1])  # the residual's, which is above 0
+
+        def cost(free: Floats) -> float:
+            whole = np.maximum(np.insert(unit * free, place, value), 0.0)
+            whole[-1] = max(float(whole[-1]), unit / LARGEST)
+            theta = np.minimum(whole[:-1] / whole[-1], LARGEST)
+            try:
+                return 0.5 * self._deviance(theta, float(whole[-1]))
+            except (np.linalg.LinAlgError, RuntimeError):  # the levels take all there is
+                return IMPOSSIBLE
+
+        keep = np.arange(sd.size) != place
+        found = optimize.minimize(
+            cost,
+            sd[keep] / unit,
+            method="L-BFGS-B",
+            bounds=[(0.0, LARGEST)] * (sd.size - 1),
+            options={"ftol": 1e-9, "gtol": 1e-5},
+        )
+        return -float(found.fun)
+
+    def _deviance(self, theta: Floats, residual: float) -> float:
+        """Return the REML deviance where the residual's deviation is not the best one."""
+        inner, scale = self._factor(theta)
+        determinants, _, _, squares, _ = self._solved(inner, scale)
+        free = self.rows - self.xy.size
+        return (
+            determinants + free * float(np.log(2.0 * np.pi * residual**2)) + squares / residual**2
+        )
+
+    def _factor(self, theta: Floats) -> tuple[splinalg.SuperLU, Floats]:
+        """Return I + S Z'Z S, factored, and S, what each effect is scaled by."""
         scale = np.repeat(theta, self.sizes)
         # Sparse: participants are blocks that only shared scenes connect.
         rows, columns = self.places
@@ -129,17 +228,17 @@ class _Products:
             sparse.csc_array((entries, self.zz.indices, self.zz.indptr), self.zz.shape),
             permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
+        return inner, scale
+
+    def _solved(
+        self, inner: splinalg.SuperLU, scale: Floats
+    ) -> tuple[float, Floats, Floats, float, Floats]:
+        """Return log determinants, beta, X'V^-1 X, its residual squares, and what y solves to."""
         zx, zy = scale[:, None] * self.zx, scale * self.zy
         answer = inner.solve(zy)
         left = self.xx - zx.T @ inner.solve(zx)
         right = self.xy - zx.T @ answer
         beta = np.linalg.solve(left, right)
-        free = self.rows - self.xy.size
         squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
-        variance = squares / free
-        deviance = (
-            float(np.log(np.abs(inner.U.diagonal())).sum())
-            + float(np.linalg.slogdet(left)[1])
-            + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
-        )
-        return deviance, beta, variance * np.linalg.inv(left), variance
+        determinants = float(np.log(np.abs(inner.U.diagonal())).sum())
+        return determinants + float(np.linalg.slogdet(left)[1]), beta, left, squares, answer

@@ -9,9 +9,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import expit
 
+from analysis.deviations import Deviation
 from analysis.formula import aliased, group_codes, matrices, well_scaled
-from analysis.glmm import SINGULAR_SD, CrossedFit, fit_crossed, reduced_ratio
+from analysis.glmm import (
+    SINGULAR_SD,
+    CrossedFit,
+    crossed_deviations,
+    fit_crossed,
+    reduced_ratio,
+)
 from analysis.logit import (
     cluster_covariance,
     fit_logit,
@@ -79,6 +87,8 @@ class ModelFit:
         Coverage of the limits.
     warnings : tuple of str
         When not to trust it.
+    deviations : tuple of Deviation
+        Of random effects, with profile limits, where they were asked for.
     """
 
     formula: str
@@ -89,6 +99,7 @@ class ModelFit:
     log_likelihood: float
     level: float
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
     def __getitem__(self, term: str) -> Coefficient:
         for coefficient in self.coefficients:
@@ -178,6 +189,7 @@ def glmm_logit(
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
     df: float | None = None,
+    profile: bool = False,
 ) -> ModelFit:
     """Fit a logit model with crossed random intercepts by the Laplace approximation.
 
@@ -189,6 +201,8 @@ def glmm_logit(
         Random slopes, each independent of all else: ``("signal", "participant")``.
     df : float, optional
         Of t, by which statistics and likelihood ratios are judged; left out, z and chi-square.
+    profile : bool
+        Deviations of random effects get profile limits, which takes longest.
 
     Notes
     -----
@@ -204,7 +218,17 @@ def glmm_logit(
     if separated(scaled, y, np.ones_like(y)):
         return _without(_firth(formula, scaled, y, terms, level, found, back), hidden)
     fit, converged = _mixed(
-        formula, trials, groups, slopes, LOGIT, "GLMM", (design, y, terms), level, found, df
+        formula,
+        trials,
+        groups,
+        slopes,
+        LOGIT,
+        "GLMM",
+        (design, y, terms),
+        level,
+        found,
+        df,
+        profile,
     )
     if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
@@ -217,6 +241,61 @@ def glmm_logit(
         )
         return replace(robust, warnings=(note, *robust.warnings))
     return _without(fit, hidden)
+
+
+def bootstrap_p(
+    formula: str,
+    trials: pd.DataFrame,
+    term: str,
+    *,
+    groups: Sequence[str],
+    samples: int,
+    rng: np.random.Generator,
+    reference: Mapping[str, str] | None = None,
+) -> float:
+    """Return p of a term of `glmm_logit` by the parametric bootstrap of its likelihood ratio.
+
+    Parameters
+    ----------
+    term : str
+        As the model calls it, such as ``method[T.ours]``.
+    samples : int
+        Data sets drawn from the model without the term; two fits each.
+
+    Raises
+    ------
+    ValueError
+        If the model has no such term, or no proper maximum.
+
+    Notes
+    -----
+    p = (1 + ratios at least as large) / (1 + samples), of samples whose models have a maximum
+    (Davison and Hinkley 1997, section 4.2).
+    """
+    design, y, terms = matrices(formula, trials, reference)
+    if term not in terms:
+        raise ValueError(f"term must be one of {', '.join(terms)} (got {term!r})")
+    codes = [group_codes(trials, column) for column in groups]
+    place = list(terms).index(term)
+    less, one = np.delete(design, place, axis=1), np.eye(len(terms))[place]
+
+    def ratio(answers: Floats) -> float:
+        fit = fit_crossed(design, answers, codes)
+        if not fit.converged:
+            return math.nan
+        return reduced_ratio(fit, one, place, less, answers, codes)
+
+    found, without = ratio(y), fit_crossed(less, y, codes)
+    if math.isnan(found) or not without.converged:
+        raise ValueError("the mixed model has no finite maximum")
+    drawn = []
+    for _ in range(samples):
+        eta = less @ without.beta
+        for code, sd in zip(codes, without.sd, strict=True):
+            eta = eta + sd * rng.standard_normal(int(code.max()) + 1)[code]
+        drawn.append(ratio((rng.random(y.size) < expit(eta)).astype(np.float64)))
+    known = np.array(drawn)[np.isfinite(drawn)]
+    return float((1 + np.sum(known >= found)) / (1 + known.size))
 
 
 def glmm_probit(
@@ -303,7 +382,7 @@ def models_beside(
         clustered=glm_logit(formula, trials, cluster=several, reference=reference, level=level),
         mixed=glmm_logit(
             formula, table, groups=groups, slopes=slopes, reference=reference, level=level,
-            df=float(trials[several[0]].nunique() - 1),
+            df=float(trials[several[0]].nunique() - 1), profile=True,
         ),
     )  # fmt: skip
 
@@ -337,6 +416,7 @@ def _mixed(
     level: float,
     found: list[str],
     df: float | None = None,
+    profile: bool = False,
 ) -> tuple[ModelFit, bool]:
     design, y, terms = model
     codes = [group_codes(trials, column) for column in groups]
@@ -370,6 +450,15 @@ def _mixed(
             replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution, df))
             for place, row in enumerate(table)
         )
+    deviations: tuple[Deviation, ...] = ()
+    if profile and solution.converged:
+        levels = {
+            name: sorted(map(str, trials[name].unique())) for name in groups if name in GROUPS
+        }
+        deviations = crossed_deviations(
+            solution, design, names, levels, response=response, slopes=names[len(groups) :],
+            level=level,
+        )  # fmt: skip
     several = {group.partition(" x ")[0] for group in groups}
     crossed = "crossed random" if len(several) > 1 else "random"
     effects = f"{crossed} intercepts ({', '.join(groups)})"
@@ -384,6 +473,7 @@ def _mixed(
         log_likelihood=solution.log_likelihood,
         level=level,
         warnings=tuple(found),
+        deviations=deviations,
     )
     return fit, solution.converged
 

@@ -1,7 +1,9 @@
 """Ordered ratings, ties among them: cumulative-link models with random effects."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -12,6 +14,16 @@ from scipy.special import expit, ndtr
 
 from analysis.cells import checked, grid, numbered
 from analysis.contrasts import IN_CONDITION, Crossed, Pair, pairs_of, unidentified, wald
+from analysis.deviations import (
+    LATENT_VARIANCE,
+    MOST_PROFILED,
+    Deviation,
+    Level,
+    held_maximum,
+    levels_of,
+    profile_limits,
+    with_shares,
+)
 from analysis.numeric import numeric_hessian
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -46,6 +58,7 @@ class CumulativeFit:
     covariance: Floats
     log_likelihood: float
     converged: bool
+    deviations: tuple[Deviation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,6 +127,7 @@ class RatingModel:
     ratings: int
     participants: int
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
     @property
     def used(self) -> tuple[str, ...]:
@@ -134,6 +148,8 @@ def fit_cumulative(
     effects: Mapping[str, Floats],
     *,
     link: OrdinalLink = "probit",
+    names: Mapping[str, Sequence[str]] | None = None,
+    level: float | None = None,
 ) -> CumulativeFit:
     """Maximise the Laplace likelihood of a cumulative-link mixed model.
 
@@ -145,6 +161,10 @@ def fit_cumulative(
         Category, counted from 0; every one up to the highest occurs.
     effects : mapping of name to ndarray (rows, levels)
         Of each random effect, what its levels are multiplied by: 1 or 0 for an intercept.
+    names : mapping of effect to names of its levels, optional
+        Whose levels are wanted in `CumulativeFit.deviations`.
+    level : float, optional
+        Coverage of profile limits of the deviations; left out, there are none.
 
     Notes
     -----
@@ -157,10 +177,10 @@ def fit_cumulative(
     z = np.column_stack(blocks) if blocks else np.zeros((y.size, 0))
     sizes = [block.shape[1] for block in blocks]
     coefficients, factors = design.shape[1], len(sizes)
-    mode = np.zeros(z.shape[1])
+    mode, bowl = np.zeros(z.shape[1]), np.eye(z.shape[1])
 
     def laplace(theta: Floats, beta: Floats, sd: Floats) -> float:
-        nonlocal mode
+        nonlocal mode, bowl
         scale = np.repeat(np.abs(sd), sizes)
         edges = np.concatenate([[-np.inf], theta, [np.inf]])
         upper, lower = edges[y + 1], edges[y]
@@ -179,6 +199,7 @@ def fit_cumulative(
         mode = b
         likelihood, _, bend = _answers(upper, lower, fixed + shrunk @ b, link)
         curvature = np.eye(b.size) + (shrunk * (weight * bend)[:, None]).T @ shrunk
+        bowl = curvature
         log_det = float(np.linalg.slogdet(curvature)[1]) if b.size else 0.0
         return -float(weight @ likelihood) + 0.5 * float(b @ b) + 0.5 * log_det
 
@@ -211,6 +232,31 @@ def fit_cumulative(
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
         if not proper or float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
             covariance[: cut[1], : cut[1]] = axes / np.maximum(curvature, FLAT) @ axes.T
+    best_value = -laplace(theta, beta, sd)
+    few = z.shape[1] <= MOST_PROFILED
+    modes = np.repeat(sd, sizes) * mode
+    spread = np.diag(np.linalg.inv(bowl)) if few and level is not None else mode
+
+    def sloped(point: Floats) -> tuple[float, Floats]:
+        value = laplace(*np.split(point, cut))
+        steps = 1e-5 * np.eye(point.size)
+        rise = [laplace(*np.split(point + one, cut)) - value for one in steps]
+        return value, np.array(rise) / 1e-5
+
+    found = []
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+    for number, name in enumerate(effects) if level is not None and proper else ():
+        place, own = cut[1] + number, slice(starts[number], starts[number + 1])
+        ends = math.nan, math.nan
+        if few and level is not None:
+            held = partial(held_maximum, sloped, natural, covariance, place)
+            error = math.sqrt(max(float(covariance[place, place]), 0.0))
+            ends = profile_limits(held, float(sd[number]), best_value, error, level)
+        known: tuple[Level, ...] = ()
+        if few and name in (names or {}):
+            errors = sd[number] * np.sqrt(spread[own])
+            known = levels_of((names or {})[name], modes[own], errors)
+        found.append(Deviation(name, float(sd[number]), *ends, math.nan, known))
     return CumulativeFit(
         theta=theta,
         beta=beta,
@@ -219,8 +265,9 @@ def fit_cumulative(
             for name, value in zip(effects, sd, strict=True)
         },
         covariance=covariance,
-        log_likelihood=-laplace(theta, beta, sd),
+        log_likelihood=best_value,
         converged=proper,
+        deviations=with_shares(found, LATENT_VARIANCE[link]),
     )
 
 
@@ -280,7 +327,8 @@ def rating_model(
         for cell in [np.unique(code * len(names) + condition, return_inverse=True)[1].ravel()]
         if cell.max() + 1 < len(rows)
     }
-    fit = fit_cumulative(design, y, effects, link=link)
+    levels = {"participant": places.participants, "scene": places.scenes}
+    fit = fit_cumulative(design, y, effects, link=link, names=levels, level=level)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [
         f"each {name} has one rating of a condition: how it departs there is part of the SD"
@@ -351,7 +399,7 @@ def paired_ratings(
         for sign, side in zip((1.0, -1.0), sides, strict=True):
             own[np.arange(len(rows)), code * len(names) + side] += sign
         effects[group + IN_CONDITION] = own[:, np.any(own != 0.0, axis=0)]
-    fit = fit_cumulative(gap[:, 1:], y, effects, link=link)
+    fit = fit_cumulative(gap[:, 1:], y, effects, link=link, level=level)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
     crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
@@ -404,6 +452,7 @@ def _model(
         ratings=chosen.size,
         participants=len(crossed.shares["participant"]),
         warnings=tuple(notes),
+        deviations=fit.deviations,
     )
 
 

@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.clustered import holm
+from analysis.deviations import Deviation
 from analysis.formula import group_codes
-from analysis.glmm import SINGULAR_SD, CrossedFit, fit_crossed, reduced_ratio
+from analysis.glmm import (
+    SINGULAR_SD,
+    CrossedFit,
+    crossed_deviations,
+    fit_crossed,
+    reduced_ratio,
+)
 from analysis.pairs import components, has_maximum
 
 Floats = NDArray[np.float64]
@@ -67,15 +74,20 @@ class PairedModel:
     trials: int
     log_likelihood: float
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
 
-def paired_model(decisions: pd.DataFrame, methods: Sequence[str]) -> PairedModel:
+def paired_model(
+    decisions: pd.DataFrame, methods: Sequence[str], *, level: float | None = None
+) -> PairedModel:
     """Fit one mixed model to all decisions between `methods`.
 
     Parameters
     ----------
     decisions : DataFrame, one row per decision
         Columns ``participant``, ``scene``, ``first``, ``second``, ``chosen``.
+    level : float, optional
+        Coverage of profile limits of the deviations; left out, there are none.
 
     Raises
     ------
@@ -125,6 +137,11 @@ def paired_model(decisions: pd.DataFrame, methods: Sequence[str]) -> PairedModel
     ]
     df = len(np.unique(decisions["participant"])) - 1
     contrasts: tuple[PairedContrast, ...] = ()
+    deviations: tuple[Deviation, ...] = ()
+    if proper and level is not None:
+        design = np.hstack([order, signs[:, 1:]])
+        # A choice has two of each: no share of one answer's variance.
+        deviations = crossed_deviations(fit, design, names, {}, slopes=names, level=level)
     if proper:
         compared = {tuple(sorted(pair)) for pair in np.unique(both, axis=0).tolist()}
         contrasts = _contrasts(fit, order, signs, y, groups, times, methods, compared, df)
@@ -137,6 +154,7 @@ def paired_model(decisions: pd.DataFrame, methods: Sequence[str]) -> PairedModel
         trials=len(decisions),
         log_likelihood=fit.log_likelihood,
         warnings=tuple(notes),
+        deviations=deviations,
     )
 
 

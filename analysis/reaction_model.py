@@ -10,6 +10,7 @@ from scipy import stats
 
 from analysis.cells import checked, grid, numbered
 from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.deviations import Deviation
 from analysis.linear_mixed import fit_linear_mixed
 from analysis.rates import FEW_PARTICIPANTS
 
@@ -78,6 +79,7 @@ class TimeModel:
     participants: int
     scenes: int
     warnings: tuple[str, ...]
+    deviations: tuple[Deviation, ...] = ()
 
 
 def time_model(
@@ -134,7 +136,8 @@ def time_model(
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
-    fit = fit_linear_mixed(design, y, effects)
+    levels = {"participant": places.participants, "scene": places.scenes}
+    fit = fit_linear_mixed(design, y, effects, names=levels, level=level)
     beta, covariance, sd = fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"
@@ -187,4 +190,5 @@ def time_model(
         participants=people,
         scenes=len(places.scenes),
         warnings=tuple(notes),
+        deviations=fit.deviations,
     )

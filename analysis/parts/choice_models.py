@@ -72,7 +72,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
             if len(methods) < 3:  # Of two methods it would be the pairing's own.
                 continue
             model = tried(
-                partial(paired_model, rows, methods),
+                partial(paired_model, rows, methods, level=plan.confidence),
                 f"model of all pairings at {size}",
                 notes,
             )
@@ -148,9 +148,9 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
             continue
         spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
         yield (
-            f"{about}: b = {number(row.estimate)}, SE = {number(row.standard_error)},"
-            f" {t_text(row.statistic, row.df)}, {p_text(row.p)}"
-            + ("" if row.ratio_p is None else f", likelihood ratio {p_text(row.ratio_p)}")
+            f"{about}: b = {number(row.estimate)}, "
+            + ("" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; ")
+            + f"SE = {number(row.standard_error)}, {t_text(row.statistic, row.df)}, {p_text(row.p)}"
             + (f"; {spread}" if spread else "")
             + f" ({fit.method})."
         )
@@ -178,10 +178,10 @@ def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
         ("Comparison", "l c", lambda row: name(row[0]) * row[2]),
         ("Term", "l", lambda row: "preference" if row[1].term == "Intercept" else "shown first"),
         ("b", "", lambda row: number(row[1].estimate)),
+        ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
         ("SE", "", lambda row: number(row[1].standard_error)),
         ("Statistic", "n", lambda row: t_text(row[1].statistic, row[1].df)),
         ("p", "n", lambda row: p_number(row[1].p)),
-        ("LR p", "n", lambda row: p_number(row[1].ratio_p)),
         (f"OR, {plan.limits}", "n", lambda row: _odds_text(row[1])),
         ("Random SD", "l", lambda row: _spread(row[0].fit) * row[2]),
     )

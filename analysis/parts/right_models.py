@@ -81,6 +81,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     ("Errors", "l", lambda row: row[0][0] * row[2]),
                     ("Term", "l", lambda row: row[1].term),
                     ("b", "", lambda row: number(row[1].estimate, 3)),
+                    ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
                     ("SE", "", lambda row: number(row[1].standard_error, 3)),
                     ("Statistic", "", lambda row: number(row[1].statistic)),
                     ("Law", "", lambda row: law(row[1].df)),
@@ -94,7 +95,8 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
                     f" {' and '.join(groups)}; the third has"
                     f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
                     " differ between them (t of participants - 1), and so speaks of the typical"
-                    f" {groups[0]}.",
+                    f" {groups[0]}. LR p: of its likelihood ratio without the term, which errs"
+                    " less often than p of Wald's statistic.",
                     muted=True,
                 ),
                 Cautions(
@@ -132,7 +134,8 @@ def apa_term(fit: ModelFit, term: str) -> str:
     row = fit[term]
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
+    ratio = "" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; "
     return (
-        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
+        f"{term}: b = {number(row.estimate, 3)}, {ratio}SE = {number(row.standard_error, 3)},"
         f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({fit.method})."
     )

@@ -8,8 +8,10 @@ import pandas as pd
 from analysis.columns import frame
 from analysis.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
+from analysis.tables.trials import confidence_of, given_columns
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing
-from protocols.columns import decided
+from protocols.columns import Column, decided
+from protocols.tasks.confidence import CONFIDENCE
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 
 PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
@@ -18,7 +20,7 @@ PAIR = ("first", "second")
 KNOWN = (
     *("participant", *PAIR),
     *("chosen", "chose_first", "scene", "size", "session", "order", "repeat", "rt_s"),
-    *("chosen_side", "kind"),
+    *("chosen_side", "kind", CONFIDENCE),
 )
 NO_SIZE = "all"
 KINDS = ("main", "practice", "catch")
@@ -33,7 +35,7 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     mapping : mapping of our name to the file's column, optional
         Of a path. Needed: ``participant``, ``first`` and ``second`` (the methods compared), and
         ``chosen`` (the method's name, or its place) or ``chose_first`` (1/0). Optional: ``scene``,
-        ``size``, ``order``, ``repeat``, ``rt_s``, ``chosen_side``, ``session``.
+        ``size``, ``order``, ``repeat``, ``rt_s``, ``chosen_side``, ``session``, ``confidence``.
 
     Raises
     ------
@@ -69,6 +71,8 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     rows["kind"] = given["kind"].str.strip() if "kind" in given else "main"
     must = f"kind must be one of {', '.join(KINDS)}"
     table.refuse(~rows["kind"].isin(KINDS), must, rows["kind"])
+    if CONFIDENCE in given:
+        rows[CONFIDENCE] = confidence_of(table)
     rows["order"] = table.order(rows["participant"])
     rows["trial"] = [f"row-{number + 2}" for number in rows.index]
     rows["attempts"] = 1
@@ -76,7 +80,13 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     records: list[dict[str, object]] = [
         {str(key): value for key, value in record.items()} for record in rows.to_dict("records")
     ]
-    return frame(records, PREFERENCE_COLUMNS)
+    return frame(records, preference_columns(rows))
+
+
+def preference_columns(rows: pd.DataFrame) -> tuple[Column, ...]:
+    """Return the columns of a table of preferences: ours, and confidence where it is given."""
+    given = (column for column in given_columns() if column.name in rows)
+    return (*PREFERENCE_COLUMNS, *given)
 
 
 def refuse_equals(table: Table, rows: pd.DataFrame) -> None:

@@ -1,19 +1,23 @@
 """Trials with right answers of any program, one decided trial per row."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from analysis.tables.table import Source, Table, opened
+from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
+from protocols.tasks.confidence import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS
 
 OURS = ("participant", "scene", "order", "expected", "answer", "correct", "rt_s")
+_KNOWN = (*OURS, CONFIDENCE)
 _SHOWN_VALUES = 12
 _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "included", "exclusion")
 
@@ -35,9 +39,10 @@ def read_trials(
     source : Table or Path
     mapping : mapping of our name to the file's column, optional
         Of a path. Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and
-        ``answer``. Optional: ``scene``, ``order``, ``rt_s``. Columns that already have our names
-        need no entry. All other columns are kept, under names of one's own if mapped. Of a table
-        with ``kind`` or ``included``, as tidy ones, only main trials that are included are read.
+        ``answer``. Optional: ``scene``, ``order``, ``rt_s``, ``confidence``. Columns that
+        already have our names need no entry. All other columns are kept, under names of one's own
+        if mapped. Of a table with ``kind`` or ``included``, as tidy ones, only main trials that
+        are included are read.
     conditions : sequence of str
         Columns that must be there and have a value in every row.
     levels : sequence of str
@@ -62,7 +67,7 @@ def read_trials(
         With the column, line and value at fault, and the cure.
     """
     table = opened(source, mapping)
-    table.known((*OURS, *conditions, *levels), own=own)
+    table.known((*_KNOWN, *conditions, *levels), own=own)
     _require(table, conditions, levels)
     table.only_main()
     held = [name for name in ("answer", "correct") if name in table.rows]
@@ -78,6 +83,8 @@ def read_trials(
             rows[column] = _every_number(table, column)
         elif column in conditions:
             rows[column] = _numeric_if_all(table.text(column))
+        elif column == CONFIDENCE:
+            rows[column] = confidence_of(table)
         else:
             rows[column] = _numeric_if_all(given[column].str.strip())
     order = table.order(rows["participant"])
@@ -168,6 +175,12 @@ def _numeric_if_all(values: pd.Series) -> pd.Series:
     return numbers if bool(np.isfinite(numbers.astype(float)).all()) else values
 
 
+def confidence_of(table: Table) -> pd.Series:
+    """Return confidence as numbers, NaN where it is missing; as texts where it holds words."""
+    given = table.rows[CONFIDENCE].str.strip()
+    return _numeric_if_all(given[~missing(given)]).reindex(given.index)
+
+
 def _every_number(table: Table, column: str) -> pd.Series:
     values = table.number(column)
     cure = f"; leave such rows out with {table.cure('--where')} '{column}!=none'"
@@ -253,10 +266,10 @@ def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
     """Return the columns of a table that was read: ours first, those of its conditions between."""
     answer = (*RATING_COLUMNS, *ANSWER_COLUMNS)
     known = {column.name for column in decided((), answer)}
+    given = {column.name: column for column in given_columns()}
+    given["scene"] = Column("scene", "text", "", "Scene")
     condition = tuple(
-        Column("scene", "text", "", "Scene")
-        if name == "scene"
-        else Column(name, "value", "", "Column of the table's conditions")
+        given.get(name, Column(name, "value", "", "Column of the table's conditions"))
         for name in map(str, decisions.columns)
         if name not in known
     )
@@ -265,3 +278,8 @@ def answer_columns(decisions: pd.DataFrame) -> tuple[Column, ...]:
         for column in decided(condition, answer)
         if column.name in decisions or column.name in _ALWAYS
     )
+
+
+def given_columns() -> tuple[Column, ...]:
+    """Return the columns of confidence as tables of other programs give it: numbers or words."""
+    return tuple(replace(column, kind="value") for column in COLUMNS)

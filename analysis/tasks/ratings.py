@@ -8,6 +8,7 @@ import pandas as pd
 from analysis.ordinal import lacking
 from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
+from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.ratings import RatingSettings, conditions_of, from_protocol, settings_of
@@ -25,7 +26,13 @@ class Ratings(TaskAnalysis[RatingSettings]):
 
     kind: ClassVar[str] = "ratings"
     task: ClassVar[str] = "ratings"
-    parts: ClassVar[tuple[AnyPart, ...]] = (RatingsPart(), StepLearning(), TimesPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        RatingsPart(),
+        RatingEffects(RatingsPart()),
+        StepLearning(),
+        TimesPart(),
+        TimeEffects(TimesPart()),
+    )
     options: ClassVar[type[Analysis]] = RatingsTold
 
     def settings(self, study: StudyProtocol) -> RatingSettings:

@@ -8,6 +8,7 @@ import pandas as pd
 from analysis.cells import conditions
 from analysis.guessing import below_guessing
 from analysis.parts import AnyPart, Plan
+from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
 from analysis.plans.told import TimesTold
 from analysis.tables.table import Source
@@ -43,7 +44,7 @@ class TableOfTimes(TaskAnalysis[TimesSettings]):
     kind: ClassVar[str] = "reaction"
     task: ClassVar[str] = "reaction times"
     options: ClassVar[type[Analysis]] = TimesTold
-    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(),)
+    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> TimesSettings:
         """Return what was told, and how many answers the table holds."""

@@ -17,9 +17,11 @@ from rich.table import Table
 from analysis.plans.told import (
     CurvesTold,
     DetectionTold,
+    IdentificationTold,
     PreferencesTold,
     RatingsTold,
     TimesTold,
+    keys_of,
 )
 from protocols.errors import StudyError
 from protocols.key_docs import key_docs
@@ -82,11 +84,14 @@ def _question(
     only: Sequence[str] = (),
     needed: Sequence[str] = (),
     also: Mapping[str, str] = MappingProxyType({}),
+    about: Sequence[str] = (),
+    instead: Mapping[str, type[Analysis]] = MappingProxyType({}),
 ) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """Make a command of a kind of analysis, whose options are keys of what a table is told.
 
     `only` are the parts that answer the question; none: all of them. `also` are keys that the
-    question itself says.
+    question itself says. `about` are columns that it cannot do without. A key of `instead`, where
+    it is given, makes it one of another kind.
     """
 
     def command(
@@ -102,9 +107,14 @@ def _question(
         said = {key: one for key, one in given.items() if one is not None and one is not False}
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
         texts |= {**also, "alpha": f"{1.0 - confidence:.12g}"}
-        kind = str(told.model_fields["kind"].default)
+        other = next((key for key in instead if key in texts), "")
+        model = instead.get(other, told)
+        kind, how = str(model.model_fields["kind"].default), (columns, where, answer)
         with user_errors():
-            ask(kind, table, (columns, where, answer), texts, out, replace=replace, only=only)
+            for key in texts:
+                if key not in keys_of(model):
+                    raise StudyError(f"--{key}: must be left out with --{other} (got {given[key]})")
+            ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
@@ -113,6 +123,8 @@ def _question(
             for one in inspect.signature(command).parameters.values()
         )
         own = [_option(told, key, needed=key in needed) for key in keys]
+        for key, other in instead.items():
+            own.append(_option(other, key, needed=False).replace(default=None))
         every = [table, *own, *common]
         command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         command.__annotations__ = {one.name: one.annotation for one in every}
@@ -170,6 +182,24 @@ def detection() -> None:
     """
 
 
+@_question(
+    IdentificationTold,
+    ("by", "alternatives"),
+    ("confidence", "metacognition", "graded"),
+    about=("confidence",),
+    instead={"signal": DetectionTold},
+)
+def confidence() -> None:
+    """Ask what confidence tells of answers: type-2 ROC area, meta-d', M-ratio, calibration.
+
+    Needs the columns participant, confidence (steps, the least sure first) and correct (1/0), and
+    expected and answer of two answers for meta-d'. With --signal, of a yes-no task, answers graded
+    by confidence give the ROC, and d' with unequal variances.
+
+    Example: metamerlab analysis confidence seen.csv --signal seen --map confidence=sure --out sure
+    """
+
+
 @_question(TimesTold, ("by", "baseline"))
 def reaction() -> None:
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
@@ -182,7 +212,7 @@ def reaction() -> None:
     """
 
 
-@_question(RatingsTold, ("by", "scale", "baseline", "link"), ("ratings",))
+@_question(RatingsTold, ("by", "scale", "baseline", "link"), ("ratings", "random_ratings"))
 def ratings() -> None:
     """Compare ordered ratings, or graded comparisons of pairs with ties.
 
@@ -220,6 +250,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
+    app.command()(confidence)
     app.command()(reaction)
     app.command()(ratings)
     app.command()(bayes)
@@ -255,10 +286,12 @@ def ask(
     *,
     replace: bool,
     only: Collection[str] = (),
+    needed: Collection[str] = (),
 ) -> None:
     """Print what an analysis says of a table, and write its report where a folder is named.
 
-    `only` are the parts that answer the question; none: all of the analysis.
+    `only` are the parts that answer the question; none: all of the analysis. `needed` are columns
+    that it cannot do without, beside those of the analysis.
     """
     from analysis.report.build import write_report
     from analysis.report.content import content_of
@@ -272,6 +305,7 @@ def ask(
         check_result(out, replace=replace, reads=[path])
     with one_line() as progress:
         rows = table_told(path, told)
+        rows.need([name for name in needed if name not in rows.rows])
         try:
             source = from_question(analysis, rows, options_from(kind, texts), only)
         except StudyError as problem:  # its keys are options here

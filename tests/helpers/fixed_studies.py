@@ -17,7 +17,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
+from made_up_trials import (
+    TaskDesign,
+    simulate_abx,
+    simulate_confidence,
+    simulate_identification,
+    simulate_yes_no,
+)
 
 from analysis.report.build import report_decisions, report_sessions
 from analysis.tasks import analysis_of
@@ -130,6 +136,20 @@ def _graded() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["participant", "scene", "first", "second", "rating"])
 
 
+def _sure() -> pd.DataFrame:
+    return simulate_confidence(
+        6, 200, {"blur": 1.5, "ours": 1.0}, np.random.default_rng(10), noise=0.5, signal_sd=1.3
+    )
+
+
+def _sure_preference() -> pd.DataFrame:
+    rng, rows = np.random.default_rng(11), _preference(3)
+    quality = {"blur": -0.8, "ours": 0.5, "plain": 0.2}
+    clear = (rows["first"].map(quality) - rows["second"].map(quality)).abs()
+    felt = clear + rng.normal(0, 0.5, len(rows))
+    return rows.assign(confidence=1 + np.digitize(felt, (0.3, 0.7, 1.1)))
+
+
 TABLES: Mapping[str, tuple[str, dict[str, Any], Callable[[], pd.DataFrame]]] = {
     "preference": ("preference", {"primary": "ours/blur", "reaction": "models"}, _preference),
     "preference-plain": ("preference", {}, lambda: _preference(8).query("size == 'small'")),
@@ -165,6 +185,8 @@ TABLES: Mapping[str, tuple[str, dict[str, Any], Callable[[], pd.DataFrame]]] = {
         {"level": "scaling"},
         lambda: _scalings().replace({"A": "left", "B": "right"}),
     ),
+    "confidence": ("detection", {"signal": "inconsistent", "by": "method"}, _sure),
+    "preference-confidence": ("preference", {"primary": "ours/blur"}, _sure_preference),
     "ratings": ("ratings", {"by": "method", "baseline": "blur"}, _ratings),
     "graded-pairs": ("ratings", {}, _graded),
 }

@@ -80,6 +80,58 @@ def simulate_yes_no(
     return _ordered(blocks, rng)
 
 
+def simulate_confidence(
+    participants: int,
+    trials: int,
+    d_prime: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    noise: float = 0.0,
+    signal_sd: float = 1.0,
+    criterion: float = 0.0,
+    steps: Sequence[float] = (0.4, 0.8, 1.3),
+    d_prime_sd: float = 0.3,
+    answers: tuple[str, str] = ("inconsistent", "consistent"),
+) -> pd.DataFrame:
+    """Return a yes-no study with confidence: how far evidence lies from the criterion.
+
+    Parameters
+    ----------
+    trials : int
+        Per participant and method, half of them the signal.
+    noise : float
+        Standard deviation of what is added to evidence before it becomes confidence; 0: an ideal
+        observer, whose M-ratio is 1.
+    signal_sd : float
+        Of the signal's evidence; the noise's is 1.
+    steps : sequence of float
+        Distances from the criterion at which confidence goes up a step.
+    """
+    blocks = []
+    for person in range(participants):
+        own = rng.normal(0.0, d_prime_sd)
+        for method, typical in d_prime.items():
+            signal = np.arange(trials) % 2 == 1
+            sd = np.where(signal, signal_sd, 1.0)
+            evidence = (typical + own) * (signal - 0.5) + sd * rng.standard_normal(trials)
+            said = evidence > criterion
+            felt = evidence - criterion + noise * rng.standard_normal(trials)
+            blocks.append(
+                pd.DataFrame(
+                    {
+                        "participant": f"P{person:02}",
+                        "method": method,
+                        "expected": np.where(signal, *answers),
+                        "answer": np.where(said, *answers),
+                        "correct": (signal == said).astype(int),
+                        "confidence": 1 + np.digitize(np.where(said, felt, -felt), steps),
+                    }
+                )
+            )
+    rows = pd.concat(blocks, ignore_index=True)
+    return rows.assign(order=rows.groupby("participant").cumcount() + 1)
+
+
 def simulate_identification(
     design: TaskDesign,
     thresholds: Mapping[str, float],

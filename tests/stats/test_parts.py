@@ -31,25 +31,40 @@ from protocols.results import read_results
 from study_app.cli import app
 
 # The door: a report of a fixed table, or a command on one; the parts that it must show.
-_RIGHT = ("rates", "sensitivity", "comparisons", "models", "people")
+_RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
 REPORTS = {
-    "two-answers": (*_RIGHT, "curves", "thresholds", "learning", "times"),
+    "two-answers": (*_RIGHT, "curves", "thresholds", "learning", "times", "random_times"),
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
-    "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "bayes", "scale", "bias", "learning", "times"),
+    "confidence": ("confidence", "metacognition", "graded"),
+    "preference-confidence": ("confidence",),
+    "ratings": ("ratings", "random_ratings", "learning", "times"),
+    "preference": (
+        "preferences",
+        "choice_models",
+        "random_effects",
+        "bayes",
+        "scale",
+        "bias",
+        "learning",
+        "times",
+    ),
     "sessions": ("looks",),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
-    ("reaction", "--by", "method"): ("two-answers", ("times",)),
-    ("ratings", "--by", "method"): ("ratings", ("ratings",)),
+    ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
+    ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
     ("psychometric", *_LEVELS, "--guess", "0.25"): (
         "four-answers",
         ("curves", "thresholds", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
     ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
+    ("confidence", "--by", "method", "--signal", "inconsistent"): (
+        "confidence",
+        ("confidence", "metacognition", "graded"),
+    ),
 }
 SAID = {
     "times": {
@@ -67,6 +82,53 @@ SAID = {
         "methods": "Change over the session is the mean",
         "tables": {"learning.csv"},
         "figure": "learning",
+    },
+    "confidence": {
+        "section": "confidence",
+        "caption": "Confidence ",
+        "sentence": "The split-half reliability (Spearman-Brown) of mean confidence",
+        "methods": "Confidence was averaged over each participant's",
+        "tables": {"confidence.csv", "confidence_people.csv", "confidence_reliability.csv"},
+        "figure": "confidence",
+    },
+    "metacognition": {
+        "section": "confidence",
+        "caption": "Metacognition: meta-d' and M-ratio",
+        "sentence": "meta-d' minus d' was",
+        "methods": "were padded by 1 / (2 x steps)",
+        "tables": {"metacognition.csv", "metacognition_people.csv"},
+        "figure": "metacognition",
+    },
+    "graded": {
+        "section": "confidence",
+        "caption": "Answers graded by confidence",
+        "sentence": "and a slope of the ROC of",
+        "methods": "Normal evidence with unequal variances",
+        "tables": {"graded.csv", "graded_people.csv", "roc.csv"},
+        "figure": "roc",
+    },
+    "random_effects": {
+        "section": "models",
+        "caption": "Random effects of ",
+        "sentence": "the SD of participant",
+        "methods": "have limits of the profile likelihood",
+        "tables": {"random_effects.csv"},
+    },
+    "random_times": {
+        "section": "checks",
+        "caption": "Random effects of reaction times",
+        "sentence": "Random effects of reaction times: the SD of participant was",
+        "methods": "random effects of reaction times have limits",
+        "tables": {"random_times.csv", "random_times_levels.csv"},
+        "figure": "random_times",
+    },
+    "random_ratings": {
+        "section": "ratings",
+        "caption": "Random effects of ratings",
+        "sentence": "Random effects of ratings: the SD of participant was",
+        "methods": "random effects of ratings have limits",
+        "tables": {"random_ratings.csv", "random_ratings_levels.csv"},
+        "figure": "random_ratings",
     },
     "preferences": {
         "section": "preference",

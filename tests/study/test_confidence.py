@@ -8,7 +8,9 @@ from statistics import mean
 
 import pytest
 from typer.testing import CliRunner
+from undrawn_reports import undrawn
 
+from analysis.report.build import report_sessions
 from analysis.tidy import read_sessions
 from protocols.against_plan import contradictions, plan_of
 from protocols.errors import StudyError
@@ -108,6 +110,22 @@ def test_tables_events_and_their_dictionary_have_confidence(load, tmp_path):
     attempts = [line for line in lines if line["kind"] == "attempt" and "further" in line]
     by_trial = {line["trial"]: int(line["further"][0]["answer"]) for line in attempts}
     assert dict(zip(tidy.decisions["trial"], given, strict=True)) == by_trial
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["two-interval", "yes-no", "abx"])
+def test_a_report_of_a_study_that_asks_for_it_says_what_confidence_tells(load, tmp_path, task):
+    study, display = load(task)
+    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 3)
+    with undrawn():
+        made = report_sessions(tmp_path / "out", study, tmp_path / "report", figure_files=False)
+    found = json.loads(made.json.read_text())
+    assert found["results"]["confidence"]["steps"] == [1, 2, 3, 4]
+    assert '<h2 id="confidence">' in made.html.read_text(encoding="utf-8")
+    assert ("graded" in found["results"]) == (task == "yes-no")
+    why = {"abx": "meta-d' is of yes-no tasks", "yes-no": "no participant has what it takes"}
+    said = [one for one in found["warnings"] if "no metacognition: " in one]
+    assert [why[task] in one for one in said] == [True] * (task in why)
 
 
 def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load, tmp_path):

@@ -9,6 +9,7 @@ from scipy.special import ndtr
 
 from analysis.detection import d_prime_influence
 from analysis.parts import AnyPart
+from analysis.parts.graded import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
 from analysis.plans.rates import RateSettings
 from analysis.plans.told import DetectionTold
@@ -26,7 +27,10 @@ class Detection(RatesTask):
     kind: ClassVar[str] = "detection"
     options: ClassVar[type[Analysis]] = DetectionTold
     task: ClassVar[str] = "yes-no answers"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        *rate_parts(YesNoPart(), TypicalPart()),
+        GradedPart(),
+    )
     two: ClassVar[bool] = True
 
     def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:

@@ -15,7 +15,9 @@ from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
+from analysis.parts.preference_confidence import PreferenceConfidencePart
 from analysis.parts.preferences import PreferencesPart
+from analysis.parts.random_effects import ChoiceEffects, TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
@@ -26,7 +28,7 @@ from analysis.plans.preference import (
 from analysis.plans.told import PreferencesTold
 from analysis.plots import power_plot, sized
 from analysis.seed import SEED
-from analysis.tables.decisions import PREFERENCE_COLUMNS, read_decisions
+from analysis.tables.decisions import preference_columns, read_decisions
 from analysis.tables.table import Source
 from analysis.tasks.base import (
     Assumption,
@@ -60,11 +62,14 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         ChoiceModelsPart(),
+        ChoiceEffects(ChoiceModelsPart()),
         BayesPart(),
         ScalePart(),
         BiasPart(),
+        PreferenceConfidencePart(),
         ChoiceLearning(),
         TimesPart(),
+        TimeEffects(TimesPart()),
     )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
@@ -84,9 +89,9 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         """Read decisions: who compared what with what, and chose which."""
         return read_decisions(table, mapping)
 
-    def columns_of(self, _decisions: pd.DataFrame) -> tuple[Column, ...]:
+    def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of preferences."""
-        return PREFERENCE_COLUMNS
+        return preference_columns(decisions)
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: Settings) -> None:
         """Refuse methods that the protocol does not have, and a table without its pairings."""

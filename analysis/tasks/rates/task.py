@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
+from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
+from analysis.parts.graded import MetacognitionPart
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
+from analysis.parts.random_effects import RightEffects, TimeEffects
 from analysis.parts.right_models import ModelsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
@@ -61,9 +64,13 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         *levels,
         ComparisonsPart(),
         ModelsPart(),
+        RightEffects(ModelsPart()),
         PeoplePart(),
+        ConfidencePart(),
+        MetacognitionPart(),
         RightLearning(),
         TimesPart(),
+        TimeEffects(TimesPart()),
     )
 
 

@@ -1,0 +1,281 @@
+"""Confidence in preferences, which are neither right nor wrong: what it goes with.
+
+Others' choices, and one's own at another time, say which preferences are clear.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.columns import frame_of
+from analysis.detection import Measure
+from analysis.metacognition import Reliability, mean_over_people
+from analysis.pairings import pairing_rows
+from analysis.parts import PartFigure, Shown, SimplePart, tried
+from analysis.parts.confidence import (
+    HALVES,
+    SECTION,
+    apa_measure,
+    apa_reliability,
+    halved,
+    measured,
+    reliability_of,
+    reliability_table,
+    with_steps,
+)
+from analysis.plans.preference import Settings
+from analysis.plots.confidence import pairs_plot
+from analysis.report.blocks import Paragraph, Picture, Table
+from analysis.report.values import flat_table
+from analysis.report.wording import p_number, share
+from protocols.tasks.confidence import CONFIDENCE
+
+CELL = ["pair", "scene", "size"]
+"""What the same question is."""
+
+
+@dataclass(frozen=True)
+class PairConfidence:
+    """How often one of a pair was chosen, and with which confidence, over people."""
+
+    method: str
+    against: str
+    trials: int
+    share: float
+    confidence: Measure
+
+
+@dataclass(frozen=True)
+class Companion:
+    """What confidence goes with: a difference of confidence within each person.
+
+    `people` are those who have both; with none of them `difference` is None, and `lacking` says
+    why.
+    """
+
+    what: str
+    people: int
+    difference: Measure | None
+    lacking: str
+
+
+@dataclass(frozen=True)
+class PreferenceConfidence:
+    """Every number; `people` are their mean confidence by pair."""
+
+    steps: tuple[float, ...]
+    pairs: tuple[PairConfidence, ...]
+    people: Mapping[str, tuple[tuple[str, float], ...]]
+    companions: tuple[Companion, ...]
+    reliability: tuple[Reliability, ...]
+    notes: tuple[str, ...]
+
+
+class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
+    """Confidence beside strength of preference, agreement with others, and consistency."""
+
+    name: ClassVar[str] = "confidence"
+    section: ClassVar[tuple[str, str]] = SECTION
+
+    def wanted(self, table: pd.DataFrame, _plan: Settings) -> bool:
+        """Return whether there is a column of confidence."""
+        return CONFIDENCE in table
+
+    def of(self, table: pd.DataFrame, plan: Settings) -> PreferenceConfidence:
+        """Take each person's values, and their means."""
+        rows, steps, notes = with_steps(table)
+        rows = _with_others(rows)
+        pairs, people = [], {}
+        for method, against in plan.pairings:
+            own = pairing_rows(rows, method, against)
+            if own.empty:
+                continue
+            means = own.groupby("participant", observed=True)[CONFIDENCE].mean()
+            chosen = float((own["chosen"] == method).mean())
+            mean = mean_over_people(means.to_numpy(float), plan.confidence)
+            pairs.append(PairConfidence(method, against, len(own), chosen, mean))
+            name = plan.label(method) + " / " + plan.label(against)
+            people[name] = tuple((str(who), float(value)) for who, value in means.items())
+        reliability = tried(
+            partial(
+                reliability_of,
+                halved(rows, ["pair"]),
+                "mean confidence",
+                lambda own: float(own[CONFIDENCE].mean()),
+                plan,
+            ),
+            "reliability of mean confidence",
+            notes,
+        )
+        return PreferenceConfidence(
+            steps,
+            tuple(pairs),
+            people,
+            tuple(_companion(rows, what, of, lacking, plan) for what, of, lacking in _COMPANIONS),
+            () if reliability is None else (reliability,),
+            tuple(notes),
+        )
+
+    def show(self, found: PreferenceConfidence, plan: Settings) -> Shown:
+        """Return confidence of each pair, and what it goes with."""
+        label, steps = plan.label, ", ".join(map("{:g}".format, found.steps))
+        named = [(one, f"{label(one.method)} / {label(one.against)}") for one in found.pairs]
+        known = [one for one in found.companions if one.difference is not None]
+        return Shown(
+            blocks=(
+                Picture("confidence"),
+                Table.each(
+                    f"Confidence by comparison (steps {steps}), means over participants",
+                    named,
+                    ("Comparison", "l c", lambda one: one[1]),
+                    ("Choices", "", lambda one: str(one[0].trials)),
+                    ("Share", "", lambda one: share(one[0].share)),
+                    ("Confidence", "strong n", lambda one: measured(one[0].confidence)),
+                ),
+                Table.each(
+                    "What confidence goes with, within participants",
+                    found.companions,
+                    ("More confidence where", "l c", lambda one: one.what),
+                    ("People", "", lambda one: str(one.people)),
+                    ("By, steps", "strong n", lambda one: _said(one)),
+                    (
+                        "p",
+                        "n",
+                        lambda one: p_number(
+                            math.nan if one.difference is None else one.difference.p
+                        ),
+                    ),
+                ),
+                Paragraph(
+                    "Others: all but the person. No preference is right, so confidence here says"
+                    " nothing of metacognition. Limits are over participants: of people like these,"
+                    " with these scenes.",
+                    muted=True,
+                ),
+                *reliability_table(found.reliability),
+            ),
+            sentences=(
+                *(
+                    f"Choices between {label(one.method)} and {label(one.against)} (share"
+                    f" {share(one.share)}) came with a mean confidence of"
+                    f" {apa_measure(one.confidence)}."
+                    for one in found.pairs
+                ),
+                *(
+                    f"Where {one.what}, confidence was higher by {apa_measure(one.difference)}."
+                    for one in known
+                    if one.difference is not None
+                ),
+                *(apa_reliability(one, plan) for one in found.reliability),
+            ),
+            methods=(
+                "Confidence was averaged over each participant's choices, and compared within"
+                " participants by how the others chose in the same comparison and scene, and by"
+                " whether a repeat got the same answer; tests are t over participants."
+                + f" {HALVES}"
+                * bool(found.reliability)
+            ),
+            tables={
+                "confidence.csv": flat_table(found.pairs),
+                "confidence_goes_with.csv": flat_table(found.companions),
+                "confidence_people.csv": pd.DataFrame(
+                    [
+                        {"comparison": name, "participant": who, "confidence": value}
+                        for name, values in found.people.items()
+                        for who, value in values
+                    ]
+                ),
+                "confidence_reliability.csv": frame_of(Reliability, found.reliability),
+            },
+            figures=(
+                PartFigure(
+                    "confidence",
+                    f"Mean confidence by comparison with {100 * plan.confidence:g} % limits over"
+                    " participants; in brackets the share of the first; small: participants.",
+                    partial(
+                        pairs_plot,
+                        {
+                            f"{name} ({share(one.share)})": (("Confidence", one.confidence),)
+                            for one, name in named
+                        },
+                        {
+                            f"{name} ({share(one.share)})": [
+                                (value,) for _, value in found.people[name]
+                            ]
+                            for one, name in named
+                        },
+                        x_label="Confidence",
+                    ),
+                ),
+            ),
+        )
+
+
+def _said(one: Companion) -> str:
+    return one.lacking if one.difference is None else measured(one.difference)
+
+
+def _with_others(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows with ``pair``, ``low`` (its first in sorted order was chosen), ``others``.
+
+    ``others`` is how often the other people chose it in the same cell; NaN where nobody else did.
+    """
+    first, second = rows["first"].astype(str), rows["second"].astype(str)
+    low = first.where(first < second, second)
+    rows = rows.assign(
+        pair=low + " / " + second.where(first < second, first),
+        low=(rows["chosen"].astype(str) == low).astype(float),
+    )
+    every = rows.groupby(CELL, observed=True)["low"]
+    own = rows.groupby(["participant", *CELL], observed=True)["low"]
+    count = every.transform("size") - own.transform("size")
+    chosen = every.transform("sum") - own.transform("sum")
+    return rows.assign(others=chosen / count.where(count > 0))
+
+
+def _by_strength(own: pd.DataFrame) -> float:
+    """Return how much more confidence there is where others are unanimous than divided."""
+    known = own[own["others"].notna()]
+    strength = 2.0 * (known["others"] - 0.5).abs().to_numpy(float)
+    if strength.size < 3 or float(np.ptp(strength)) == 0.0:
+        return math.nan
+    centred = strength - strength.mean()
+    return float(centred @ known[CONFIDENCE].to_numpy(float) / (centred @ centred))
+
+
+def _with_most(own: pd.DataFrame) -> float:
+    side = (own["others"] - 0.5) * (own["low"] - 0.5)
+    return float(own.loc[side > 0, CONFIDENCE].mean() - own.loc[side < 0, CONFIDENCE].mean())
+
+
+def _consistent(own: pd.DataFrame) -> float:
+    cells = own.groupby(CELL, observed=True)["low"]
+    again, mixed = cells.transform("size") > 1, cells.transform("nunique") > 1
+    same, other = (own.loc[again & which, CONFIDENCE].mean() for which in (~mixed, mixed))
+    return float(same - other)
+
+
+_COMPANIONS: tuple[tuple[str, Callable[[pd.DataFrame], float], str], ...] = (
+    ("all others chose alike, against as many each way", _by_strength, "others never vary"),
+    ("most others chose the same", _with_most, "nobody chose both with and against the others"),
+    ("a repeat got the same answer", _consistent, "no repeats with same and with other answers"),
+)
+
+
+def _companion(
+    rows: pd.DataFrame,
+    what: str,
+    of: Callable[[pd.DataFrame], float],
+    lacking: str,
+    plan: Settings,
+) -> Companion:
+    values = np.array([of(own) for _, own in rows.groupby("participant", observed=True)])
+    people = int(np.isfinite(values).sum())
+    if not people:
+        return Companion(what, 0, None, lacking)
+    return Companion(what, people, mean_over_people(values, plan.confidence, 0.0), "")

@@ -1,0 +1,220 @@
+"""Random effects of a report's mixed models: how much people and scenes differ, and who how."""
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, TypeVar
+
+import pandas as pd
+from numpy.random import Generator
+
+from analysis.deviations import MOST_PROFILED, Deviation
+from analysis.parts import AnyPart, Part, PartFigure, Plan, Shown
+from analysis.plots.caterpillar import caterpillar_plot
+from analysis.report.blocks import Paragraph, Picture, Table
+from analysis.report.wording import level_text, number, number_range, share
+
+P = TypeVar("P", bound=Plan, contravariant=True)
+
+
+@dataclass(frozen=True)
+class OfModel:
+    """The random effects of one model; `model` is empty where there is one only."""
+
+    model: str
+    deviations: tuple[Deviation, ...]
+
+
+@dataclass(frozen=True)
+class RandomEffects:
+    """Every number."""
+
+    models: tuple[OfModel, ...]
+    notes: tuple[str, ...]
+
+
+class RandomEffectsPart(Part[P, RandomEffects]):
+    """Deviations with profile limits, shares of variance, and a caterpillar of their levels.
+
+    `of` is the part whose models they are of.
+    """
+
+    about: ClassVar[str]
+    """What is modelled, in a sentence."""
+    unit: ClassVar[str]
+    """Of deviations, as an axis has it."""
+
+    def __init__(self, of: AnyPart) -> None:
+        self._of = of
+
+    def wanted(self, table: pd.DataFrame, plan: P) -> bool:
+        """Return whether the models are."""
+        return self._of.wanted(table, plan)
+
+    @abstractmethod
+    def models(self, found: Any, plan: P) -> Iterator[OfModel]:
+        """Yield the models of the other part."""
+
+    def compute(
+        self, _table: pd.DataFrame, plan: P, found: Mapping[str, Any], _chance: Generator
+    ) -> RandomEffects:
+        """Take them from the models that were fitted."""
+        (name,) = self.needs
+        models = tuple(one for one in self.models(found.get(name), plan) if one.deviations)
+        if not models:
+            raise ValueError(f"there is no mixed model of {self.about}")
+        notes = []
+        if any(math.isnan(own.lower) for one in models for own in one.deviations):
+            notes.append(
+                f"deviations of {self.about} have no profile limits, and no levels: more than"
+                f" {MOST_PROFILED} random effects would take minutes"
+            )
+        return RandomEffects(models, tuple(notes))
+
+    def show(self, found: RandomEffects, plan: P) -> Shown:
+        """Return the deviations, and the levels of participants and scenes."""
+        rows = [(one.model, own) for one in found.models for own in one.deviations]
+        name = self.name
+        limits = f"{100 * plan.confidence:g} %"
+        drawn = [(model, own) for model, own in rows if own.levels]
+        several = any(model for model, _ in rows)
+        return Shown(
+            blocks=(
+                Table.each(
+                    f"Random effects of {self.about}",
+                    rows,
+                    *([("Model", "l c", lambda one: one[0])] if several else []),
+                    ("Of", "l", lambda one: one[1].name),
+                    (f"SD, {self.unit}", "strong", lambda one: number(one[1].sd)),
+                    (f"{limits} limits", "n", lambda one: number_range(one[1].lower, one[1].upper)),
+                    ("ICC", "", lambda one: share(one[1].icc)),
+                ),
+                Paragraph(
+                    "Limits: where the profile likelihood falls as far as chi-square (1) allows."
+                    " ICC: share of the variance of one answer on the model's scale"
+                    " (intraclass correlation).",
+                    muted=True,
+                ),
+                Picture(name),
+            ),
+            sentences=tuple(
+                f"Random effects of {self.about}{f' ({model})' if model else ''}: the SD of"
+                f" {own.name} was {number(own.sd)} {self.unit}, {level_text(plan.confidence)}"
+                f" {number_range(own.lower, own.upper)}"
+                + (f" (ICC = {share(own.icc)})." if not math.isnan(own.icc) else ".")
+                for model, own in rows
+            ),
+            methods=(
+                f"Standard deviations of random effects of {self.about} have limits of the profile"
+                " likelihood."
+            ),
+            tables={
+                f"{name}.csv": _deviations(rows),
+                **({f"{name}_levels.csv": _levels(drawn)} if drawn else {}),
+            },
+            figures=[
+                PartFigure(
+                    name,
+                    f"Random effects of {self.about}: how far each"
+                    f" {' and '.join(dict.fromkeys(own.name for _, own in drawn))} lies from the"
+                    f" typical one, with {limits} limits given the model's deviations.",
+                    partial(
+                        caterpillar_plot,
+                        {own.name: own.levels for _, own in drawn},
+                        x_label=f"From the typical one, {self.unit}",
+                        level=plan.confidence,
+                        label=plan.label,
+                    ),
+                )
+            ]
+            if drawn
+            else [],
+        )
+
+
+def _deviations(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
+    columns = ("name", "sd", "lower", "upper", "icc")
+    return pd.DataFrame(
+        [{"model": model} | {c: getattr(own, c) for c in columns} for model, own in rows]
+    )
+
+
+def _levels(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {"model": model, "of": own.name, "level": one.name}
+            | {"value": one.value, "error": one.error}
+            for model, own in rows
+            for one in own.levels
+        ]
+    )
+
+
+class RightEffects(RandomEffectsPart[Plan]):
+    """Of the mixed model of right answers."""
+
+    name: ClassVar[str] = "random_effects"
+    section: ClassVar[tuple[str, str]] = ("models", "Models")
+    needs: ClassVar[tuple[str, ...]] = ("models",)
+    about: ClassVar[str] = "right answers"
+    unit: ClassVar[str] = "logits"
+
+    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+        """Yield the mixed one."""
+        if found is not None:
+            yield OfModel("", found.mixed.deviations)
+
+
+class ChoiceEffects(RandomEffectsPart[Any]):
+    """Of the models of all pairings."""
+
+    name: ClassVar[str] = "random_effects"
+    section: ClassVar[tuple[str, str]] = ("models", "Models")
+    needs: ClassVar[tuple[str, ...]] = ("choice_models",)
+    about: ClassVar[str] = "choices between all methods"
+    unit: ClassVar[str] = "logits of a method"
+
+    def wanted(self, table: pd.DataFrame, plan: Any) -> bool:
+        """Return whether there are more methods than a pair."""
+        return len(plan.methods) > 2 and super().wanted(table, plan)
+
+    def models(self, found: Any, plan: Any) -> Iterator[OfModel]:
+        """Yield one for each size."""
+        for one in found.together if found is not None else ():
+            yield OfModel(plan.at(one.size), one.model.deviations)
+
+
+class TimeEffects(RandomEffectsPart[Plan]):
+    """Of the model of reaction times."""
+
+    name: ClassVar[str] = "random_times"
+    section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
+    needs: ClassVar[tuple[str, ...]] = ("times",)
+    about: ClassVar[str] = "reaction times"
+    unit: ClassVar[str] = "ln s"
+
+    def wanted(self, table: pd.DataFrame, plan: Plan) -> bool:
+        """Return whether times are modelled."""
+        return plan.reaction == "models" and super().wanted(table, plan)
+
+    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+        """Yield the log-normal one."""
+        if found is not None and found.model is not None:
+            yield OfModel("", found.model.deviations)
+
+
+class RatingEffects(RandomEffectsPart[Plan]):
+    """Of the model of ratings."""
+
+    name: ClassVar[str] = "random_ratings"
+    section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")
+    needs: ClassVar[tuple[str, ...]] = ("ratings",)
+    about: ClassVar[str] = "ratings"
+    unit: ClassVar[str] = "latent units"
+
+    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+        """Yield the cumulative-link one."""
+        if found is not None:
+            yield OfModel("", found.model.deviations)

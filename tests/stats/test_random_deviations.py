@@ -1,0 +1,126 @@
+"""Deviations of random effects: profile limits and levels of lme4, glmmTMB and ordinal."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis import deviations
+from analysis.deviations import profile_limits
+from analysis.linear_mixed import fit_linear_mixed
+from analysis.models import ModelFit, bootstrap_p, glmm_logit, models_beside
+from analysis.ordinal import fit_cumulative, rating_model
+from analysis.parts.right_models import apa_term
+from analysis.reaction_model import time_model
+
+FOLDER = Path(__file__).parent / "oracles"
+ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def times() -> pd.DataFrame:
+    return pd.read_csv(FOLDER / "times.csv").assign(hit=lambda rows: (rows["rating"] > 2) * 1)
+
+
+@pytest.fixture(scope="module")
+def right(times) -> ModelFit:
+    groups = ["participant", "scene"]
+    return glmm_logit("hit ~ 1 + cond", times, groups=groups, profile=True)
+
+
+def test_deviations_of_times_have_the_restricted_profile_of_glmmtmb_and_lme4s_levels(times):
+    codes = {name: pd.factorize(times[name], sort=True)[0] for name in ("participant", "scene")}
+    names = {name: sorted(times[name].unique()) for name in codes}
+    design = pd.get_dummies(times["cond"]).to_numpy(float)
+    log = np.log(times["rt_s"].to_numpy())
+    fit = fit_linear_mixed(design, log, codes, names=names, level=0.95)
+    assert [one.name for one in fit.deviations] == ["participant", "scene", "residual"]
+    for one, sd in zip(fit.deviations, ORACLE["times_sd"], strict=True):
+        limits = ORACLE[f"times_{one.name}"]
+        assert one.sd == pytest.approx(sd, rel=1e-5)
+        assert (one.lower, one.upper) == pytest.approx(limits, rel=1e-3)
+    for one in fit.deviations[:2]:
+        assert [level.name for level in one.levels] == names[one.name]
+        values, errors = ([getattr(own, of) for own in one.levels] for of in ("value", "error"))
+        assert values == pytest.approx(ORACLE[f"times_modes_{one.name}"], abs=1e-5)
+        assert errors == pytest.approx(ORACLE[f"times_errors_{one.name}"], abs=1e-5)
+    variance = [sd**2 for sd in ORACLE["times_sd"]]
+    shares = [one.icc for one in fit.deviations[:2]]
+    assert shares == pytest.approx([own / sum(variance) for own in variance[:2]], rel=1e-4)
+    assert math.isnan(fit.deviations[2].icc)
+
+
+def test_deviations_of_right_answers_have_glmmtmbs_profile_and_lme4s_levels(right):
+    people, scenes = right.deviations
+    assert (people.lower, people.upper) == pytest.approx(ORACLE["right_participant"], rel=1e-3)
+    # Scenes do not differ: the lower limit is 0, and an upper one is there all the same.
+    assert scenes.sd == pytest.approx(0.0, abs=1e-3)
+    assert scenes.lower == 0.0
+    assert scenes.upper == pytest.approx(ORACLE["right_scene"][1], rel=1e-3)
+    values, errors = ([getattr(own, of) for own in people.levels] for of in ("value", "error"))
+    assert values == pytest.approx(ORACLE["right_modes_participant"], abs=2e-3)
+    assert errors == pytest.approx(ORACLE["right_errors_participant"], abs=2e-3)
+    own = ORACLE["right_sd"][0] ** 2
+    assert people.icc == pytest.approx(own / (own + math.pi**2 / 3), abs=1e-3)
+
+
+def test_the_deviation_of_ratings_has_the_profile_of_ordinals_clmm2(times):
+    code = pd.factorize(times["participant"], sort=True)[0]
+    design = pd.get_dummies(times["cond"]).to_numpy(float)[:, 1:]
+    effects = {"participant": (code[:, None] == np.arange(9)).astype(float)}
+    fit = fit_cumulative(design, times["rating"].to_numpy() - 1, effects, level=0.95)
+    (one,) = fit.deviations
+    # clmm2 interpolates between values of the deviation.
+    assert (one.lower, one.upper) == pytest.approx(ORACLE["ratings_participant"], rel=3e-3)
+    assert one.icc == pytest.approx(one.sd**2 / (one.sd**2 + 1))
+
+
+def test_limits_of_a_parabola_are_walds():
+    """Minus log likelihood (v - 2)^2 / (2 x .09): limits 2 +- 1.96 x .3."""
+    ends = profile_limits(lambda v: -((v - 2) ** 2) / 0.18, 2.0, 0.0, 0.1, 0.95)
+    assert ends == pytest.approx((2 - 1.95996 * 0.3, 2 + 1.95996 * 0.3), abs=1e-3)
+
+
+def test_a_likelihood_that_never_falls_has_no_upper_limit():
+    assert profile_limits(lambda v: -max(1 - v, 0), 1.0, 0.0, 0.3, 0.95) == (0.0, math.inf)
+
+
+def test_models_of_reports_hold_deviations_of_every_effect(times):
+    model = time_model(times, ("cond",))
+    assert [one.name for one in model.deviations][:2] == ["participant", "scene"]
+    rated = rating_model(times, ("cond",))
+    assert {one.name: one.sd for one in rated.deviations} == rated.sd
+    assert [len(one.levels) for one in rated.deviations[:2]] == [9, 5]
+    assert all(one.lower <= one.sd <= one.upper for one in (*model.deviations, *rated.deviations))
+
+
+def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
+    monkeypatch.setattr("analysis.glmm.MOST_PROFILED", 5)
+    fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], profile=True)
+    assert math.isnan(fit.deviations[0].lower)
+    assert fit.deviations[0].levels == ()
+    assert deviations.MOST_PROFILED == 300
+
+
+def test_the_likelihood_ratio_stands_before_walds_statistic(times):
+    rows = times.rename(columns={"hit": "correct"}).drop(columns="rating")
+    rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
+    said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
+    assert said.index("likelihood ratio p") < said.index("SE =") < said.index("t(8) =")
+
+
+@pytest.mark.slow
+def test_the_bootstrap_of_a_likelihood_ratio_is_near_its_chi_square(times, right, rng):
+    """Of 135 answers a person's number is large: both p agree but for the draws."""
+    groups = ["participant", "scene"]
+    term = "cond[T.b]"
+    p = bootstrap_p("hit ~ 1 + cond", times, term, groups=groups, samples=49, rng=rng)
+    wanted = right[term].ratio_p
+    assert p == pytest.approx(max(wanted, 0.02), abs=3 * math.sqrt(wanted / 49) + 0.02)
+    with pytest.raises(ValueError, match="term must be one of Intercept"):
+        bootstrap_p("hit ~ 1 + cond", times, "b", groups=groups, samples=9, rng=rng)
