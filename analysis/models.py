@@ -243,61 +243,6 @@ def glmm_logit(
     return _without(fit, hidden)
 
 
-def bootstrap_p(
-    formula: str,
-    trials: pd.DataFrame,
-    term: str,
-    *,
-    groups: Sequence[str],
-    samples: int,
-    rng: np.random.Generator,
-    reference: Mapping[str, str] | None = None,
-) -> float:
-    """Return p of a term of `glmm_logit` by the parametric bootstrap of its likelihood ratio.
-
-    Parameters
-    ----------
-    term : str
-        As the model calls it, such as ``method[T.ours]``.
-    samples : int
-        Data sets drawn from the model without the term; two fits each.
-
-    Raises
-    ------
-    ValueError
-        If the model has no such term, or no proper maximum.
-
-    Notes
-    -----
-    p = (1 + ratios at least as large) / (1 + samples), of samples whose models have a maximum
-    (Davison and Hinkley 1997, section 4.2).
-    """
-    design, y, terms = matrices(formula, trials, reference)
-    if term not in terms:
-        raise ValueError(f"term must be one of {', '.join(terms)} (got {term!r})")
-    codes = [group_codes(trials, column) for column in groups]
-    place = list(terms).index(term)
-    less, one = np.delete(design, place, axis=1), np.eye(len(terms))[place]
-
-    def ratio(answers: Floats) -> float:
-        fit = fit_crossed(design, answers, codes)
-        if not fit.converged:
-            return math.nan
-        return reduced_ratio(fit, one, place, less, answers, codes)
-
-    found, without = ratio(y), fit_crossed(less, y, codes)
-    if math.isnan(found) or not without.converged:
-        raise ValueError("the mixed model has no finite maximum")
-    drawn = []
-    for _ in range(samples):
-        eta = less @ without.beta
-        for code, sd in zip(codes, without.sd, strict=True):
-            eta = eta + sd * rng.standard_normal(int(code.max()) + 1)[code]
-        drawn.append(ratio((rng.random(y.size) < expit(eta)).astype(np.float64)))
-    known = np.array(drawn)[np.isfinite(drawn)]
-    return float((1 + np.sum(known >= found)) / (1 + known.size))
-
-
 def glmm_probit(
     formula: str,
     trials: pd.DataFrame,

@@ -279,6 +279,7 @@ def rating_model(
     reference: str | None = None,
     link: OrdinalLink = "probit",
     level: float = 0.95,
+    profile: bool = False,
 ) -> RatingModel:
     """Compare ordered ratings between conditions.
 
@@ -328,7 +329,9 @@ def rating_model(
         if cell.max() + 1 < len(rows)
     }
     levels = {"participant": places.participants, "scene": places.scenes}
-    fit = fit_cumulative(design, y, effects, link=link, names=levels, level=level)
+    fit = fit_cumulative(
+        design, y, effects, link=link, names=levels, level=level if profile else None
+    )
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [
         f"each {name} has one rating of a condition: how it departs there is part of the SD"
@@ -359,6 +362,7 @@ def paired_ratings(
     reference: str | None = None,
     link: OrdinalLink = "probit",
     level: float = 0.95,
+    profile: bool = False,
 ) -> RatingModel:
     """Place methods on one axis by graded comparisons of pairs, with ties.
 
@@ -399,7 +403,7 @@ def paired_ratings(
         for sign, side in zip((1.0, -1.0), sides, strict=True):
             own[np.arange(len(rows)), code * len(names) + side] += sign
         effects[group + IN_CONDITION] = own[:, np.any(own != 0.0, axis=0)]
-    fit = fit_cumulative(gap[:, 1:], y, effects, link=link, level=level)
+    fit = fit_cumulative(gap[:, 1:], y, effects, link=link, level=level if profile else None)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
     crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]

@@ -88,6 +88,7 @@ def time_model(
     *,
     reference: str | None = None,
     level: float = 0.95,
+    profile: bool = False,
 ) -> TimeModel:
     """Fit ln(rt) = condition, random over participants and scenes, and both in a condition.
 
@@ -98,6 +99,8 @@ def time_model(
         are left out.
     reference : str, optional
         Condition that the others are compared with; left out, all pairs.
+    profile : bool
+        Whether deviations are given with profile limits, which take several times as long.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def time_model(
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
     levels = {"participant": places.participants, "scene": places.scenes}
-    fit = fit_linear_mixed(design, y, effects, names=levels, level=level)
+    fit = fit_linear_mixed(design, y, effects, names=levels, level=level if profile else None)
     beta, covariance, sd = fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"

@@ -53,15 +53,14 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
     def of(self, table: pd.DataFrame, plan: RatingSettings) -> Ratings:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
+        how |= {"level": plan.confidence, "profile": True}
         if not plan.by:
-            model = paired_ratings(table, level=plan.confidence, **how)
+            model = paired_ratings(table, **how)
         else:
             blank = "scene" in table and (table["scene"] == "").all()
             rows = table.drop(columns="scene") if blank else table
             categories = plan.scale or None
-            model = rating_model(
-                rows, (plan.by,), categories=categories, level=plan.confidence, **how
-            )
+            model = rating_model(rows, (plan.by,), categories=categories, **how)
         levels = pd.crosstab(table["participant"], table["rating"].map(category))
         levels = levels.reindex(columns=list(model.categories), fill_value=0)
         return Ratings(model, {str(who): tuple(map(int, row)) for who, row in levels.iterrows()})

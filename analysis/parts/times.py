@@ -68,7 +68,9 @@ class TimesPart(SimplePart[Plan, Times]):
         model, diffusion = None, None
         if plan.reaction == "models":
             model = tried(
-                lambda: time_model(rows, plan.compared, reference=reference, level=level),
+                lambda: time_model(
+                    rows, plan.compared, reference=reference, level=level, profile=True
+                ),
                 "model of reaction times",
                 notes,
             )

@@ -13,7 +13,7 @@ import pytest
 from analysis import deviations
 from analysis.deviations import profile_limits
 from analysis.linear_mixed import fit_linear_mixed
-from analysis.models import ModelFit, bootstrap_p, glmm_logit, models_beside
+from analysis.models import ModelFit, glmm_logit, models_beside
 from analysis.ordinal import fit_cumulative, rating_model
 from analysis.parts.right_models import apa_term
 from analysis.reaction_model import time_model
@@ -91,9 +91,9 @@ def test_a_likelihood_that_never_falls_has_no_upper_limit():
 
 
 def test_models_of_reports_hold_deviations_of_every_effect(times):
-    model = time_model(times, ("cond",))
+    model = time_model(times, ("cond",), profile=True)
     assert [one.name for one in model.deviations][:2] == ["participant", "scene"]
-    rated = rating_model(times, ("cond",))
+    rated = rating_model(times, ("cond",), profile=True)
     assert {one.name: one.sd for one in rated.deviations} == rated.sd
     assert [len(one.levels) for one in rated.deviations[:2]] == [9, 5]
     assert all(one.lower <= one.sd <= one.upper for one in (*model.deviations, *rated.deviations))
@@ -112,15 +112,3 @@ def test_the_likelihood_ratio_stands_before_walds_statistic(times):
     rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
     said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
     assert said.index("likelihood ratio p") < said.index("SE =") < said.index("t(8) =")
-
-
-@pytest.mark.slow
-def test_the_bootstrap_of_a_likelihood_ratio_is_near_its_chi_square(times, right, rng):
-    """Of 135 answers a person's number is large: both p agree but for the draws."""
-    groups = ["participant", "scene"]
-    term = "cond[T.b]"
-    p = bootstrap_p("hit ~ 1 + cond", times, term, groups=groups, samples=49, rng=rng)
-    wanted = right[term].ratio_p
-    assert p == pytest.approx(max(wanted, 0.02), abs=3 * math.sqrt(wanted / 49) + 0.02)
-    with pytest.raises(ValueError, match="term must be one of Intercept"):
-        bootstrap_p("hit ~ 1 + cond", times, "b", groups=groups, samples=9, rng=rng)
