@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.special import expit
 
 from analysis.deviations import Deviation
 from analysis.formula import aliased, group_codes, matrices, well_scaled

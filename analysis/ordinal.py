@@ -291,6 +291,8 @@ def rating_model(
         All ratings as text, from the lowest; left out: numbers in order.
     reference : str, optional
         Condition that the others are compared with; left out, all pairs.
+    profile : bool
+        Whether deviations are given with profile limits, which take several times as long.
 
     Raises
     ------

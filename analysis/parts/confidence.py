@@ -26,6 +26,7 @@ from analysis.metacognition import (
     roc_points,
 )
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts.shared import condition, limits
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots.confidence import calibration_plot, pairs_plot, roc_plot
 from analysis.rates import Rate, rate
@@ -115,7 +116,7 @@ def reliability_table(found: Sequence[Reliability]) -> Iterator[Block]:
             ("People", "", lambda one: str(one.people)),
             ("r of halves", "", lambda one: share(one.half)),
             ("Reliability", "strong", lambda one: share(one.value)),
-            ("Limits", "n", lambda one: share_range(one.lower, one.upper)),
+            limits(text=share_range),
         )
 
 
@@ -262,7 +263,6 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
     def show(self, found: Confidence, plan: RateSettings) -> Shown:
         """Return tables and figures of both kinds of answers, and what the steps are worth."""
         label, cells = plan.label, found.conditions
-        limits = f"{100 * plan.confidence:g} %"
         steps = f"steps {', '.join(map('{:g}'.format, found.steps))}"
         rows = {one.condition: (("right", one.right), ("wrong", one.wrong)) for one in cells}
         dots = {
@@ -285,14 +285,14 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                 Table.each(
                     f"Confidence of right and wrong answers ({steps}), means over participants",
                     cells,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("Answers", "", lambda one: str(one.trials)),
                     ("Right", "n", lambda one: measured(one.right)),
                     ("Wrong", "n", lambda one: measured(one.wrong)),
                     ("Right - wrong", "strong n", lambda one: measured(one.difference)),
-                    ("p", "n", lambda one: p_number(_p(one.difference))),
+                    ("p", "n", lambda one: p_number(one.difference and one.difference.p)),
                     ("Type-2 area", "strong n", lambda one: measured(one.area)),
-                    ("p", "n", lambda one: p_number(_p(one.area))),
+                    ("p", "n", lambda one: p_number(one.area and one.area.p)),
                 ),
                 Paragraph(
                     "Type-2 area: how probably a right answer came with more confidence than a"
@@ -344,13 +344,13 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
             figures=(
                 PartFigure(
                     "confidence",
-                    f"Mean confidence of right and wrong answers with {limits} limits over"
+                    f"Mean confidence of right and wrong answers with {plan.limits} over"
                     " participants; small: participants.",
                     partial(pairs_plot, rows, dots, x_label="Confidence", label=label),
                 ),
                 PartFigure(
                     "calibration",
-                    f"Share of right answers at each step of confidence, with {limits} limits;"
+                    f"Share of right answers at each step of confidence, with {plan.limits};"
                     " dashed: chance.",
                     partial(calibration_plot, series, chance=plan.chance, label=label),
                 ),
@@ -379,10 +379,6 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
 
 def _of(rows: pd.DataFrame, name: str) -> pd.DataFrame:
     return rows[rows["condition"] == name]
-
-
-def _p(one: Measure | None) -> float:
-    return math.nan if one is None else one.p
 
 
 def _area(own: pd.DataFrame) -> float:

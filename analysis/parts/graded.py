@@ -44,6 +44,7 @@ from analysis.parts.confidence import (
 )
 from analysis.parts.correct import answers_in
 from analysis.parts.sensitivity import with_shared_noise
+from analysis.parts.shared import condition
 from analysis.plans.rates import RateSettings, shown_in
 from analysis.plots.confidence import metacognition_plot, roc_plot
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
@@ -54,6 +55,7 @@ from protocols.prose import count_of
 Floats = NDArray[np.float64]
 TOGETHER = "all conditions together"
 MIXED = "answers of unequal d' taken together raise M-ratio, and lower the slope of the ROC"
+ENOUGH = f"{FEWEST_TRIALS} answers (of few steps 400 / steps)"
 NO_PERSON = "no participant has what it takes"
 
 
@@ -138,6 +140,7 @@ class Graded:
 Counts = Mapping[tuple[str, str], Floats]
 """Graded answers (2, 2 x steps) by condition and person."""
 F = TypeVar("F", MetaFit, UnequalFit)
+R = TypeVar("R", Metacognition, Graded)
 Fits = Mapping[tuple[str, str], F]
 
 
@@ -207,27 +210,26 @@ def _fitted(
     return counts, found, {name: tuple(said[name]) for name in said if name in fitted}
 
 
-def _graded_at_all(table: pd.DataFrame, plan: RateSettings) -> bool:
-    return (
-        ConfidencePart().wanted(table, plan)
-        and tried(lambda: with_steps(table), "", []) is not None
-    )
-
-
 def _left_out(reasons: Sequence[str]) -> Iterator[str]:
     for why in dict.fromkeys(reasons):
         yield f"{count_of(reasons.count(why), 'participant')} left out: {why}"
 
 
-class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
-    """meta-d' and M-ratio of each person in tasks with two answers."""
-
-    name: ClassVar[str] = "metacognition"
+class _GradedAnswers(SimplePart[RateSettings, R]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
         """Return whether people said how sure they were; `ConfidencePart` says why not."""
-        return _graded_at_all(table, plan)
+        return (
+            ConfidencePart().wanted(table, plan)
+            and tried(lambda: with_steps(table), "", []) is not None
+        )
+
+
+class MetacognitionPart(_GradedAnswers[Metacognition]):
+    """meta-d' and M-ratio of each person in tasks with two answers."""
+
+    name: ClassVar[str] = "metacognition"
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Metacognition:
         """Fit each person in each condition, and both halves of their trials."""
@@ -281,7 +283,7 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
                 Table.each(
                     "Metacognition: meta-d' and M-ratio over participants",
                     cells,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("People", "", lambda one: str(one.m_ratio.people)),
                     ("d'", "", lambda one: number(one.d_prime.value)),
                     ("meta-d'", "n", lambda one: measured(one.meta_d_prime)),
@@ -293,7 +295,7 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
                 Table.each(
                     "Each participant's meta-d'",
                     found.people,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("Participant", "l", lambda one: label(one.participant)),
                     ("Answers", "", lambda one: str(one.trials)),
                     ("d'", "", lambda one: number(one.fit.d_prime)),
@@ -322,8 +324,8 @@ class MetacognitionPart(SimplePart[RateSettings, Metacognition]):
                 "meta-d' (Maniscalco & Lau, 2012) was fitted to each participant by maximum"
                 " likelihood, with equal variances and the criterion's place relative to d' kept;"
                 " counts of participants with an empty cell were padded by 1 / (2 x steps) in every"
-                f" cell; people with fewer than {FEWEST_TRIALS} answers (of few steps 400 / steps),"
-                f" {FEWEST_WRONG} wrong ones, or a d' not above its error were left out."
+                f" cell; people with fewer than {ENOUGH}, {FEWEST_WRONG} wrong ones, or a d' not"
+                " above its error were left out."
                 " M-ratio is the mean meta-d' by the mean d', with Fieller's limits over"
                 " participants." + f" {HALVES}" * bool(found.reliability)
             ),
@@ -405,15 +407,10 @@ def _apa_meta(one: ConditionMeta, plan: RateSettings) -> str:
     )
 
 
-class GradedPart(SimplePart[RateSettings, Graded]):
+class GradedPart(_GradedAnswers[Graded]):
     """ROC, d_a and its slope from answers of a yes-no task that confidence grades."""
 
     name: ClassVar[str] = "graded"
-    section: ClassVar[tuple[str, str]] = SECTION
-
-    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
-        """Return whether people said how sure they were; `ConfidencePart` says why not."""
-        return _graded_at_all(table, plan)
 
     def of(self, table: pd.DataFrame, plan: RateSettings) -> Graded:
         """Fit each person in each condition, and all together for the figure."""
@@ -438,7 +435,7 @@ class GradedPart(SimplePart[RateSettings, Graded]):
                 Table.each(
                     "Answers graded by confidence: d_a and the slope of the ROC, over participants",
                     cells,
-                    ("Condition", "l c", lambda one: label(one.condition)),
+                    condition(plan),
                     ("People", "", lambda one: str(int(one.d_a.df) + 1)),
                     ("Area of ROC", "n", lambda one: measured(one.area)),
                     ("d_a", "strong n", lambda one: measured(one.d_a)),
@@ -467,7 +464,7 @@ class GradedPart(SimplePart[RateSettings, Graded]):
             methods=(
                 "Normal evidence with unequal variances was fitted to each participant's graded"
                 " answers by maximum likelihood; d_a and the logarithm of the slope were averaged"
-                " over participants, with t limits."
+                f" over participants, with t limits; people with fewer than {ENOUGH} were left out."
             ),
             tables={
                 "graded.csv": flat_table(cells).drop(columns="points"),

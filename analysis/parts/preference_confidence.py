@@ -143,13 +143,7 @@ class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
                     ("More confidence where", "l c", lambda one: one.what),
                     ("People", "", lambda one: str(one.people)),
                     ("By, steps", "strong n", lambda one: _said(one)),
-                    (
-                        "p",
-                        "n",
-                        lambda one: p_number(
-                            math.nan if one.difference is None else one.difference.p
-                        ),
-                    ),
+                    ("p", "n", lambda one: p_number(one.difference and one.difference.p)),
                 ),
                 Paragraph(
                     "Others: all but the person. No preference is right, so confidence here says"
@@ -195,7 +189,7 @@ class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
             figures=(
                 PartFigure(
                     "confidence",
-                    f"Mean confidence by comparison with {100 * plan.confidence:g} % limits over"
+                    f"Mean confidence by comparison with {plan.limits} over"
                     " participants; in brackets the share of the first; small: participants.",
                     partial(
                         pairs_plot,

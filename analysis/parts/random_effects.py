@@ -77,7 +77,6 @@ class RandomEffectsPart(Part[P, RandomEffects]):
         """Return the deviations, and the levels of participants and scenes."""
         rows = [(one.model, own) for one in found.models for own in one.deviations]
         name = self.name
-        limits = f"{100 * plan.confidence:g} %"
         drawn = [(model, own) for model, own in rows if own.levels]
         several = any(model for model, _ in rows)
         return Shown(
@@ -88,7 +87,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
                     *([("Model", "l c", lambda one: one[0])] if several else []),
                     ("Of", "l", lambda one: one[1].name),
                     (f"SD, {self.unit}", "strong", lambda one: number(one[1].sd)),
-                    (f"{limits} limits", "n", lambda one: number_range(one[1].lower, one[1].upper)),
+                    (plan.limits, "n", lambda one: number_range(one[1].lower, one[1].upper)),
                     ("ICC", "", lambda one: share(one[1].icc)),
                 ),
                 Paragraph(
@@ -119,7 +118,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
                     name,
                     f"Random effects of {self.about}: how far each"
                     f" {' and '.join(dict.fromkeys(own.name for _, own in drawn))} lies from the"
-                    f" typical one, with {limits} limits given the model's deviations.",
+                    f" typical one, with {plan.limits} given the model's deviations.",
                     partial(
                         caterpillar_plot,
                         {own.name: own.levels for _, own in drawn},
