@@ -290,9 +290,9 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                     ("Right", "n", lambda one: measured(one.right)),
                     ("Wrong", "n", lambda one: measured(one.wrong)),
                     ("Right - wrong", "strong n", lambda one: measured(one.difference)),
-                    ("p", "n", lambda one: p_number(one.difference and one.difference.p)),
+                    ("p", "n", lambda one: p_number(one.difference.p if one.difference else None)),
                     ("Type-2 area", "strong n", lambda one: measured(one.area)),
-                    ("p", "n", lambda one: p_number(one.area and one.area.p)),
+                    ("p", "n", lambda one: p_number(one.area.p if one.area else None)),
                 ),
                 Paragraph(
                     "Type-2 area: how probably a right answer came with more confidence than a"

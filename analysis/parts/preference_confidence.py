@@ -143,7 +143,7 @@ class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
                     ("More confidence where", "l c", lambda one: one.what),
                     ("People", "", lambda one: str(one.people)),
                     ("By, steps", "strong n", lambda one: _said(one)),
-                    ("p", "n", lambda one: p_number(one.difference and one.difference.p)),
+                    ("p", "n", lambda one: p_number(one.difference.p if one.difference else None)),
                 ),
                 Paragraph(
                     "Others: all but the person. No preference is right, so confidence here says"
