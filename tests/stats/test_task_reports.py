@@ -221,17 +221,21 @@ SECTIONS = {
 FIGURES = {
     "yes-no": {
         "correct", "detection", "sensitivity", "participants", "scenes", "learning", "reaction",
+        "random_effects",
     },
     "identification": {
         "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "learning",
         "reaction",
+        "random_effects",
     },
     "adaptive": {
         "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "reaction",
+        "random_effects",
     },
     "abx": {
         "correct", "sensitivity", "levels", "psychometric", "scaling", "participants", "scenes",
         "learning", "reaction",
+        "random_effects",
     },
 }  # fmt: skip
 
