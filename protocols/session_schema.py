@@ -290,6 +290,10 @@ class Exclusions(Model):
     """Slower answers are left out. Default: no limit."""
 
 
+LinkParameter = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+WebAddress = Annotated[str, StringConstraints(pattern=r"^https?://\S{1,2000}$")]
+
+
 class Web(Model):
     """How the study runs in a participant's own browser."""
 

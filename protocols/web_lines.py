@@ -13,7 +13,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, StringConstraints, TypeAdapter
 
-from protocols.journal import TrialId, UtcTime, VoidReason
+from protocols.journal import Machine, SlotFrom, TrialId, UtcTime, VoidReason
 from protocols.units import (
     Count,
     Hertz,
@@ -21,7 +21,6 @@ from protocols.units import (
     Model,
     Name,
     ParticipantCode,
-    Pixels,
     Positive,
     Sha256,
     Share,
@@ -49,25 +48,6 @@ class Line(Model):
     """On the participant's clock, UTC."""
 
 
-class Machine(Model):
-    """What the gate found: nothing that tells one person from another."""
-
-    browser: Text
-    """Name and main version."""
-    refresh_hz: Hertz
-    """Measured, over at least 300 frames."""
-    missed_share: Share
-    """Of the refreshes of that measurement."""
-    window_px: tuple[Pixels, Pixels]
-    """Device pixels of the canvas."""
-    device_pixel_ratio: Annotated[float, Field(gt=0)]
-    scale: Positive
-    """Screen pixels per pixel of a stimulus, along an edge."""
-    color_gamut: Literal["srgb", "p3", "rec2020", "unknown"]
-    full_screen: bool
-    touch: bool
-
-
 class Start(Line):
     """The first line of a participant."""
 
@@ -80,8 +60,7 @@ class Start(Line):
     revision: Text
     """Of metamerlab, which made the export."""
     slot: Count
-    slot_from: Literal["link", "batch", "drawn"]
-    """`link`: the address named it. `batch`: the server of the study gave it. `drawn`: by chance."""
+    slot_from: SlotFrom
     seed: WebSeed
     language: LanguageCode
     rate_hz: Hertz
