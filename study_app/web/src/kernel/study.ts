@@ -64,6 +64,8 @@ export interface WebStudy {
   readonly background: number;
   /** Smallest part of the screen, about its middle, that shows all of a trial. */
   readonly window_px: readonly [number, number];
+  /** Of the screen that the study was made for: a pointer answers by its share of the width. */
+  readonly screen_px: readonly [number, number];
   readonly design: Design;
   readonly break_s: number;
   readonly rates: readonly Rate[];
