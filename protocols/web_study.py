@@ -136,7 +136,9 @@ class WebStudy(Model):
     pages: dict[LanguageCode, Pages]
     background: Grey
     window_px: Size
-    """Smallest part of the screen that shows all of a trial."""
+    """Smallest part of the screen, about its middle, that shows all of a trial."""
+    screen_px: Size
+    """Of the screen that the study was made for: a click answers by its share of the width."""
     design: WebDesign
     break_s: Annotated[float, Field(ge=0)]
     """Shortest break between two blocks."""

@@ -229,6 +229,7 @@ class WebBuild:
                 pages={language: self.page(language) for language in self.study.text.languages},
                 background=self._any_script.background,
                 window_px=needs.window_px,
+                screen_px=self._any_script.size_px,
                 design=design,
                 break_s=self.study.design.break_s,
                 rates=tuple(self._rate(rate) for rate in needs.rates_hz),
