@@ -73,7 +73,7 @@ def test_the_same_study_gives_the_same_bytes(exported, lab):
             assert (again / path.relative_to(out)).read_bytes() == path.read_bytes(), path
 
 
-def test_no_secret_of_the_study_leaves_the_lab(lab, tmp_path):
+def test_no_secret_of_the_study_leaves_the_lab(tmp_path):
     """Neither the seed of the desk's order nor the secret: each orders everybody's trials."""
     assert metamerlab("new-study", tmp_path / "own", "--task", "yes-no").exit_code == 0
     path = tmp_path / "own/study.toml"
