@@ -1,7 +1,7 @@
 """How often answers are right: shares with limits and tests against chance, by condition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -178,24 +178,42 @@ def rate_contrasts(
 
 @dataclass(frozen=True)
 class Influence:
-    """An estimate, what each cell (participants, scenes) moves it, and its least variance."""
+    """An estimate (...), what cells (..., participants, scenes) move it, and its least variance."""
 
-    value: float
+    value: Floats
     cells: Floats
     shown: Floats
-    least: float
+    least: Floats
 
     def estimate(self) -> ClusteredEstimate:
         """Return the estimate with its clustered error."""
-        return two_way_influence(np.asarray(self.value), self.cells, self.shown, self.least)
+        return two_way_influence(self.value, self.cells, self.shown, self.least)
+
+    def less(self, other: "Influence") -> ClusteredEstimate:
+        """Return what it has more than another on the same grid, each participant's own control."""
+        return two_way_influence(
+            self.value - other.value,
+            self.cells - other.cells,
+            self.shown + other.shown,
+            # Trials of one person rise and fall together: a difference can vary less than
+            # independent trials would, but half of that is the least to believe.
+            0.5 * (self.least + other.least),
+        )
+
+
+def mean_influence(total: Floats, shown: Floats) -> Influence:
+    """Return the influence of cells on the mean of standardised scores; `total` are their sums."""
+    trials = shown.sum(axis=(-2, -1))
+    mean = total.sum(axis=(-2, -1)) / trials
+    cells = (total - shown * mean[..., None, None]) / trials[..., None, None]
+    return Influence(mean, cells, shown, 1.0 / trials)
 
 
 def share_influence(happened: Floats, shown: Floats) -> Influence:
     """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
-    total = float(shown.sum())
-    share = float(happened.sum()) / total
-    mild = (float(happened.sum()) + 0.5) / (total + 1.0)
-    return Influence(share, (happened - shown * share) / total, shown, mild * (1.0 - mild) / total)
+    mean, trials = mean_influence(happened, shown), shown.sum(axis=(-2, -1))
+    mild = (happened.sum(axis=(-2, -1)) + 0.5) / (trials + 1.0)
+    return replace(mean, least=mild * (1.0 - mild) / trials)
 
 
 def contrasts(
@@ -205,18 +223,10 @@ def contrasts(
     reference: str | None = None,
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
-    """Compare conditions counted on one grid; each participant is their own control."""
+    """Compare conditions counted on one grid."""
     found = []
     for first, second in pairs_of(moved, reference):
-        one, other = moved[first], moved[second]
-        gap = two_way_influence(
-            np.asarray(one.value - other.value),
-            one.cells - other.cells,
-            one.shown + other.shown,
-            # Trials of one person rise and fall together: a difference can vary less than
-            # independent trials would, but half of that is the least to believe.
-            0.5 * (one.least + other.least),
-        )
+        gap = moved[first].less(moved[second])
         lower, upper = gap.limits(level)
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))
     adjusted = holm(np.array([p for *_, p in found])) if found else np.zeros(0)

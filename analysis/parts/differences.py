@@ -6,12 +6,17 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from analysis.answers import Answers, Mask
+from analysis.clustered import holm
 from analysis.columns import frame_of
+from analysis.contrasts import pairs_of
 from analysis.detection import Measure
 from analysis.parts import Estimate, Part, Plan, Shown
 from analysis.plans.rates import RateSettings
-from analysis.rates import Difference, Rate
+from analysis.plans.ratings import RatingSettings
+from analysis.rates import Difference, Influence, Rate
 from analysis.report.blocks import Box, Table
 from analysis.report.wording import (
     leading,
@@ -25,6 +30,7 @@ from analysis.report.wording import (
 )
 
 T = TypeVar("T")
+Floats = NDArray[np.float64]
 
 
 def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:
@@ -44,6 +50,51 @@ def told_apart(found: Sequence[Difference], plan: Plan) -> tuple[Difference, ...
     """Return differences in order, without those that nothing can be said of: of one person."""
     known = [one for one in found if np.isfinite(one.p)]
     return in_order(known, plan, lambda one: one.first)
+
+
+def planned_differences(
+    answers: Answers,
+    people: Sequence[int],
+    plan: RateSettings | RatingSettings,
+    cells: Mapping[str, Sequence[Mask]],
+    influence: Callable[..., Influence],
+    *,
+    by_scene: bool = True,
+) -> Floats:
+    """Return p of differences between conditions, or of a single one against 0, adjusted.
+
+    Parameters
+    ----------
+    cells : mapping of a condition to sets of its cells
+    influence : callable
+        From counts and trials (participants, scenes) of each set to what they move an estimate.
+
+    Returns
+    -------
+    ndarray (studies, numbers of participants, comparisons)
+    """
+    grids = {
+        name: [answers.grid(one, by_scene=by_scene) for one in sets] for name, sets in cells.items()
+    }
+
+    def tested(count: int) -> Floats:
+        moved = {
+            name: influence(
+                *(
+                    part
+                    for counts, shown in sets
+                    for part in (counts[:, :count], np.tile(shown, (count, 1)))
+                )
+            )
+            for name, sets in grids.items()
+        }
+        if len(moved) == 1:
+            return np.stack([one.estimate().p_value() for one in moved.values()], axis=-1)
+        pairs = pairs_of(moved, plan.reference_in(list(moved)))
+        return np.stack([moved[a].less(moved[b]).p_value() for a, b in pairs], axis=-1)
+
+    p = np.stack([tested(count) for count in people], axis=1)
+    return holm(p) if plan.correction == "holm" else p
 
 
 def difference_tables(caption: str, found: Sequence[Difference], plan: Plan) -> tuple[Table, ...]:

@@ -1,18 +1,23 @@
 """Ordered ratings, or graded comparisons of pairs: a cumulative-link mixed model."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
+import numpy as np
 import pandas as pd
+from scipy.special import ndtri
 
+from analysis.answers import Answers
 from analysis.columns import frame_of
 from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
-from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts import PartFigure, Shown, SimplePart, Tests
+from analysis.parts.differences import planned_differences
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
+from analysis.rates import mean_influence
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -69,6 +74,17 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
         """Return the least adjusted p of the comparisons."""
         known = [one.p_adjusted for one in found.model.contrasts if one.p_adjusted >= 0]
         return min(known, default=None)
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingSettings) -> Tests:
+        """Test differences of mean normal scores of ratings, near those of the model."""
+        steps, counts = np.unique(answers.given, return_counts=True)
+        scores = ndtri((np.cumsum(counts) - 0.5 * counts) / counts.sum())
+        scores -= np.average(scores, weights=counts)
+        scores /= np.sqrt(np.average(scores**2, weights=counts))
+        scored = replace(answers, given=scores[np.searchsorted(steps, answers.given)])
+        names = answers.cells["condition"]
+        cells = {name: ((names == name).to_numpy(),) for name in dict.fromkeys(names)}
+        return {"": partial(planned_differences, scored, people, plan, cells, mean_influence)}
 
     def show(self, found: Ratings, plan: RatingSettings) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""

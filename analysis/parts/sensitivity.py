@@ -8,8 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from analysis.answers import Answers, Mask
 from analysis.cells import grid
+from analysis.clustered import two_way_of_first
 from analysis.columns import frame_of
 from analysis.detection import (
     Discrimination,
@@ -17,10 +20,11 @@ from analysis.detection import (
     Measure,
     YesNo,
     YesNoResults,
+    d_prime_influence,
     yes_no,
 )
 from analysis.models import ModelFit, glmm_probit
-from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.differences import (
     alone,
@@ -30,12 +34,13 @@ from analysis.parts.differences import (
     estimate,
     in_order,
     limits_title,
+    planned_differences,
     told_apart,
 )
 from analysis.parts.right_models import random_sd
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.rates import Difference, Rate, rate
+from analysis.rates import Difference, Influence, Rate, rate, share_influence
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -50,6 +55,7 @@ from analysis.report.wording import (
     share_range,
 )
 
+Floats = NDArray[np.float64]
 TRUST = "When not to trust these sensitivities"
 
 
@@ -102,6 +108,29 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             found.correction,
             tuple(notes),
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test differences of d', and of bias where the baseline has a d' too."""
+        if plan.adaptive:
+            return {}
+        own = {name: _cells_of(answers, name) for name in plan.values}
+        there = (answers.cells["expected"] == plan.answers[0]).to_numpy()
+        lacking = [cells for cells in own.values() if not there[cells].any()]
+        shared = np.any(lacking, axis=0) if lacking else ~there
+        told = {
+            name: (cells & there, cells & ~there if not there[cells].all() else shared & ~there)
+            for name, cells in own.items()
+            if there[cells].any() and (lacking or not there[cells].all())
+        }
+        test = partial(
+            planned_differences, answers, people, plan, by_scene=plan.test == "participant-scene"
+        )
+        found: dict[str, Callable[[], Floats]] = {"": partial(test, told, _moved_d_prime)}
+        if len(own) > 1 and plan.baseline in told:
+            every = {name: (cells,) for name, cells in own.items()}
+            held = [list(own).index(name) - 1 for name in list(told)[1:]]
+            found["bias"] = lambda: test(every, share_influence)[..., held]
+        return found
 
     def estimates(self, found: YesNoSensitivity, plan: RateSettings) -> Sequence[Estimate]:
         """Return d' and what they differ by, unless levels adapt."""
@@ -216,6 +245,14 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     shared = [noise.assign(condition=name) for name in only_signal]
     kept = rows[~rows["condition"].isin(only_noise)]
     return pd.concat([kept, *shared], ignore_index=True)
+
+
+def _cells_of(answers: Answers, condition: str) -> Mask:
+    return np.asarray(answers.cells["condition"] == condition)
+
+
+def _moved_d_prime(*counts: Floats) -> Influence:
+    return d_prime_influence(*counts, "log-linear")[0]
 
 
 def _cells(one: Measure | None) -> tuple[str, str, str]:
@@ -397,6 +434,18 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
             answered,
             alone(table, plan),
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test differences of shares, or of a single condition's against chance."""
+        if plan.adaptive:
+            return {}
+        own = {name: (_cells_of(answers, name),) for name in plan.values}
+        by_scene = plan.test == "participant-scene"
+        if len(own) > 1:
+            given = answers, people, plan, own, share_influence
+            return {"": partial(planned_differences, *given, by_scene=by_scene)}
+        alone = answers.grid(own[plan.baseline][0], by_scene=by_scene)
+        return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
 
     def estimates(self, found: ChoiceSensitivity, plan: RateSettings) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by, unless levels adapt."""

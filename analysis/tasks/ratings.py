@@ -1,7 +1,7 @@
 """The analysis of ordered ratings, kind `ratings`."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import pandas as pd
 
@@ -10,11 +10,11 @@ from analysis.parts.learning import StepLearning
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.ratings import RatingSettings, RatingsOptions, from_protocol, settings_of
+from analysis.simulations import RatedSteps
 from analysis.tables.ratings import read_ratings, scale_of
 from analysis.tables.table import Source
 from analysis.tasks.base import TableOptions, TaskAnalysis
 from protocols.columns import Column, decided
-from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.tasks.rating import RATING_COLUMNS
 
@@ -68,12 +68,10 @@ class Ratings(TaskAnalysis[RatingSettings]):
         """Return what is rated."""
         return "pairs, graded" if settings.by is None else f"ratings by {settings.by}"
 
-    def assumptions(self, _study: StudyProtocol) -> NoReturn:
-        """Refuse: nobody simulates ratings yet."""
-        raise StudyError(
-            "analysis.kind: the power of 'ratings' cannot be simulated; plan by a pilot, whose"
-            " report gives the limits of every difference"
-        )
+    def simulation(self, study: StudyProtocol) -> RatedSteps:
+        """Return the simulation of the steps that are given."""
+        plan = self.settings(study)
+        return RatedSteps(study, plan, self.parts_of(plan))
 
 
 def _columns(decisions: pd.DataFrame) -> tuple[Column, ...]:

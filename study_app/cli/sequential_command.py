@@ -47,6 +47,7 @@ def sequential(
     """
     import numpy as np
 
+    from analysis.power import planned_p_values
     from analysis.sequential import plan_of, sequential_error
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
@@ -62,15 +63,15 @@ def sequential(
                 f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
                 f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
             )
-        analysis = analysis_of(study.analysis.kind)
-        assumed = assumed_values(analysis.assumptions(study), pairs("--set", assume or ()))
+        simulation = analysis_of(study.analysis.kind).simulation(study)
+        assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
         plan = plan_of(section, study.analysis.alpha)
         rng = np.random.default_rng(seed)
         found = []
         with one_line() as progress:
             for name, null in (("without an effect", True), ("with an effect", False)):
-                p = analysis.simulated_p(
-                    study,
+                p = planned_p_values(
+                    simulation,
                     assumed,
                     plan.looks,
                     null=null,

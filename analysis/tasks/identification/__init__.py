@@ -11,9 +11,9 @@ from analysis.ideal_observer import forced_choice_share
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RateSettings, RatesOptions, baseline_in
+from analysis.simulations import Floats, tabulated
 from analysis.tasks.base import TableOptions
 from analysis.tasks.rates import RatesTask, rate_parts
-from analysis.tasks.rates.power import Floats, tabulated
 from protocols.errors import StudyError
 
 
