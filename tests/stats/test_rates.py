@@ -8,7 +8,6 @@ import pytest
 from scipy.special import expit
 
 from analysis.clustered import two_way
-from analysis.power import mean_logit
 from analysis.rates import (
     contrasts,
     correct_rates,
@@ -16,6 +15,7 @@ from analysis.rates import (
     share_influence,
     share_limits,
 )
+from analysis.simulations import mean_logit
 
 DEVIATIONS = ((0, 0), (0.5, 0), (1, 0), (0.5, 0.5), (0.63, 0.43))
 DESIGNS = ((11, 6, 2), (6, 3, 2), (30, 20, 1))
