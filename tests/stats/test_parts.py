@@ -32,7 +32,10 @@ REPORTS = {
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "scale", "bias", "learning", "times"),
+    "preference": (
+        *("preferences", "choice_models", "scale", "strengths"),
+        *("bias", "learning", "times"),
+    ),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
@@ -84,6 +87,14 @@ SAID = {
         "methods": "Quality in just objectionable differences",
         "tables": {"scale.csv", "scale_differences.csv"},
         "figure": "scale",
+    },
+    "strengths": {
+        "section": "scale",
+        "caption": "Bradley-Terry strengths, log odds",
+        "sentence": "The odds of choosing ours over plain (large) were 1",
+        "methods": "Strengths are log odds by maximum likelihood",
+        "tables": {"strengths.csv", "odds.csv"},
+        "figure": "strengths",
     },
     "bias": {
         "section": "checks",

@@ -13,6 +13,7 @@ from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
+from analysis.parts.strengths import StrengthsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
     PreferenceOptions,
@@ -40,6 +41,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         PreferencesPart(),
         ChoiceModelsPart(),
         ScalePart(),
+        StrengthsPart(),
         BiasPart(),
         ChoiceLearning(),
         TimesPart(),
