@@ -1,7 +1,7 @@
 """How often answers are right: shares with limits and tests against chance, by condition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -201,19 +201,12 @@ class Influence:
         )
 
 
-def mean_influence(total: Floats, shown: Floats) -> Influence:
-    """Return the influence of cells on the mean of standardised scores; `total` are their sums."""
-    trials = shown.sum(axis=(-2, -1))
-    mean = total.sum(axis=(-2, -1)) / trials
-    cells = (total - shown * mean[..., None, None]) / trials[..., None, None]
-    return Influence(mean, cells, shown, 1.0 / trials)
-
-
 def share_influence(happened: Floats, shown: Floats) -> Influence:
     """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
-    mean, trials = mean_influence(happened, shown), shown.sum(axis=(-2, -1))
-    mild = (happened.sum(axis=(-2, -1)) + 0.5) / (trials + 1.0)
-    return replace(mean, least=mild * (1.0 - mild) / trials)
+    count, total = happened.sum(axis=(-2, -1)), shown.sum(axis=(-2, -1))
+    share, mild = count / total, (count + 0.5) / (total + 1.0)
+    cells = (happened - shown * share[..., None, None]) / total[..., None, None]
+    return Influence(share, cells, shown, mild * (1.0 - mild) / total)
 
 
 def contrasts(

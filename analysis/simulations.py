@@ -454,8 +454,8 @@ class RatedSteps(_Conditions[RatingSettings]):
         """Say by which test ratings were compared."""
         return [
             *super().notes(assumed),
-            "ratings are compared by t tests of their normal scores, not by the report's mixed"
-            " model, which takes seconds a study",
+            "ratings are compared by analysis of variance of normal scores, not by the report's"
+            " mixed model, which takes seconds a study",
         ]
 
     def from_pilot(self, decisions: pd.DataFrame, settings: RatingSettings) -> Found:

@@ -15,7 +15,6 @@ from analysis.contrasts import pairs_of
 from analysis.detection import Measure
 from analysis.parts import Estimate, Part, Plan, Shown
 from analysis.plans.rates import RateSettings
-from analysis.plans.ratings import RatingSettings
 from analysis.rates import Difference, Influence, Rate
 from analysis.report.blocks import Box, Table
 from analysis.report.wording import (
@@ -55,11 +54,9 @@ def told_apart(found: Sequence[Difference], plan: Plan) -> tuple[Difference, ...
 def planned_differences(
     answers: Answers,
     people: Sequence[int],
-    plan: RateSettings | RatingSettings,
+    plan: RateSettings,
     cells: Mapping[str, Sequence[Mask]],
     influence: Callable[..., Influence],
-    *,
-    by_scene: bool = True,
 ) -> Floats:
     """Return p of differences between conditions, or of a single one against 0, adjusted.
 
@@ -74,7 +71,8 @@ def planned_differences(
     ndarray (studies, numbers of participants, comparisons)
     """
     grids = {
-        name: [answers.grid(one, by_scene=by_scene) for one in sets] for name, sets in cells.items()
+        name: [answers.grid(one, by_scene=plan.test == "participant-scene") for one in sets]
+        for name, sets in cells.items()
     }
 
     def tested(count: int) -> Floats:

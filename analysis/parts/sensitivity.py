@@ -122,9 +122,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             for name, cells in own.items()
             if there[cells].any() and (lacking or not there[cells].all())
         }
-        test = partial(
-            planned_differences, answers, people, plan, by_scene=plan.test == "participant-scene"
-        )
+        test = partial(planned_differences, answers, people, plan)
         found: dict[str, Callable[[], Floats]] = {"": partial(test, told, _moved_d_prime)}
         if len(own) > 1 and plan.baseline in told:
             every = {name: (cells,) for name, cells in own.items()}
@@ -440,10 +438,9 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
         if plan.adaptive:
             return {}
         own = {name: (_cells_of(answers, name),) for name in plan.values}
-        by_scene = plan.test == "participant-scene"
         if len(own) > 1:
-            given = answers, people, plan, own, share_influence
-            return {"": partial(planned_differences, *given, by_scene=by_scene)}
+            return {"": partial(planned_differences, answers, people, plan, own, share_influence)}
+        by_scene = plan.test == "participant-scene"
         alone = answers.grid(own[plan.baseline][0], by_scene=by_scene)
         return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
 
