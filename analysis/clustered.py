@@ -417,13 +417,6 @@ def two_way_df(weights: Sequence[Floats], degrees: Sequence[Floats]) -> Floats:
         return np.asarray(sum(squares) / sum(spread))
 
 
-def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:
-    """Return the two-sided p of a t statistic; NaN where the standard error is 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(standard_error > 0, np.abs(estimate) / standard_error, np.nan)
-    return np.asarray(2.0 * stats.t.sf(ratio, df))
-
-
 def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: float) -> Floats:
     """Return the TOST p-value: the larger one-sided p of -margin < estimate < margin.
 

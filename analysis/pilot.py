@@ -7,8 +7,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.answers import codes_of
+from analysis.contrasts import IN_CONDITION
 from analysis.glmm import CrossedFit, fit_crossed
-from analysis.ordinal import IN_CONDITION
 from analysis.pairings import as_numbers
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.sensitivity import with_shared_noise

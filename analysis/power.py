@@ -446,11 +446,11 @@ def _by_table(
     if any(_has(part, "planned_over") for part in simulation.parts):
         asked = [part for part in asked if part.name not in own]
     kept, notes = [], []
-    answers = simulation.draw(assumed, 1, 2, np.random.default_rng(SEED)) if asked else None
     for part in asked:
         why = "answers are drawn without what it is about, such as reaction times"
         try:
-            if part.wanted(simulation.table(answers), simulation.plan):
+            drawn = simulation.draw(assumed, 1, 2, np.random.default_rng(SEED))
+            if part.wanted(simulation.table(drawn), simulation.plan):
                 kept.append(part)
                 continue
         except StudyError as problem:

@@ -140,25 +140,6 @@ def rate(
     )
 
 
-def share_limits(
-    chosen: Floats, shown: Floats, *, chance: float, level: float = 0.95
-) -> tuple[Floats, Floats, Floats]:
-    """Return lower and upper limits of shares, and p against chance, from one procedure.
-
-    Parameters
-    ----------
-    chosen, shown : ndarray (..., participants, scenes)
-        At least two participants.
-
-    Notes
-    -----
-    `ClusteredShare.p_value` and `limits`.
-    """
-    estimate = two_way(chosen, shown)
-    lower, upper = estimate.limits(level, chance)
-    return lower, upper, estimate.p_value(chance)
-
-
 def rate_contrasts(
     trials: pd.DataFrame,
     by: Sequence[str],

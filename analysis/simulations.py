@@ -31,7 +31,7 @@ from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 
 Floats = NDArray[np.float64]
-C = TypeVar("C", RateSettings, RatingSettings)
+C = TypeVar("C", bound=RateSettings | RatingSettings)
 
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
@@ -113,11 +113,11 @@ class Choices(Simulation[Settings]):
 
     def table(self, answers: Answers) -> pd.DataFrame:
         """Return decisions; each of a pair comes first in turn."""
-        rows, won = answers.rows()
-        turned = rows["order"] % 2 == 0
-        sides = {"chosen": ~won.astype(bool), "rejected": won.astype(bool), "first": turned}
-        for name, other in (*sides.items(), ("second", ~turned)):
-            rows[name] = rows["against"].where(other, rows["method"])
+        rows, event = answers.rows()
+        won, turned = event.astype(bool), rows["order"].to_numpy() % 2 == 1
+        sides = (("chosen", won), ("rejected", ~won), ("first", turned), ("second", ~turned))
+        for name, ours in sides:
+            rows[name] = np.where(ours, rows["method"], rows["against"])
         return as_numbers(rows.drop(columns=["method", "against"]))
 
     def participants(self) -> tuple[int, ...]:
@@ -167,7 +167,7 @@ class _Conditions(Simulation[C]):
         columns = by_columns(plan.by)
         frame = pd.DataFrame([one.condition for one in shown]).assign(
             scene=[cell.scene for cell in cells],
-            expected=[one.correct for one in shown],
+            expected=[one.correct or "" for one in shown],
             condition=[combined(one.condition.get(name) for name in columns) for one in shown],
         )
         super().__init__(plan, parts, frame, study.design.repeats, study.study.participants)
@@ -188,19 +188,19 @@ class _Conditions(Simulation[C]):
 
     def _more(self, assumed: Mapping[str, float], own: str, every: str) -> Floats:
         """Return what each condition has more than the baseline."""
-        more = [assumed.get(own + name, assumed.get(every, 0.0)) for name in self.names[1:]]
-        return np.array([0.0, *more])
+        all_more = assumed.get(every, 0.0)
+        return np.array([0.0, *(assumed.get(own + name, all_more) for name in self.names[1:])])
 
     def _effects(
         self, assumed: Mapping[str, float], name: str, units: tuple[int, int], rng: Generator
     ) -> NDArray[np.float32]:
         """Draw deviations (*units, cells) of participants, or of scenes."""
-        codes = self._scene if name == "scene_sd" else self._person
-        return np.float32(assumed.get(name, 0.0)) * crossed_effects(rng, units, *codes, COMMON)
+        whole, own = self._scene if name == "scene_sd" else self._person
+        return np.float32(assumed.get(name, 0.0)) * crossed_effects(rng, units, whole, own, COMMON)
 
     def nothing(self, assumed: Mapping[str, float]) -> dict[str, float]:
         """Return no differences; of one condition no sensitivity, alike for all."""
-        gone = ("difference", CRITERION_DIFFERENCE)
+        gone: tuple[str, ...] = ("difference", CRITERION_DIFFERENCE)
         if len(self.names) == 1:
             gone = ("d_prime", "slope", "participant_sd", "scene_sd")
         return {

@@ -27,7 +27,7 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.bootstrap import bootstrap_scale, bootstrap_scores
-from analysis.clustered import two_sided_p, two_way
+from analysis.clustered import two_way
 from analysis.learning import trend
 from analysis.observers import check_observers
 from analysis.paired_model import paired_model
@@ -247,7 +247,9 @@ def _rates(
         studies,
         pooled=float(np.mean(exact[counts.sum(axis=(1, 2)).astype(int)] < 0.05)),
         participant_t=float(
-            np.mean(two_sided_p(alone.share - 0.5, alone.standard_error, alone.df) < 0.05)
+            np.mean(
+                2 * stats.t.sf(np.abs(alone.share - 0.5) / alone.standard_error, alone.df) < 0.05
+            )
         ),
         sign_flip=float(np.mean(_sign_flip_p(rng, deviation) < 0.05)),
         two_way=float(np.mean(found.p_value() < 0.05)),

@@ -249,8 +249,8 @@ def _cells_of(answers: Answers, condition: str) -> Mask:
     return np.asarray(answers.cells["condition"] == condition)
 
 
-def _moved_d_prime(*counts: Floats) -> Influence:
-    return d_prime_influence(*counts, "log-linear")[0]
+def _moved_d_prime(hits: Floats, signal: Floats, alarms: Floats, noise: Floats) -> Influence:
+    return d_prime_influence(hits, signal, alarms, noise, "log-linear")[0]
 
 
 def _cells(one: Measure | None) -> tuple[str, str, str]:

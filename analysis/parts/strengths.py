@@ -58,7 +58,11 @@ class StrengthsPart(Part[Settings, Strengths]):
         self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], chance: Generator
     ) -> Strengths:
         """Fit the methods of each size that comparisons link."""
-        decisions, notes, sizes = as_numbers(table), list[str](), {}
+        decisions, notes, sizes = (
+            as_numbers(table),
+            list[str](),
+            dict[str, tuple[Scale, ScaleIntervals]](),
+        )
         for size in plan.sizes:
             rows, methods = plan.compared_at(decisions, size)
             if len(methods) > 2:
@@ -125,9 +129,9 @@ def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
             size,
             fit.conditions[first],
             fit.conditions[second],
-            *(float(np.exp(value)) for value in (gap, *ends)),
-            p=float(limits.difference_p[first, second]),
-            p_adjusted=float(limits.difference_p_adjusted[first, second]),
+            *map(float, np.exp([gap, *ends])),
+            float(limits.difference_p[first, second]),
+            float(limits.difference_p_adjusted[first, second]),
         )
 
 

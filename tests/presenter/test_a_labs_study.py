@@ -134,8 +134,7 @@ def test_a_study_of_a_labs_own_parts_runs_from_check_to_report(
     # The lab's planned test has a power too: of a sign test of six people or more.
     found = json.loads((folder / "power" / "power.json").read_text())
     sides = dict(zip(found["participants"], found["also"]["lab sides"], strict=True))
-    assert sides[4] == 0.0
-    assert sides[40] > 0.9
+    assert sides[min(sides)] < 0.5 < 0.9 < sides[max(sides)]
     assert max(found["also"]["lab sides: false positives"]) < 0.15
 
 
