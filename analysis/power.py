@@ -244,7 +244,10 @@ def power(
         If an assumption is beyond its limits, or a number of participants below 2.
     """
     taken, plan, planned = _checked(simulation, assumed), simulation.plan, simulation.planned
-    nothing, deciding = simulation.nothing(taken), simulation.deciding()
+    nothing = simulation.nothing(taken)
+    # A statistic of a lab may be about all that is shown, not the planned test's part of it.
+    lab = len(_every_part(simulation)) > len(simulation.parts)
+    deciding = simulation if lab else simulation.deciding()
     tables, notes = _by_table(simulation, taken)
     people = tuple(participants or simulation.participants())
     people = thinned(people, planned) if tables and participants is None else people
@@ -269,7 +272,7 @@ def power(
     family = found.get("", found[first])
     curves: dict[str, Floats] = {}
     for name, one in found.items():
-        title = name.replace("_", " ")
+        title = _title(name)
         if one.shape[-1] > 1:
             singled = () if name else simulation.singled_out(taken)
             curves |= dict(zip(singled, one.mean(axis=0).T, strict=False))
@@ -281,8 +284,10 @@ def power(
         elif name == first or name:
             alone = "better than chance" if simulation.chance_alone else "the comparison"
             curves[title or alone] = each[name]
-    further = {f"{name.replace('_', ' ')}: false positives": one for name, one in wrong.items()}
-    titled = dict(zip(["false positives", *[*further][1:]], wrong.values(), strict=True))
+    titled = {
+        f"{f'{_title(name)}: ' * (name != first)}false positives": one
+        for name, one in wrong.items()
+    }
     errs = _errs_too_often(people, wrong[first], plan.alpha, count)
     notes = [*simulation.notes(taken), *errs, *notes]
     if EQUIVALENCE in each:
@@ -316,6 +321,7 @@ def power(
             "planned": planned,
             "studies": count,
             "alpha": plan.alpha,
+            **({"margin": plan.margin} if EQUIVALENCE in each else {}),
             "assumptions": taken,
             "comparisons": comparisons,
             "each": each.get("", each[first]),
@@ -455,12 +461,16 @@ def _by_table(
                 continue
         except StudyError as problem:
             why = str(problem)
-        notes.append(f"the test of {part.name.replace('_', ' ')} is not simulated: {why}")
+        notes.append(f"the test of {_title(part.name)} is not simulated: {why}")
     return kept, notes
 
 
 def _every_part(simulation: Simulation[Any]) -> tuple[AnyPart, ...]:
     return (*simulation.parts, *added_parts({part.name for part in simulation.parts}))
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _has(part: AnyPart, method: str) -> bool:

@@ -173,6 +173,7 @@ class _Conditions(Simulation[C]):
         super().__init__(plan, parts, frame, study.design.repeats, study.study.participants)
         names = plan.in_order(list(dict.fromkeys(frame["condition"])))
         self.names = sorted(names, key=lambda name: baseline not in (None, name))
+        self.compared = self.names[1:]
         self.against = "" if baseline is None else " with the baseline"
         self._number = frame["condition"].map(self.names.index).to_numpy(dtype=np.int64)
         scene = codes_of(frame["scene"])
@@ -209,9 +210,9 @@ class _Conditions(Simulation[C]):
         }
 
     def singled_out(self, assumed: Mapping[str, float]) -> Sequence[str]:
-        """Return names of conditions that have a difference of their own."""
+        """Return names of compared conditions, where one has a difference of its own."""
         own = self.against and any(name.startswith(OWN) for name in assumed)
-        return [self.plan.label(name) for name in self.names[1:]] if own else []
+        return [self.plan.label(name) for name in self.compared] if own else []
 
 
 class RightAnswers(_Conditions[RateSettings]):
@@ -233,6 +234,7 @@ class RightAnswers(_Conditions[RateSettings]):
         held = [self._there[self._number == k] for k in range(len(self.names))]
         lacking = share is None and any(one.all() for one in held)
         self._told = np.array([one.any() or not lacking for one in held])
+        self.compared = [self.names[k] for k in np.flatnonzero(self._told)][1:]
         self._place = np.full(len(self.cells), 0.5)
         if plan.level is not None:
             column = pd.to_numeric(self.cells[plan.level], errors="coerce").fillna(0.0)
@@ -287,11 +289,6 @@ class RightAnswers(_Conditions[RateSettings]):
         else:
             chance = self.share(d)
         return Answers(rng.random((self.repeats, *d.shape), dtype=np.float32) < chance, self.cells)
-
-    def singled_out(self, assumed: Mapping[str, float]) -> Sequence[str]:
-        """Return names of conditions that have a difference, and a d', of their own."""
-        known = {self.plan.label(self.names[k]) for k in np.flatnonzero(self._told)}
-        return [name for name in super().singled_out(assumed) if name in known]
 
     def table(self, answers: Answers) -> pd.DataFrame:
         """Return decisions; who is wrong gives any of the other answers."""

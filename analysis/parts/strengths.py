@@ -124,12 +124,13 @@ class StrengthsPart(Part[Settings, Strengths]):
 def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
     for first, second in zip(*np.triu_indices(len(fit.conditions), 1), strict=True):
         gap = fit.scores[first] - fit.scores[second]
-        ends = limits.difference_lower[first, second], limits.difference_upper[first, second]
         yield Odds(
             size,
             fit.conditions[first],
             fit.conditions[second],
-            *map(float, np.exp([gap, *ends])),
+            float(np.exp(gap)),
+            float(np.exp(limits.difference_lower[first, second])),
+            float(np.exp(limits.difference_upper[first, second])),
             float(limits.difference_p[first, second]),
             float(limits.difference_p_adjusted[first, second]),
         )
