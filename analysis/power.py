@@ -353,11 +353,11 @@ def planned_p_values(
     taken, deciding = _checked(simulation, assumed), simulation.deciding()
     taken = simulation.nothing(taken) if null else taken
     tables = _by_table(simulation, taken)[0]
-    found = []
-    for batch in _batches(simulation, studies, progress):
-        tests = _tests(deciding, taken, batch, participants, rng, tables)
-        found.append(next(iter(tests.values()))().min(axis=-1))
-    return np.concatenate(found)
+    first = (
+        next(iter(_tests(deciding, taken, batch, participants, rng, tables).values()))
+        for batch in _batches(simulation, studies, progress)
+    )
+    return np.concatenate([test().min(axis=-1) for test in first])
 
 
 def default_participants(planned: int | None) -> tuple[int, ...]:
@@ -481,11 +481,9 @@ def _legend(
     simulation: Simulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
 ) -> str:
     """Return what the columns of the table mean."""
-    said = []
-    which = "any test"
-    if "primary" in found:
-        said.append("primary: the primary comparison is significant, tested alone")
-        which = "the primary comparison"
+    primary = "primary" in found
+    said = ["primary: the primary comparison is significant, tested alone"] * primary
+    which = "the primary comparison" if primary else "any test"
     if any(one.shape[-1] > 1 for one in found.values()):
         said.append(
             f"a comparison: one{simulation.against} is significant, on average, after correction;"

@@ -1,6 +1,6 @@
 """Bradley-Terry strengths of the methods: log odds of being chosen, with limits."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
@@ -11,9 +11,10 @@ from numpy.random import Generator
 
 from analysis.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.pairings import as_numbers
+from analysis.pairs import Model
 from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.parts.differences import limits_title
-from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
+from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
 from analysis.plans.preference import Settings
 from analysis.plots import jod_plot
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
@@ -67,12 +68,8 @@ class StrengthsPart(Part[Settings, Strengths]):
             rows, methods = plan.compared_at(decisions, size)
             if len(methods) > 2:
                 votes, _ = vote_tensor(rows, methods)
-                limits = partial(bootstrap_scale, votes, rng=chance, samples=BOOTSTRAP_SAMPLES)
                 fit = tried(
-                    lambda votes=votes, methods=methods, limits=limits: (  # type: ignore[misc]
-                        scale(votes.sum(axis=(0, 1)), methods, "bradley-terry"),
-                        limits(level=plan.confidence, model="bradley-terry"),
-                    ),
+                    partial(_fitted, votes, methods, plan.confidence, chance),
                     f"strengths at {size}",
                     notes,
                 )
@@ -86,20 +83,16 @@ class StrengthsPart(Part[Settings, Strengths]):
         """Return strengths and odds."""
         level = f"{100 * plan.confidence:g} %"
         caption = f"Log odds of being chosen (Bradley-Terry, mean zero) with {level} limits."
-        lines = [
-            {
-                "size": size,
-                "method": name,
-                "log_odds": float(fit.scores[k]),
-                "lower": float(limits.lower[k]),
-                "upper": float(limits.upper[k]),
-                "standard_error": float(limits.standard_error[k]),
-            }
+        frames = [
+            pd.DataFrame(
+                {"size": size, "method": fit.conditions, "log_odds": fit.scores}
+                | {name: getattr(limits, name) for name in ("lower", "upper", "standard_error")}
+            )
             for size, (fit, limits) in found.sizes.items()
-            for k, name in enumerate(fit.conditions)
         ]
+        table = pd.concat(frames, ignore_index=True)
         return Shown(
-            blocks=tuple(_blocks(found, lines, plan)),
+            blocks=tuple(_blocks(found, table.to_dict("records"), plan)),
             sentences=tuple(
                 f"The odds of choosing {plan.label(one.first)} over {plan.label(one.second)}"
                 f"{plan.at(one.size, ' ({})')} were {big(one.odds)}, {level.replace(' ', '')} CI"
@@ -112,13 +105,22 @@ class StrengthsPart(Part[Settings, Strengths]):
                 " (1952), with two-way bootstrap intervals over participants and scenes."
             ),
             tables={
-                "strengths.csv": pd.DataFrame(lines),
+                "strengths.csv": table,
                 "odds.csv": pd.DataFrame([vars(one) for one in found.odds]),
             },
             figures=(
                 PartFigure("strengths", caption, partial(jod_plot, found.sizes, label=plan.label)),
             ),
         )
+
+
+def _fitted(
+    votes: Floats, methods: tuple[str, ...], level: float, chance: Generator
+) -> tuple[Scale, ScaleIntervals]:
+    model: Model = "bradley-terry"
+    samples = BOOTSTRAP_SAMPLES
+    limits = bootstrap_scale(votes, rng=chance, samples=samples, level=level, model=model)
+    return scale(votes.sum(axis=(0, 1)), methods, model), limits
 
 
 def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
@@ -136,7 +138,7 @@ def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
         )
 
 
-def _blocks(found: Strengths, lines: list[dict[str, Any]], plan: Settings) -> Iterator[Block]:
+def _blocks(found: Strengths, lines: Sequence[Any], plan: Settings) -> Iterator[Block]:
     label, several = plan.label, [("Size", "l", lambda one: plan.at(one["size"]))] * plan.sized
     yield Picture("strengths")
     yield Table.each(

@@ -1,14 +1,9 @@
 """Numbers in words, as APA style writes them, and what every report says."""
 
 import math
-import unicodedata
 from collections.abc import Sequence
 
 from analysis.exclusions import FlowStep
-
-REPLACED = "\N{REPLACEMENT CHARACTER}"
-# Control, format (among them bidirectional overrides), surrogate, private use.
-_UNPRINTABLE = {"Cc", "Cf", "Cs", "Co"}
 
 NOT_IDENTIFIED = "not identified by these data"
 NONE = "none"
@@ -118,14 +113,6 @@ def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
         if (len(found) == everywhere and everywhere > 1) or not any(found)
         else f"{'; '.join(found)}: {text}"
         for text, found in names.items()
-    )
-
-
-def printable(text: str) -> str:
-    """Return free text without characters that break or reorder a page, each as a mark."""
-    return "".join(
-        mark if mark in "\n\t" or unicodedata.category(mark) not in _UNPRINTABLE else REPLACED
-        for mark in text
     )
 
 
