@@ -118,9 +118,9 @@ def _fitted(
     votes: Floats, methods: tuple[str, ...], level: float, chance: Generator
 ) -> tuple[Scale, ScaleIntervals]:
     model: Model = "bradley-terry"
+    fit = scale(votes.sum(axis=(0, 1)), methods, model)
     samples = BOOTSTRAP_SAMPLES
-    limits = bootstrap_scale(votes, rng=chance, samples=samples, level=level, model=model)
-    return scale(votes.sum(axis=(0, 1)), methods, model), limits
+    return fit, bootstrap_scale(votes, rng=chance, samples=samples, level=level, model=model)
 
 
 def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
