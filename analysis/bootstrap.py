@@ -97,6 +97,7 @@ def bootstrap_scale(
     rng: np.random.Generator,
     samples: int = 1000,
     level: float = 0.95,
+    model: Model = "thurstone",
     scenes: bool = True,
 ) -> ScaleIntervals:
     """Bootstrap intervals of scores that respect participants and scenes.
@@ -115,7 +116,7 @@ def bootstrap_scale(
     participants, scene_count = wins.shape[:2]
     if participants < 2:
         raise ValueError(f"wins must hold at least two participants (got {participants})")
-    scores = bootstrap_scores(wins, rng=rng, samples=samples, model="thurstone", scenes=scenes)
+    scores = bootstrap_scores(wins, rng=rng, samples=samples, model=model, scenes=scenes)
     whole = np.isfinite(scores).all(axis=1)
     scores = scores[whole]
     if scores.shape[0] < 20:

@@ -9,11 +9,14 @@ from typing import ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
+from analysis.answers import Answers
 from analysis.cells import conditions
+from analysis.clustered import holm
 from analysis.columns import frame_of
 from analysis.contrasts import Difference
-from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
+from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
     deviations,
@@ -288,6 +291,17 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             contrasts=in_order(model.contrasts, plan, lambda one: one.first),
         )
         return Thresholds(**vars(ordered), counts=counts_in(table, plan))
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test thresholds that levels chosen from the answers gave, by paired t tests."""
+
+        def tested() -> Floats:
+            gaps = answers.counts[..., 1:] - answers.counts[..., :1]
+            each = [stats.ttest_1samp(gaps[:, :count], 0.0, axis=1).pvalue for count in people]
+            p = np.stack(each, axis=1)
+            return holm(p) if plan.correction == "holm" else p
+
+        return {"": tested} if plan.adaptive else {}
 
     def estimates(self, found: Thresholds, plan: RateSettings) -> Sequence[Estimate]:
         """Return differences of thresholds, where levels adapt and so these are the result."""

@@ -37,7 +37,10 @@ REPORTS = {
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "bayes", "scale", "bias", "learning", "times"),
+    "preference": (
+        *("preferences", "choice_models", "bayes", "scale", "strengths"),
+        *("bias", "learning", "times"),
+    ),
     "sessions": ("looks",),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
@@ -107,6 +110,14 @@ SAID = {
         "methods": "Quality in just objectionable differences",
         "tables": {"scale.csv", "scale_differences.csv"},
         "figure": "scale",
+    },
+    "strengths": {
+        "section": "scale",
+        "caption": "Bradley-Terry strengths, log odds",
+        "sentence": "The odds of choosing ours over plain (large) were 1",
+        "methods": "Strengths are log odds by maximum likelihood",
+        "tables": {"strengths.csv", "odds.csv"},
+        "figure": "strengths",
     },
     "bias": {
         "section": "checks",
