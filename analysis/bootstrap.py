@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm
+from analysis.clustered import holm, least_p
 from analysis.pairs import Floats, Model, fit_scores, pair_index
 from protocols.prose import count_of
 
@@ -177,7 +177,7 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
     """
     samples = drawn.shape[0]
     place = np.arange(samples) / (samples - 1.0)
-    floor = min(1.0, 2.0 * 0.5**participants)
+    floor = float(least_p(participants))
     widened = np.sqrt(participants / (participants - 1.0))
     edge = float(stats.norm.ppf(1.0 / samples))
     found = np.ones(drawn.shape[1])

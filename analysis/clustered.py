@@ -82,7 +82,7 @@ class ClusteredShare:
         return (
             np.asarray(2.0 * stats.t.sf(np.abs(self.score_t(null)), self.df)),
             np.asarray(2.0 * stats.norm.sf(z)),
-            np.asarray(np.minimum(1.0, 2.0 * toward**self.persons)),
+            least_p(self.persons, toward),
         )
 
     def p_value(self, null: float = 0.5) -> Floats:
@@ -182,7 +182,15 @@ class ClusteredEstimate:
         return np.asarray(lower), np.asarray(np.where(few, np.maximum(upper, null), upper))
 
     def _floor(self) -> Floats:
-        return np.minimum(1.0, 2.0 * 0.5**self.persons)
+        return least_p(self.persons)
+
+
+def least_p(people: Floats | float, toward: Floats | float = 0.5) -> Floats:
+    """Return the least two-sided p that so many participants can show, if all agree.
+
+    `toward` is the chance that one of them answers so where there is nothing to find.
+    """
+    return np.asarray(np.minimum(1.0, 2.0 * np.asarray(toward) ** people))
 
 
 def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:

@@ -10,6 +10,7 @@ from scipy import optimize
 from scipy.special import expit
 
 from analysis.plots import power_plot, sized
+from analysis.showable import two_scenes
 from analysis.tasks.base import PowerReport
 from protocols.prose import count_of
 
@@ -117,8 +118,13 @@ def numbers_needed(
     )
 
 
-def few_scenes(scenes: int, scene_sd: float) -> list[str]:
-    """Say if scenes that differ are so few that they limit what people can show."""
+def few_scenes(scenes: int, scene_sd: float, *, claimed: bool) -> list[str]:
+    """Say if scenes are so few, or differ so, that they limit what people can show.
+
+    `claimed`: the test speaks of further scenes.
+    """
+    if claimed and scenes == 2:
+        return two_scenes(scenes)
     if scenes >= FEW_SCENES or scene_sd <= 0:
         return []
     return [

@@ -14,11 +14,13 @@ from analysis.clustered import (
     FEW_SCENES,
     ClusteredShare,
     holm,
+    least_p,
     sign_flip_floor,
     sign_flip_p,
     two_way,
 )
 from analysis.pairings import ALL_SIZES, Comparisons, counts, found_pairings
+from analysis.showable import hopeless, two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -280,7 +282,9 @@ def preferences(
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
     if correction == "holm":
-        notes += _hopeless(max(cell.answers.participants for cell in cells), len(cells), alpha)
+        people = max(cell.answers.participants for cell in cells)
+        if len(cells) > 1 and least_p(people) < alpha:
+            notes += hopeless(people, len(cells), alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,
@@ -325,6 +329,8 @@ def preference(
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
+    if test == "participant-scene":
+        notes += two_scenes(len(scenes))
     p, words, lower, upper = judged.p, judged.test, judged.lower, judged.upper
     if test == "pooled":
         p, words = float(exact.pvalue), "pooled exact binomial"
@@ -439,19 +445,6 @@ def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tup
         cell.adjusted(float(p), float(equivalence), alpha)
         for cell, p, equivalence in zip(cells, *adjusted, strict=True)
     )
-
-
-def _hopeless(people: int, count: int, alpha: float) -> list[str]:
-    """Say that a family of comparisons is too large for so few participants."""
-    least = 2.0 * 0.5**people
-    if count < 2 or least >= alpha or count * least < alpha:
-        return []
-    needed = int(np.floor(np.log2(2.0 * count / alpha))) + 1
-    return [
-        f"none of {count} comparisons can be significant after Holm's adjustment: {people}"
-        f" participants show no p below {least:.2g}; that takes {needed} participants, or fewer"
-        " comparisons"
-    ]
 
 
 def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdict:

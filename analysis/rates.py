@@ -11,6 +11,7 @@ from scipy import stats
 from analysis.cells import Grid, checked, conditions, grid
 from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
 from analysis.contrasts import pairs_of
+from analysis.showable import two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -109,8 +110,8 @@ def rate(
     happened, shown = places.count(event), places.count(event * 0 + 1)
     count, total = int(happened.sum()), int(shown.sum())
     exact = stats.binomtest(count, total, chance)
-    people = int((shown.sum(axis=1) > 0).sum())
-    notes = []
+    people, scenes = (int((shown.sum(axis=axis) > 0).sum()) for axis in (1, 0))
+    notes = two_scenes(scenes)
     if people < 2:
         interval = exact.proportion_ci(level, method="exact")
         lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
@@ -135,7 +136,7 @@ def rate(
         p=p,
         exact_p=float(exact.pvalue),
         participants=people,
-        scenes=int((shown.sum(axis=0) > 0).sum()),
+        scenes=scenes,
         warnings=tuple(notes),
     )
 

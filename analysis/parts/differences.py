@@ -23,6 +23,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
+from analysis.showable import hopeless
 
 T = TypeVar("T")
 
@@ -133,7 +134,7 @@ class ComparisonsPart(Part[RateSettings, Planned]):
 
     def compute(
         self,
-        _table: pd.DataFrame,
+        table: pd.DataFrame,
         plan: RateSettings,
         found: Mapping[str, Any],
         _chance: np.random.Generator,
@@ -149,6 +150,8 @@ class ComparisonsPart(Part[RateSettings, Planned]):
             )
         elif "sensitivity" in found:
             differences = found["sensitivity"].planned
+            family = len(differences) if plan.correction == "holm" else min(len(differences), 1)
+            notes += hopeless(table["participant"].nunique(), family, plan.alpha)
         return Planned(differences, () if differences else found["rates"].conditions, tuple(notes))
 
     def planned_p(self, found: Planned) -> float | None:

@@ -30,6 +30,7 @@ from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture,
 from analysis.report.wording import grouped, leading, number, number_range, p_number, p_text
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
+from analysis.showable import hopeless
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -185,6 +186,8 @@ def _size_scale(decisions: pd.DataFrame, plan: Settings, size: str) -> SizeScale
             found.append("some participants were even on a pair: Kendall's u is approximate")
     elif len(methods) > 2:
         found.append("not everyone saw every pair: no triads, no agreement")
+    if intervals is not None and len(methods) > 2:
+        found += hopeless(len(people), len(contrasts(total, methods)), plan.alpha)
     triads = zip(people, answers, strict=True) if complete else ()
     return SizeScale(
         size=size,

@@ -39,7 +39,7 @@ def look_of(source: Source, planned_p: float | None) -> Look | None:
         return None
     plan = plan_of(protocol.analysis.sequential, protocol.analysis.alpha)
     people = int(source.decisions["participant"].nunique())
-    now = standing(plan, people, planned_p)
+    now = standing(plan, people, planned_p, source.analysis.least_p(protocol, people))
     if now.reject_p is None or now.reject_p < LEAST or plan.rule == "bayes-factor":
         return Look(plan, now)
     settings: Any = source.settings

@@ -47,6 +47,7 @@ def sequential(
     """
     import numpy as np
 
+    from analysis.planning import check_looks
     from analysis.sequential import plan_of, sequential_error
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
@@ -62,6 +63,7 @@ def sequential(
                 f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
                 f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
             )
+        check_looks(protocol, study)
         analysis = analysis_of(study.analysis.kind)
         assumed = assumed_values(analysis.assumptions(study), pairs("--set", assume or ()))
         plan = plan_of(section, study.analysis.alpha)

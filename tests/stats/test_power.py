@@ -171,7 +171,7 @@ def test_few_scenes_are_flagged(demo_protocol, rng):
         from_protocol(demo_protocol), Assumptions(0.6), rng=rng, participants=[4], studies=100
     )
 
-    assert "2 scenes only" in curve.warnings[0]
+    assert "two scenes show hardly anything about further ones" in curve.warnings[0]
 
 
 def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rng):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.clustered import least_p
 from analysis.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bias import BiasPart
@@ -128,6 +129,16 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
             rng=rng,
             progress=progress,
         )
+
+    def least_p(self, study: StudyProtocol, people: int) -> float:
+        """Return that of the primary comparison; pooled trials have none worth a name."""
+        return 0.0 if from_protocol(study).test == "pooled" else float(least_p(people))
+
+    def family(self, study: StudyProtocol) -> int:
+        """Return the number of comparisons."""
+        settings = from_protocol(study)
+        each = len(settings.comparisons) if settings.correction == "holm" else 1
+        return 0 if settings.test == "pooled" else each
 
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the table of the program pwcmp."""

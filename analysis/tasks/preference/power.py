@@ -138,7 +138,8 @@ def power_curve(
     curves = {"primary": power[0], "every comparison": power[2], "equivalence": power[3]}
     scenes = min(len(entry.scenes) for entry in settings.comparisons)
     errs = errs_too_often(sizes, power[4], settings.alpha, studies)
-    notes = few_scenes(scenes, assumptions.scene_sd) + errs
+    claimed = settings.test == "participant-scene"
+    notes = few_scenes(scenes, assumptions.scene_sd, claimed=claimed) + errs
     if settings.test == "pooled":
         notes.append("simulated with the participant-scene test, not the protocol's pooled one")
     planned = settings.planned_participants

@@ -241,7 +241,8 @@ def rate_power(
         )
     else:
         design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
-        notes += few_scenes(np.unique(design.scene).size, assumed.get("scene_sd", 0.0))
+        scenes, scene_sd = np.unique(design.scene).size, assumed.get("scene_sd", 0.0)
+        notes += few_scenes(scenes, scene_sd, claimed=design.by_scene)
 
         def simulate(null: bool) -> tuple[Floats, ...]:
             values = {**assumed, **(_nothing(settings, assumed) if null else {})}

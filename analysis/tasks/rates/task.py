@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.differences import ComparisonsPart
@@ -39,6 +40,7 @@ from analysis.tasks.rates.power import (
     Draw,
     Judge,
     assumptions,
+    cell_design,
     judge_shares,
     looked_p_values,
     rate_power,
@@ -120,6 +122,23 @@ class RatesTask(TaskAnalysis[RateSettings]):
             studies=studies,
             progress=progress,
         )
+
+    def least_p(self, study: StudyProtocol, people: int) -> float:
+        """Return the least adjusted p of shares or d'; of thresholds any can be had."""
+        settings, count = self.settings(study), self.family(study)
+        if settings.adaptive:
+            return 0.0
+        toward = min(settings.chance, 1.0 - settings.chance) if count == 0 else 0.5
+        return min(1.0, max(count, 1) * float(least_p(people, toward)))
+
+    def family(self, study: StudyProtocol) -> int:
+        """Return the number of comparisons with the baseline."""
+        settings = self.settings(study)
+        if settings.adaptive or len(settings.values) < 2:
+            return 0
+        design = cell_design(study.task.cells(study.pool), settings, study.design.repeats)
+        shown = design.sensed if settings.kind == "detection" else settings.values
+        return max(len(shown) - 1, 1) if settings.correction == "holm" else 1
 
     # Settings and tables.
 
