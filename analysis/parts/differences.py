@@ -20,6 +20,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
     share_range,
 )
@@ -57,7 +58,7 @@ def difference_tables(caption: str, found: Sequence[Difference], plan: Plan) -> 
             caption,
             found,
             ("Conditions", "l c", lambda one: f"{label(one.first)} - {label(one.second)}"),
-            ("Difference", "strong", lambda one: number(one.difference)),
+            ("Difference", "strong", lambda one: placed(one, one.difference)),
             (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
             ("SE", "", lambda one: number(one.standard_error)),
             ("df", "", lambda one: number(one.df, 1)),
@@ -98,7 +99,7 @@ def apa_difference(one: Difference) -> str:
     """Return the difference of two conditions as a sentence."""
     ratio = one.difference / max(one.standard_error, 1e-12)
     text = (
-        f"{one.first} minus {one.second}: {number(one.difference)} in {one.measure},"
+        f"{one.first} minus {one.second}: {placed(one, one.difference)} in {one.measure},"
         f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" t({one.df:.1f}) = {number(ratio)}, {p_text(one.p)}"
     )
@@ -194,4 +195,6 @@ def _said(one: Difference, plan: RateSettings) -> str:
     between = f"{plan.label(one.first)} against {plan.label(one.second)}"
     level = f"{level_text(one.level)} {number_range(one.lower, one.upper)}"
     word = "they differ" if p < plan.alpha else "no difference is shown"
-    return f"{between}: {number(one.difference)} in {one.measure}, {level}, {p_text(p)}: {word}"
+    return (
+        f"{between}: {placed(one, one.difference)} in {one.measure}, {level}, {p_text(p)}: {word}"
+    )

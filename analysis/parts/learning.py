@@ -19,7 +19,15 @@ from analysis.plans.rates import RateSettings
 from analysis.plans.ratings import RatingSettings
 from analysis.plots import learning_plot
 from analysis.report.blocks import Cautions, Picture, Table
-from analysis.report.wording import NOT_IDENTIFIED, grouped, number, number_range, p_number, p_text
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    grouped,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    placed,
+)
 
 
 @dataclass(frozen=True)
@@ -106,7 +114,7 @@ class LearningPart(Part[P, Learning]):
                     " papers' pooled rank correlation",
                     trends,
                     ("Outcome", "l", lambda one: one.outcome),
-                    ("Change", "", lambda one: number(one.change)),
+                    ("Change", "", lambda one: placed(one, one.change)),
                     ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
                     ("df", "", lambda one: number(one.df, 0)),
                     ("p", "n", lambda one: p_number(one.p)),

@@ -21,6 +21,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
 )
 
@@ -111,8 +112,8 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
-        f"{one.first} was rated {one.difference:.2f} {_unit(model)} above {one.second},"
-        f" {100 * one.level:g}% CI [{one.lower:.2f}, {one.upper:.2f}], t({round(one.df, 1):g}),"
+        f"{one.first} was rated {placed(one, one.difference)} {_unit(model)} above {one.second},"
+        f" {100 * one.level:g}% CI {number_range(one.lower, one.upper)}, t({round(one.df, 1):g}),"
         f" {p_text(one.p)} ({p_number(one.p_adjusted)} Holm-adjusted; cumulative"
         f" {model.link} mixed model); one showing of it is rated higher with a chance of"
         f" {leading(f'{one.superiority:.2f}')}."
@@ -161,7 +162,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
             (
                 one.condition,
                 str(one.ratings),
-                number(one.place),
+                placed(one, one.place),
                 number_range(one.lower, one.upper),
                 *([] if pairs else [number(one.mean_rating)]),
                 *([] if pairs else map(share, one.shares)),
@@ -173,7 +174,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
         "Comparisons",
         model.contrasts,
         ("Conditions", "l c", lambda one: f"{one.first} - {one.second}"),
-        (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
+        (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
         (level, "n", lambda one: number_range(one.lower, one.upper)),
         ("t(df)", "n", lambda one: f"({round(one.df, 1):g})"),
         ("p", "n", lambda one: p_number(one.p)),

@@ -137,11 +137,15 @@ def _sentences(found: Scales, plan: Settings) -> Iterator[str]:
         for one in size.differences().to_dict("records"):
             yield (
                 f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
-                f"{plan.at(size.size, ' ({})')}: {number(one['difference'])} {size.scale.unit},"
+                f"{plan.at(size.size, ' ({})')}: {_value(one, 'difference')} {size.scale.unit},"
                 f" {level} {number_range(one['lower'], one['upper'])},"
                 f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
                 " Holm-adjusted; two-way bootstrap)."
             )
+
+
+def _value(one: Mapping[Any, Any], name: str) -> str:
+    return number(one[name], within=(one["lower"], one["upper"]))
 
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -227,7 +231,7 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
             "Thurstone Case V, mean zero",
             size.scores().to_dict("records"),
             ("Method", "l", lambda one: label(one["method"])),
-            ("JOD", "strong", lambda one: number(one["jod"])),
+            ("JOD", "strong", lambda one: _value(one, "jod")),
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
             ("bootstrap SE", "", lambda one: number(one["standard_error"])),
         )
@@ -235,7 +239,7 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
             "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
             size.differences().to_dict("records"),
             ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
-            ("JOD", "strong", lambda one: number(one["difference"])),
+            ("JOD", "strong", lambda one: _value(one, "difference")),
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
             ("p", "n", lambda one: p_number(one["clustered_p"])),
             ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),

@@ -46,6 +46,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
     share_range,
 )
@@ -221,7 +222,7 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
 def _cells(one: Measure | None) -> tuple[str, str, str]:
     if one is None:
         return NONE, NONE, NONE
-    return number(one.value), number_range(one.lower, one.upper), p_number(one.p)
+    return placed(one, one.value), number_range(one.lower, one.upper), p_number(one.p)
 
 
 def apa_yes_no(one: YesNo, *, name: str = "") -> str:
@@ -241,7 +242,7 @@ def _said(one: Measure) -> str:
     law = "z" if np.isinf(one.df) else f"t({one.df:.1f})"
     ratio = one.value / max(one.standard_error, 1e-12)
     return (
-        f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f"{placed(one, one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {law} = {number(ratio)}, {p_text(one.p)}"
     )
 
@@ -422,7 +423,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     cells,
                     ("Condition", "l c", lambda one: label(one.condition)),
                     ("Share", "", lambda one: share(one.correct.share)),
-                    ("d'", "strong", lambda one: number(one.d_prime)),
+                    ("d'", "strong", lambda one: placed(one, one.d_prime)),
                     (limits_title(plan), "n", lambda one: number_range(one.lower, one.upper)),
                     ("p", "n", lambda one: p_number(one.correct.p)),
                 ),
@@ -461,7 +462,7 @@ def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str
     """Return d' of one condition of an identification or ABX task as a sentence."""
     right = one.correct
     return (
-        f"In condition {name or one.condition}, d' = {number(one.d_prime)},"
+        f"In condition {name or one.condition}, d' = {placed(one, one.d_prime)},"
         f" {level_text(right.level)} {number_range(one.lower, one.upper)} ({rule}), from"
         f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
         f" ({share(right.chance)})."

@@ -24,6 +24,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
 )
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Other time, s"}
@@ -138,7 +139,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
         model.times,
         ("Condition", "l", lambda one: label(one.condition)),
         ("Answers", "", lambda one: str(one.answers)),
-        ("Typical, s", "strong", lambda one: number(one.median_s)),
+        ("Typical, s", "strong", lambda one: placed(one, one.median_s)),
         (level, "n", lambda one: number_range(one.lower, one.upper)),
     )
     if model.ratios:
@@ -146,7 +147,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             "How many times as long answers take",
             model.ratios,
             ("Conditions", "l c", lambda one: f"{label(one.first)} / {label(one.second)}"),
-            ("Ratio", "strong", lambda one: number(one.ratio)),
+            ("Ratio", "strong", lambda one: placed(one, one.ratio)),
             (level, "n", lambda one: number_range(one.lower, one.upper)),
             ("df", "", lambda one: f"{round(one.df, 1):g}"),
             ("p", "n", lambda one: p_number(one.p)),
@@ -176,7 +177,7 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
                 cell
                 for name in MEASURES
                 for cell in (
-                    number(one.means[name]),
+                    number(one.means[name], within=(one.lower[name], one.upper[name])),
                     number_range(one.lower[name], one.upper[name]),
                 )
             ]
@@ -189,7 +190,7 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
             found.contrasts,
             ("Conditions", "l c", lambda one: f"{label(one.first)} - {label(one.second)}"),
             ("Of", "l", lambda one: one.measure),
-            ("Difference", "strong", lambda one: number(one.difference)),
+            ("Difference", "strong", lambda one: placed(one, one.difference)),
             ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
             ("df", "", lambda one: f"{round(one.df, 1):g}"),
             ("p", "n", lambda one: p_number(one.p)),
@@ -211,7 +212,7 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         text = f"Answers{about} took {number(one.median)} s (median)"
         if not math.isnan(one.lower):
             text += (
-                f"; the participants' medians were {number(one.mean_of_medians)} s on average,"
+                f"; the participants' medians were {placed(one, one.mean_of_medians)} s on average,"
                 f" {100 * plan.confidence:g}% CI {number_range(one.lower, one.upper)}"
             )
         yield f"{text}."
@@ -221,16 +222,17 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             yield f"How long answers to {first} took against {second} is {NOT_IDENTIFIED}."
             continue
         yield (
-            f"Answers to {first} took {ratio.ratio:.2f} times as long as those to {second},"
-            f" {100 * ratio.level:g}% CI [{ratio.lower:.2f}, {ratio.upper:.2f}],"
+            f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
+            f" {second},"
+            f" {100 * ratio.level:g}% CI {number_range(ratio.lower, ratio.upper)},"
             f" t({round(ratio.df, 1):g}), {p_text(ratio.p)} ({p_number(ratio.p_adjusted)}"
             " Holm-adjusted; log-normal mixed model)."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
         yield (
-            f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}: {gap.difference:.3g} in"
-            f" {gap.measure}, {100 * gap.level:g}% CI [{gap.lower:.3g}, {gap.upper:.3g}],"
-            f" t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
+            f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
+            f" {placed(gap, gap.difference)} in {gap.measure}, {100 * gap.level:g}% CI"
+            f" {number_range(gap.lower, gap.upper)}, t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
             f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
         )
 

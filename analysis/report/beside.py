@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.parts import Estimate, Part, Plan, computed
 from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
-from analysis.report.wording import number, number_range, p_number
+from analysis.report.wording import number_range, p_number, placed
 from analysis.tasks.base import AnyAnalysis
 from protocols.errors import StudyError
 
@@ -138,7 +138,7 @@ def _cells(one: Estimate | None) -> tuple[str, str, str, str]:
     if one is None:
         return "none", "none", "none", "0"
     return (
-        number(one.value),
+        placed(one, one.value),
         number_range(one.lower, one.upper),
         p_number(one.p),
         str(one.decisions),

@@ -10,7 +10,7 @@ from analysis.plots.sequential import bounds_plot
 from analysis.report.beside import estimates_of
 from analysis.report.blocks import Block, Box, Paragraph, Picture, ReportFigure, Table
 from analysis.report.source import Source
-from analysis.report.wording import number, number_range
+from analysis.report.wording import number_range, placed
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
 
 LEAST = 1e-9
@@ -88,7 +88,7 @@ def looks_blocks(found: Look | None) -> Sequence[Block]:
                 "Limits that take account of the looks",
                 found.limits,
                 ("Of", "l c", lambda one: one.what),
-                ("Value", "strong", lambda one: number(one.value)),
+                ("Value", "strong", lambda one: placed(one, one.value)),
                 ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
             ),
             Paragraph(
