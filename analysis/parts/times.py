@@ -232,7 +232,8 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         yield (
             f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
             f" {placed(gap, gap.difference)} in {gap.measure}, {100 * gap.level:g}% CI"
-            f" {number_range(gap.lower, gap.upper)}, t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
+            f" {number_range(gap.lower, gap.upper)},"
+            f" t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
             f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
         )
 
