@@ -325,12 +325,11 @@ def preference(
     flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
     exact = stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
-    notes = list(_notes(shown, wins, len(people), len(scenes), by_person, by_scene))
+    claimed = test == "participant-scene"
+    notes = _notes(shown, wins, len(people), len(scenes), by_person, by_scene, claimed=claimed)
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
-    if test == "participant-scene":
-        notes += two_scenes(len(scenes))
     p, words, lower, upper = judged.p, judged.test, judged.lower, judged.upper
     if test == "pooled":
         p, words = float(exact.pvalue), "pooled exact binomial"
@@ -461,8 +460,15 @@ def _odds(share: float, trials: int) -> float:
 
 
 def _notes(
-    shown: Floats, wins: int, people: int, scenes: int, by_person: Floats, by_scene: Floats
-) -> tuple[str, ...]:
+    shown: Floats,
+    wins: int,
+    people: int,
+    scenes: int,
+    by_person: Floats,
+    by_scene: Floats,
+    *,
+    claimed: bool,
+) -> list[str]:
     trials = int(shown.sum())
     notes = []
     if people < 2:
@@ -474,6 +480,8 @@ def _notes(
         )
     if scenes == 1:
         notes.append("one scene only: the result is about that scene")
+    elif scenes == 2 and claimed:
+        notes += two_scenes(scenes)
     elif scenes < FEW_SCENES:
         notes.append(
             f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
@@ -493,7 +501,7 @@ def _notes(
         notes.append(
             f"{few} participant{'s have' if few != 1 else ' has'} fewer than 4 trials here"
         )
-    return tuple(notes)
+    return notes
 
 
 def _require(table: pd.DataFrame, columns: Sequence[str]) -> None:

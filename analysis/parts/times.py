@@ -25,6 +25,8 @@ from analysis.report.wording import (
     p_number,
     p_text,
     placed,
+    size,
+    size_range,
 )
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Other time, s"}
@@ -229,10 +231,11 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             " Holm-adjusted; log-normal mixed model)."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
+        ends = gap.lower, gap.upper
         yield (
             f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
-            f" {placed(gap, gap.difference)} in {gap.measure}, {100 * gap.level:g}% CI"
-            f" {number_range(gap.lower, gap.upper)},"
+            f" {size(gap.difference, within=ends)} in {gap.measure}, {100 * gap.level:g}% CI"
+            f" {size_range(ends)},"
             f" t({round(gap.df, 1):g}) = {gap.difference / gap.standard_error:.2f}, {p_text(gap.p)}"
             f" ({p_number(gap.p_adjusted)} Holm-adjusted)."
         )
