@@ -6,7 +6,7 @@ the simulation of ten thousand studies is one call.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -241,7 +241,45 @@ def two_way_influence(
     """
     influence = np.array(influence, dtype=np.float64)
     shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
-    parts = _variances(influence, shown, np.asarray(1.0))
+    return _estimated(estimate, _variances(influence, shown, np.asarray(1.0)), least)
+
+
+def two_way_difference(
+    estimate: float,
+    influences: tuple[Floats, Floats],
+    shown: tuple[Floats, Floats],
+    least: float = 0.0,
+) -> ClusteredEstimate:
+    """Give a difference of two statistics an error, whoever and whatever was seen for which.
+
+    Parameters
+    ----------
+    influences, shown : two of ndarray (participants, scenes)
+        As of `two_way_influence`, of each statistic on one grid.
+
+    Notes
+    -----
+    Participants, or scenes, that no two share are two samples: their variances add up, each about
+    its own mean, with the degrees of freedom of Welch and Satterthwaite.
+    """
+    first, second = (np.array(one, dtype=np.float64) for one in influences)
+    parts = _variances(first - second, shown[0] + shown[1], np.asarray(1.0))
+    own = [_variances(*each, np.asarray(1.0)) for each in zip((first, second), shown, strict=True)]
+    changed: dict[str, Floats] = {}
+    for axis, way in ((1, "person"), (0, "scene")):
+        if np.any((shown[0].sum(axis=axis) > 0) & (shown[1].sum(axis=axis) > 0)):
+            continue
+        variance, df = (
+            np.array([getattr(one, name) for one in own]) for name in (way, f"{way}_df")
+        )
+        spread = float(np.sum(variance**2 / np.maximum(df, 1e-9)))
+        changed[way] = np.asarray(variance.sum())
+        changed[f"{way}_df"] = np.asarray(variance.sum() ** 2 / spread if spread else df.sum())
+        changed["cell"] = np.asarray(sum(one.cell for one in own))
+    return _estimated(np.asarray(estimate), replace(parts, **changed), least)
+
+
+def _estimated(estimate: Floats, parts: "Variances", least: Floats | float) -> ClusteredEstimate:
     variance, df = _two_way_variance(parts)
     return ClusteredEstimate(
         value=np.asarray(estimate, dtype=np.float64),

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.clustered import (
+    ClusteredEstimate,
+    holm,
+    two_way,
+    two_way_difference,
+    two_way_influence,
+)
 from analysis.contrasts import pairs_of
 from analysis.showable import two_scenes
 from protocols.prose import count_of
@@ -190,6 +196,17 @@ class Influence:
         """Return the estimate with its clustered error."""
         return two_way_influence(np.asarray(self.value), self.cells, self.shown, self.least)
 
+    def minus(self, other: "Influence") -> "Influence":
+        """Return the difference to another on the same grid."""
+        return Influence(
+            self.value - other.value,
+            self.cells - other.cells,
+            self.shown + other.shown,
+            # Trials of one person rise and fall together: a difference can vary less than
+            # independent trials would, but half of that is the least to believe.
+            0.5 * (self.least + other.least),
+        )
+
 
 def share_influence(happened: Floats, shown: Floats) -> Influence:
     """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
@@ -210,13 +227,11 @@ def contrasts(
     found = []
     for first, second in pairs_of(moved, reference):
         one, other = moved[first], moved[second]
-        gap = two_way_influence(
-            np.asarray(one.value - other.value),
-            one.cells - other.cells,
-            one.shown + other.shown,
-            # Trials of one person rise and fall together: a difference can vary less than
-            # independent trials would, but half of that is the least to believe.
-            0.5 * (one.least + other.least),
+        gap = two_way_difference(
+            one.value - other.value,
+            (one.cells, other.cells),
+            (one.shown, other.shown),
+            one.minus(other).least,
         )
         lower, upper = gap.limits(level)
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))

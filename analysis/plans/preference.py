@@ -38,7 +38,7 @@ class Settings(Plan):
     `primary` is (method, against, size), size "all" for all together, or None where a plain
     table declares no primary comparison. `margin` is the smallest effect of interest as a
     distance from one half. `pairings` give whose share is counted. `reaction` "models": of
-    reaction times too.
+    reaction times too. `interaction` "size": whether preferences differ between sizes.
     """
 
     study: str
@@ -57,6 +57,7 @@ class Settings(Plan):
     planned_trials: int | None
     protocol_sha256: str | None
     reaction: Literal["summary", "models"] = "summary"
+    interaction: str | None = None
 
     alternatives = None
 
@@ -142,6 +143,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
         ),
         protocol_sha256=protocol.sha256,
         reaction=analysis.reaction,
+        interaction=analysis.interaction,
     )
 
 
@@ -157,6 +159,8 @@ class PreferenceOptions(NamedOptions):
     """Smallest effect of interest, as a distance from one half."""
     reaction: Literal["summary", "models"] = "summary"
     """Of reaction times: medians and means, or a model of them too."""
+    interaction: Literal["size"] | None = None
+    """Tests whether preferences differ between sizes."""
 
 
 def from_decisions(
@@ -208,6 +212,7 @@ def from_decisions(
         planned_trials=None,
         protocol_sha256=None,
         reaction=options.reaction,
+        interaction=options.interaction,
     )
 
 

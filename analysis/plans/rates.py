@@ -46,6 +46,9 @@ class RatesOptions(NamedOptions):
     """Of psychometric functions; `weibull` where levels are above 0."""
     reaction: Literal["summary", "models"] = "summary"
     """Of reaction times: medians and means, or models of them too."""
+    interaction: str | None = None
+    """A second column: tests whether the differences between values of `by` differ between its
+    values."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,8 @@ class RateSettings(Plan):
         ABX: how participants are taken to decide.
     reaction : str
         ``models``: of reaction times too.
+    interaction : str or None
+        A second column, between whose values differences are compared.
     """
 
     study: str
@@ -91,6 +96,7 @@ class RateSettings(Plan):
     rule: AbxRule = "differencing"
     shape: Shape = "gauss"
     reaction: Literal["summary", "models"] = "summary"
+    interaction: str | None = None
 
     @property
     def baseline(self) -> str:
@@ -190,7 +196,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         protocol_sha256=study.sha256,
         shape=shape,
-        **_told(analysis, "test", "correction", "alpha", "reaction", "rule"),
+        **_told(analysis, "test", "correction", "alpha", "reaction", "rule", "interaction"),
     )
 
 
@@ -206,6 +212,7 @@ def common_settings_of_table(
     """
     by = options.by or ("method" if "method" in decisions else None)
     named = [*(("by", column) for column in by_columns(by)), ("level", options.level)]
+    named.append(("interaction", options.interaction))
     for key, column in named:
         if column is not None and column not in decisions:
             raise StudyError(
@@ -247,7 +254,7 @@ def common_settings_of_table(
         planned_trials=None,
         protocol_sha256=None,
         **_told(options, "level", "falling", "shape"),
-        **_told(options, "test", "correction", "alpha", "reaction", "rule"),
+        **_told(options, "test", "correction", "alpha", "reaction", "rule", "interaction"),
     )
 
 

@@ -84,6 +84,11 @@ class PreferenceAnalysis(Analysis):
     """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
+    interaction: Literal["size"] | None = None
+    """Tests whether preferences differ between sizes, that of the primary comparison by itself.
+    Default: not tested."""
+
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "interaction")
 
     def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield names that do not exist, and a primary comparison that is not shown."""
@@ -97,6 +102,11 @@ class PreferenceAnalysis(Analysis):
         sizes = [str(value) for value in pool.stimuli.values("size")]
         if primary.size is not None and primary.size not in sizes:
             yield _unknown("analysis.primary.size", primary.size, sizes, "size")
+        if self.interaction is not None and len(sizes) < 2:
+            yield Problem(
+                "analysis.interaction",
+                f"must have two sizes to compare (the stimuli have {len(sizes)}); leave it out",
+            )
         pairing = {primary.method, primary.against}
         if len(pairing) == 1:
             yield Problem(
@@ -128,6 +138,16 @@ class PreferenceAnalysis(Analysis):
             f"Other comparisons: correction {self.correction}.",
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
+            *(
+                [
+                    f"Interaction: whether the preference of {primary.method} over"
+                    f" {primary.against} differs between sizes, as a difference of shares with"
+                    " clustered errors and as a difference of JOD, two-sided, alpha"
+                    f" {self.alpha:g}; of other pairings Holm-adjusted."
+                ]
+                if self.interaction
+                else []
+            ),
         ]
 
 

@@ -14,6 +14,7 @@ from analysis.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
+from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
@@ -59,6 +60,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     options: ClassVar[type[TableOptions]] = PreferenceOptions
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
+        PreferenceInteraction(),
         ChoiceModelsPart(),
         ScalePart(),
         BiasPart(),
@@ -76,9 +78,12 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         return from_decisions(decisions, name, options)
 
     def options_of(self, settings: Settings) -> PreferenceOptions:
-        """Return alpha and margin."""
+        """Return what the protocol says of tests."""
         return PreferenceOptions(
-            alpha=settings.alpha, margin=settings.margin, reaction=settings.reaction
+            alpha=settings.alpha,
+            margin=settings.margin,
+            reaction=settings.reaction,
+            interaction=settings.interaction,
         )
 
     def read(self, table: Source, mapping: Mapping[str, str], _options: Any) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from analysis.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.differences import ComparisonsPart
+from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
@@ -67,6 +68,7 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         ThresholdsPart(),
         *levels,
         ComparisonsPart(),
+        RateInteraction(),
         ModelsPart(),
         PeoplePart(),
         RightLearning(),
@@ -166,6 +168,8 @@ class RatesTask(TaskAnalysis[RateSettings]):
         """Read trials: who was shown what, answered what, and was right or wrong."""
         rows = opened(table, mapping)
         wanted = list(by_columns(options.by))
+        if options.interaction not in (None, options.level, *wanted):
+            wanted.append(options.interaction)
         levels = [name for name in (options.level,) if name is not None]
         found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
         # What was mapped is there under our name; it need not be there twice.
