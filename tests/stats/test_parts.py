@@ -32,7 +32,9 @@ REPORTS = {
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
-    "preference": ("preferences", "choice_models", "scale", "bias", "learning", "times"),
+    "preference": (
+        *("preferences", "interaction", "choice_models", "scale", "bias", "learning", "times"),
+    ),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
@@ -68,6 +70,14 @@ SAID = {
         "methods": "They are two-alternative forced choices comparing 3 methods",
         "tables": {"preferences.csv", "shares.csv"},
         "figure": "preference",
+    },
+    "interaction": {
+        "section": "interaction",
+        "caption": "What changes between values of size",
+        "sentence": "ours / blur: large minus small",
+        "methods": "Changes between values of size were tested",
+        "tables": {"interaction.csv", "interaction_shares.csv"},
+        "figure": "interaction",
     },
     "choice_models": {
         "section": "models",
