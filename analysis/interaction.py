@@ -92,25 +92,21 @@ def jod_interactions(
         )
     counts = [int(mask.sum()) for mask in seen.values() if apart and mask.sum() > 1]
     clusters = min([people, *counts])
-    place = {name: number for number, name in enumerate(methods)}
+    at = {name: number for number, name in enumerate(methods)}
     found = []
     for pairing in pairings:
-        one, other = (place[name] for name in pairing)
+        left, right = at[pairing[0]], at[pairing[1]]
         for first, second in combinations(votes, 2):
             scores = (drawn[first], drawn[second], true[first], true[second])
-            gaps = [found_at[..., one] - found_at[..., other] for found_at in scores]
-            gap, value = (gaps[0] - gaps[1])[kept], float(gaps[2] - gaps[3])
-            lower, upper, p = (
-                float(end[0]) for end in difference_limits(gap[:, None], clusters, level)
-            )
-            error = float(gap.std(ddof=1))
-            found.append((pairing, (first, second, value, error, lower, upper, p)))
-    adjusted = holm(np.array([numbers[-1] for _, numbers in found]))
+            gaps = [one_of[..., left] - one_of[..., right] for one_of in scores]
+            gap = (gaps[0] - gaps[1])[kept]
+            lower, upper, p = difference_limits(gap[:, None], clusters, level)
+            numbers = (float(gaps[2] - gaps[3]), float(gap.std(ddof=1)), *lower, *upper)
+            found.append((pairing, first, second, numbers, float(p[0])))
+    adjusted = holm(np.array([p for *_, p in found]))
     result: dict[tuple[str, str], tuple[Difference, ...]] = {}
-    for (pairing, numbers), own in zip(found, adjusted.tolist(), strict=True):
-        first, second, value, error, lower, upper, p = numbers
-        one_of = Difference(
-            "JOD", first, second, value, error, lower, upper, level, float(clusters - 1), p, own
-        )
-        result[pairing] = (*result.get(pairing, ()), one_of)
+    for (pairing, first, second, numbers, p), own in zip(found, adjusted.tolist(), strict=True):
+        ends = map(float, numbers)
+        gap_of = Difference("JOD", first, second, *ends, level, float(clusters - 1), p, own)
+        result[pairing] = (*result.get(pairing, ()), gap_of)
     return result

@@ -33,19 +33,25 @@ def interaction_plot(
     """
     groups = list(dict.fromkeys(of for of, *_ in rows))
     values = list(dict.fromkeys(at for _, at, *_ in rows))
-    step = 0.4 / max(1, len(values) - 1)
+    held = [[row for row in rows if row[0] == of] for of in groups]
+    most = max(map(len, held))
+    step = 0.4 / max(1, most - 1)
+    placed = [
+        (place + step * (rank - 0.5 * (len(own) - 1)), *row[1:])
+        for place, own in enumerate(held)
+        for rank, row in enumerate(own)
+    ]
     with style(width_in):
-        height = 0.8 + (0.2 + 0.16 * len(values)) * len(groups)
+        height = 0.8 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
         figure = new_figure(width_in, height, simulated=simulated)
         axes = figure.subplots()
         for number, value in enumerate(values):
-            own = [(groups.index(of), *numbers) for of, at, *numbers in rows if at == value]
+            own = [row for row in placed if row[1] == value]
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
-            places = [place - 0.2 + step * number for place, *_ in own]
-            for y, (_, _, lower, upper) in zip(places, own, strict=True):
+            for y, _, _, lower, upper in own:
                 axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
-            axes.plot([one[1] for one in own], places, marker, color=colour, ls="none", ms=4.5,
-                      label=value)  # fmt: skip
+            axes.plot([row[2] for row in own], [row[0] for row in own], marker, color=colour,
+                      ls="none", ms=4.5, label=value)  # fmt: skip
         axes.axvline(chance, color="black", lw=0.8, ls=(0, (4, 3)))
         share_axis(axes, "Share")
         axes.set_yticks(range(len(groups)), [wrapped(one, width_in) for one in groups])

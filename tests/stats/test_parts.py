@@ -33,7 +33,8 @@ REPORTS = {
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
     "preference": (
-        *("preferences", "interaction", "choice_models", "scale", "bias", "learning", "times"),
+        *("preferences", "leaving_out", "interaction", "choice_models", "scale", "bias"),
+        *("learning", "times"),
     ),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
@@ -78,6 +79,13 @@ SAID = {
         "methods": "Changes between values of size were tested",
         "tables": {"interaction.csv", "interaction_shares.csv"},
         "figure": "interaction",
+    },
+    "leaving_out": {
+        "section": "preference",
+        "sentence": "Without each participant and each scene in turn",
+        "methods": "judged again without each participant",
+        "tables": {"leaving_out.csv"},
+        "figure": "leaving_out",
     },
     "choice_models": {
         "section": "models",

@@ -16,6 +16,7 @@ from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.learning import ChoiceLearning
+from analysis.parts.leaving_out import LeavingOutPart
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
@@ -60,6 +61,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     options: ClassVar[type[TableOptions]] = PreferenceOptions
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
+        LeavingOutPart(),
         PreferenceInteraction(),
         ChoiceModelsPart(),
         ScalePart(),
