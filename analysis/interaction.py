@@ -103,10 +103,15 @@ def jod_interactions(
             lower, upper, p = difference_limits(gap[:, None], clusters, level)
             numbers = (float(gaps[2] - gaps[3]), float(gap.std(ddof=1)), *lower, *upper)
             found.append((pairing, first, second, numbers, float(p[0])))
-    adjusted = holm(np.array([p for *_, p in found]))
+    adjusted = holm(np.array([own for *_, own in found])).tolist()
     result: dict[tuple[str, str], tuple[Difference, ...]] = {}
-    for (pairing, first, second, numbers, p), own in zip(found, adjusted.tolist(), strict=True):
-        ends = map(float, numbers)
-        gap_of = Difference("JOD", first, second, *ends, level, float(clusters - 1), p, own)
+    for (pairing, first, second, numbers, own), together in zip(found, adjusted, strict=True):
+        value, error, low, high = (float(one) for one in numbers)
+        gap_of = Difference(
+            *("JOD", first, second, value, error, low, high, level),
+            df=float(clusters - 1),
+            p=own,
+            p_adjusted=together,
+        )
         result[pairing] = (*result.get(pairing, ()), gap_of)
     return result

@@ -99,12 +99,11 @@ class LeavingOutPart(Part[Settings, LeavingOut]):
                 rest = [np.delete(cells, place, axis) for cells in (chosen, shown)]
                 if rest[1].sum() > 0:
                     left = two_way(*rest)
-                    ends = (float(end) for end in left.limits(plan.confidence))
-                    without.append(
-                        Without(kind, name, float(left.share), *ends, float(left.p_value()))
-                    )
+                    low, high = (float(end) for end in left.limits(plan.confidence))
+                    p = float(left.p_value())
+                    without.append(Without(kind, name, float(left.share), low, high, p))
         lower, upper = (float(end) for end in whole.limits(plan.confidence))
-        jod, low, high = (stats.norm.ppf([whole.share, lower, upper]) / JOD).tolist()
+        jod, jod_lower, jod_upper = (stats.norm.ppf([whole.share, lower, upper]) / JOD).tolist()
         planned = plan.planned_participants
         more = planned if planned not in (None, len(people)) else None
         return LeavingOut(
@@ -112,8 +111,8 @@ class LeavingOutPart(Part[Settings, LeavingOut]):
             against,
             float(whole.p_value()),
             jod,
-            low,
-            high,
+            jod_lower,
+            jod_upper,
             tuple(without),
             _power(whole, plan, 1.0),
             None if more is None else _power(whole, plan, more / len(people)),

@@ -57,7 +57,7 @@ class Settings(Plan):
     planned_trials: int | None
     protocol_sha256: str | None
     reaction: Literal["summary", "models"] = "summary"
-    interaction: str | None = None
+    interaction: Literal["size"] | None = None
 
     alternatives = None
 

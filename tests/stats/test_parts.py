@@ -34,6 +34,7 @@ REPORTS = {
     "ratings": ("ratings", "learning", "times"),
     "preference": (
         *("preferences", "leaving_out", "interaction", "choice_models", "scale", "bias"),
+        "joint_scale",
         *("learning", "times"),
     ),
 }
@@ -102,6 +103,13 @@ SAID = {
         "methods": "Quality in just objectionable differences",
         "tables": {"scale.csv", "scale_differences.csv"},
         "figure": "scale",
+    },
+    "joint_scale": {
+        "section": "scale",
+        "caption": "All methods at once, by bootstrap",
+        "sentence": "That one axis suffices",
+        "methods": "tested by Hotelling",
+        "tables": {"joint_scale.csv"},
     },
     "bias": {
         "section": "checks",

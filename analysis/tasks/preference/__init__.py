@@ -15,6 +15,7 @@ from analysis.parts import AnyPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
+from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.leaving_out import LeavingOutPart
 from analysis.parts.preferences import PreferencesPart
@@ -65,6 +66,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         PreferenceInteraction(),
         ChoiceModelsPart(),
         ScalePart(),
+        JointScalePart(),
         BiasPart(),
         ChoiceLearning(),
         TimesPart(),
