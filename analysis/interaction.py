@@ -80,11 +80,11 @@ def jod_interactions(
     apart = sum(mask.astype(int) for mask in seen.values()).max() < 2
     weight, whole = draws(people, samples, rng), draws(len(next(iter(seen.values()))), samples, rng)
     drawn, true = {}, {}
-    for value, one in votes.items():
-        shown = one[:, seen[value]]
-        places = draws(shown.shape[1], samples, rng) if apart else whole[:, seen[value]]
-        drawn[value] = drawn_scores(shown, weight, places)
-        true[value] = scale(one.sum(axis=(0, 1)), tuple(methods)).scores
+    for name, one in votes.items():
+        shown = one[:, seen[name]]
+        places = draws(shown.shape[1], samples, rng) if apart else whole[:, seen[name]]
+        drawn[name] = drawn_scores(shown, weight, places)
+        true[name] = scale(one.sum(axis=(0, 1)), tuple(methods)).scores
     kept = np.all([np.isfinite(one).all(axis=1) for one in drawn.values()], axis=0)
     if kept.sum() < LEAST_DRAWS:
         raise ValueError(
@@ -106,9 +106,16 @@ def jod_interactions(
     adjusted = holm(np.array([own for *_, own in found])).tolist()
     result: dict[tuple[str, str], tuple[Difference, ...]] = {}
     for (pairing, first, second, numbers, own), together in zip(found, adjusted, strict=True):
-        value, error, low, high = (float(one) for one in numbers)
+        value, error, low, high = map(float, numbers)
         gap_of = Difference(
-            *("JOD", first, second, value, error, low, high, level),
+            measure="JOD",
+            first=first,
+            second=second,
+            difference=value,
+            standard_error=error,
+            lower=low,
+            upper=high,
+            level=level,
             df=float(clusters - 1),
             p=own,
             p_adjusted=together,

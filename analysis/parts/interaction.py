@@ -259,7 +259,8 @@ def _on_grid(table: pd.DataFrame, plan: Settings | RateSettings) -> tuple[pd.Dat
 
 def _values(table: pd.DataFrame, plan: Settings | RateSettings) -> list[str]:
     """Return the values of the factor, sizes as the study declares them."""
-    found = sorted(map(name_of, table[plan.interaction].unique()))
+    held = table[plan.interaction].drop_duplicates().sort_values()
+    found = list(dict.fromkeys(map(name_of, held)))
     if isinstance(plan, Settings):
         return [size for size in plan.sizes if size in found]
     return found
