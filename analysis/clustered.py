@@ -7,7 +7,7 @@ the simulation of ten thousand studies is one call.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -83,7 +83,7 @@ class ClusteredShare:
         return (
             np.asarray(2.0 * stats.t.sf(np.abs(self.score_t(null)), self.df)),
             np.asarray(2.0 * stats.norm.sf(z)),
-            np.asarray(np.minimum(1.0, 2.0 * toward**self.persons)),
+            least_p(self.persons, toward),
         )
 
     def p_value(self, null: float = 0.5) -> Floats:
@@ -179,7 +179,15 @@ class ClusteredEstimate:
         return np.asarray(lower), np.asarray(np.where(few, np.maximum(upper, null), upper))
 
     def _floor(self) -> Floats:
-        return np.minimum(1.0, 2.0 * 0.5**self.persons)
+        return least_p(self.persons)
+
+
+def least_p(people: Floats | float, toward: Floats | float = 0.5) -> Floats:
+    """Return the least two-sided p that so many participants can show, if all agree.
+
+    `toward` is the chance that one of them answers so where there is nothing to find.
+    """
+    return np.asarray(np.minimum(1.0, 2.0 * np.asarray(toward) ** people))
 
 
 def held_p(t: float, df: float, p: float) -> str:
@@ -293,7 +301,50 @@ def two_way_influence(
     """
     influence = np.array(influence, dtype=np.float64)
     shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
-    parts = _variances(influence, shown, np.asarray(1.0))
+    return _estimated(estimate, _variances(influence, shown, np.asarray(1.0)), least)
+
+
+def two_way_difference(
+    estimate: Floats,
+    influences: tuple[Floats, Floats],
+    shown: tuple[Floats, Floats],
+    least: Floats | float = 0.0,
+) -> ClusteredEstimate:
+    """Give a difference of two statistics an error, whoever and whatever was seen for which.
+
+    Parameters
+    ----------
+    influences, shown : two of ndarray (..., participants, scenes)
+        As of `two_way_influence`, of each statistic on one grid.
+
+    Notes
+    -----
+    Participants, or scenes, that no two share are two samples: their variances add up, each about
+    its own mean, with the degrees of freedom of Welch and Satterthwaite.
+    """
+    first, second = (np.array(one, dtype=np.float64) for one in influences)
+    parts = _variances(first - second, shown[0] + shown[1], np.asarray(1.0))
+    apart = [
+        way
+        for axis, way in ((-1, "person"), (-2, "scene"))
+        if not np.any((shown[0].sum(axis=axis) > 0) & (shown[1].sum(axis=axis) > 0))
+    ]
+    if apart:
+        ones = zip((first, second), shown, strict=True)
+        own = [vars(_variances(*one, np.asarray(1.0))) for one in ones]
+        changed = {"cell": own[0]["cell"] + own[1]["cell"]}
+        for way in apart:
+            each = [(one[way], one[f"{way}_df"]) for one in own]
+            variance, df = (np.asarray(sum(values)) for values in zip(*each, strict=True))
+            spread = sum(known**2 / np.maximum(free, 1e-9) for known, free in each)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                welch = np.where(spread > 0, variance**2 / spread, df)
+            changed |= {way: variance, f"{way}_df": welch}
+        parts = replace(parts, **changed)
+    return _estimated(estimate, parts, least)
+
+
+def _estimated(estimate: Floats, parts: "Variances", least: Floats | float) -> ClusteredEstimate:
     variance, df = _two_way_variance(parts)
     return ClusteredEstimate(
         value=np.asarray(estimate, dtype=np.float64),

@@ -18,6 +18,7 @@ from analysis.parts import EQUIVALENCE, AnyPart, Part, Plan, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
 from analysis.seed import SEED
+from analysis.showable import two_scenes
 from protocols.errors import StudyError
 from protocols.prose import count_of
 
@@ -140,6 +141,8 @@ class Simulation(ABC, Generic[S]):
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
         """Return what to know of such a simulation."""
         scenes = self.cells["scene"].nunique()
+        if scenes == 2 and getattr(self.plan, "test", "participant-scene") == "participant-scene":
+            return two_scenes(scenes)
         if scenes >= FEW_SCENES or assumed.get("scene_sd", 0.0) <= 0.0:
             return []
         number = count_of(scenes, "scene")

@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.clustered import (
+    ClusteredEstimate,
+    holm,
+    two_way,
+    two_way_difference,
+    two_way_influence,
+)
 from analysis.contrasts import Difference, pairs_of
+from analysis.showable import two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -89,8 +96,8 @@ def rate(
     happened, shown = places.count(event), places.count(event * 0 + 1)
     count, total = int(happened.sum()), int(shown.sum())
     exact = stats.binomtest(count, total, chance)
-    people = int((shown.sum(axis=1) > 0).sum())
-    notes = []
+    people, scenes = (int((shown.sum(axis=axis) > 0).sum()) for axis in (1, 0))
+    notes = two_scenes(scenes)
     if people < 2:
         interval = exact.proportion_ci(level, method="exact")
         lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
@@ -115,7 +122,7 @@ def rate(
         p=p,
         exact_p=float(exact.pvalue),
         participants=people,
-        scenes=int((shown.sum(axis=0) > 0).sum()),
+        scenes=scenes,
         warnings=tuple(notes),
     )
 
@@ -150,15 +157,22 @@ class Influence:
         """Return the estimate with its clustered error."""
         return two_way_influence(self.value, self.cells, self.shown, self.least)
 
-    def less(self, other: "Influence") -> ClusteredEstimate:
-        """Return what it has more than another on the same grid, each participant's own control."""
-        return two_way_influence(
+    def minus(self, other: "Influence") -> "Influence":
+        """Return the difference to another on the same grid."""
+        return Influence(
             self.value - other.value,
             self.cells - other.cells,
             self.shown + other.shown,
             # Trials of one person rise and fall together: a difference can vary less than
             # independent trials would, but half of that is the least to believe.
             0.5 * (self.least + other.least),
+        )
+
+    def less(self, other: "Influence") -> ClusteredEstimate:
+        """Return what it has more than another on the same grid, each participant's own control."""
+        gap = self.minus(other)
+        return two_way_difference(
+            gap.value, (self.cells, other.cells), (self.shown, other.shown), gap.least
         )
 
 

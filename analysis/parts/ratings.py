@@ -29,6 +29,7 @@ from analysis.report.wording import (
     level_text,
     number,
     number_range,
+    placed,
     share,
 )
 
@@ -167,7 +168,7 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
-        f"{one.first} was rated {number(one.difference)} {_unit(model)} above {one.second},"
+        f"{one.first} was rated {placed(one, one.difference)} {_unit(model)} above {one.second},"
         f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {apa_test(one, f'cumulative {model.link} mixed model')}; one showing of it is rated"
         f" higher with a chance of {leading(f'{one.superiority:.2f}')}."
@@ -215,7 +216,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
             (
                 one.condition,
                 str(one.ratings),
-                number(one.place),
+                placed(one, one.place),
                 number_range(one.lower, one.upper),
                 *([] if pairs else [number(one.mean_rating)]),
                 *([] if pairs else map(share, one.shares)),
@@ -227,7 +228,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
         "Comparisons",
         model.contrasts,
         compared(plan),
-        (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
+        (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
         limits(plan.limits),
         ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
         *TESTED[1:],

@@ -54,6 +54,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
     share_range,
     t_text,
@@ -303,7 +304,7 @@ def _measured(
         return lambda one: NONE if (measure := of(one)) is None else text(measure)
 
     return (
-        (title, "strong", known(lambda one: number(one.value))),
+        (title, "strong", known(lambda one: placed(one, one.value))),
         ("Limits", "n", known(limits()[2])),
         ("p", "n", known(P[2])),
     )
@@ -324,7 +325,7 @@ def apa_yes_no(one: YesNo, *, name: str = "") -> str:
 
 def _said(one: Measure) -> str:
     return (
-        f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f"{placed(one, one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {t_text(one.t, one.df)}, {p_text(one.p)}"
     )
 
@@ -518,7 +519,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     cells,
                     condition(plan),
                     ("Share", "", lambda one: share(one.correct.share)),
-                    ("d'", "strong", lambda one: number(one.d_prime)),
+                    ("d'", "strong", lambda one: placed(one, one.d_prime)),
                     limits(plan.limits),
                     ("p", "n", lambda one: p_number(one.correct.p)),
                 ),
@@ -557,7 +558,7 @@ def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str
     """Return d' of one condition of an identification or ABX task as a sentence."""
     right = one.correct
     return (
-        f"In condition {name or one.condition}, d' = {number(one.d_prime)},"
+        f"In condition {name or one.condition}, d' = {placed(one, one.d_prime)},"
         f" {level_text(right.level)} {number_range(one.lower, one.upper)} ({rule}), from"
         f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
         f" ({share(right.chance)})."

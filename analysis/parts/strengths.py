@@ -145,7 +145,11 @@ def _blocks(found: Strengths, lines: Sequence[Any], plan: Settings) -> Iterator[
         lines,
         ("Method", "l", lambda one: label(one["method"])),
         *several,
-        ("Log odds", "strong", lambda one: number(one["log_odds"])),
+        (
+            "Log odds",
+            "strong",
+            lambda one: number(one["log_odds"], within=(one["lower"], one["upper"])),
+        ),
         (plan.limits, "n", lambda one: number_range(one["lower"], one["upper"])),
         ("bootstrap SE", "", lambda one: number(one["standard_error"])),
     )

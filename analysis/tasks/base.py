@@ -106,6 +106,14 @@ class TaskAnalysis(ABC, Generic[S]):
         """Return decisions as the parts take them."""
         return decisions
 
+    def least_p(self, _study: StudyProtocol, _people: int) -> float:
+        """Return the least p that the planned test of so many participants can show; 0: any."""
+        return 0.0
+
+    def family(self, _study: StudyProtocol) -> int:
+        """Return how many planned comparisons are corrected together and have such a least p."""
+        return 0
+
     def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the decisions in forms that other programs read, by file name."""
         return {}

@@ -51,6 +51,7 @@ def sequential(
     import numpy as np
 
     from analysis.parts.looks import looks_frame, looks_table
+    from analysis.planning import check_looks
     from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
     from analysis.plots.sequential import bounds_plot
     from analysis.power import planned_p_values
@@ -72,6 +73,7 @@ def sequential(
                 f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
                 f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
             )
+        check_looks(protocol, study)
         simulation = analysis_of(study.analysis.kind).simulation(study)
         assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
         plan = plan_of(section, study.analysis.alpha)

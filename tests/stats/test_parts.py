@@ -38,8 +38,8 @@ REPORTS = {
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "learning", "times"),
     "preference": (
-        *("preferences", "choice_models", "bayes", "scale", "strengths"),
-        *("bias", "learning", "times"),
+        *("preferences", "leaving_out", "interaction", "choice_models", "bayes", "scale"),
+        *("joint_scale", "strengths", "bias", "learning", "times"),
     ),
     "sessions": ("looks",),
 }
@@ -78,6 +78,21 @@ SAID = {
         "methods": "They are two-alternative forced choices comparing 3 methods",
         "tables": {"preferences.csv", "shares.csv"},
         "figure": "preference",
+    },
+    "interaction": {
+        "section": "interaction",
+        "caption": "What changes between values of size",
+        "sentence": "ours / blur: large minus small",
+        "methods": "Changes between values of size were tested",
+        "tables": {"interaction.csv", "interaction_shares.csv"},
+        "figure": "interaction",
+    },
+    "leaving_out": {
+        "section": "preference",
+        "sentence": "Without each participant and each scene in turn",
+        "methods": "judged again without each participant",
+        "tables": {"leaving_out.csv"},
+        "figure": "leaving_out",
     },
     "choice_models": {
         "section": "models",
@@ -118,6 +133,13 @@ SAID = {
         "methods": "Strengths are log odds by maximum likelihood",
         "tables": {"strengths.csv", "odds.csv"},
         "figure": "strengths",
+    },
+    "joint_scale": {
+        "section": "scale",
+        "caption": "All methods at once, by bootstrap",
+        "sentence": "That one axis suffices",
+        "methods": "tested by Hotelling",
+        "tables": {"joint_scale.csv"},
     },
     "bias": {
         "section": "checks",

@@ -169,7 +169,7 @@ def test_the_same_seed_gives_the_same_curve(settings):
 def test_few_scenes_are_flagged(demo_protocol, rng):
     curve = curve_of(from_protocol(demo_protocol), rng, [4], rate=0.6, studies=100)
 
-    assert "2 scenes only" in curve.warnings[0]
+    assert "two scenes show hardly anything about further ones" in curve.warnings[0]
 
 
 def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rng):

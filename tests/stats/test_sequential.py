@@ -279,13 +279,12 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
 
 
-def test_the_command_prints_bounds_and_error(tmp_path, demo_protocol):
+def test_the_command_prints_bounds_and_error(tmp_path):
     shipped = Path(__file__).parents[2] / "protocols" / "studies" / "demo.toml"
     file = tmp_path / "study.toml"
-    people = demo_protocol.study.participants
     file.write_text(
-        shipped.read_text()
-        + f'\n[analysis.sequential]\nrule = "obrien-fleming"\nlooks = [2, {people}]\n'
+        shipped.read_text().replace("\nparticipants = 4\n", "\nparticipants = 16\n")
+        + '\n[analysis.sequential]\nrule = "obrien-fleming"\nlooks = [9, 16]\n'
     )
     result = run("sequential", file, "--set", "rate=0.8", "--studies", 100, "--out",
                  tmp_path / "out")  # fmt: skip

@@ -6,12 +6,16 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from analysis.clustered import least_p
 from analysis.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
+from analysis.parts.interaction import PreferenceInteraction
+from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.learning import ChoiceLearning
+from analysis.parts.leaving_out import LeavingOutPart
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.strengths import StrengthsPart
@@ -41,9 +45,12 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     options: ClassVar[type[Analysis]] = PreferencesTold
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
+        LeavingOutPart(),
+        PreferenceInteraction(),
         ChoiceModelsPart(),
         BayesPart(),
         ScalePart(),
+        JointScalePart(),
         StrengthsPart(),
         BiasPart(),
         ChoiceLearning(),
@@ -89,6 +96,16 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     def table(self, decisions: pd.DataFrame, _settings: Settings) -> pd.DataFrame:
         """Return decisions with names as categories, which parts group."""
         return as_numbers(decisions)
+
+    def least_p(self, study: StudyProtocol, people: int) -> float:
+        """Return that of the primary comparison; pooled trials have none worth a name."""
+        return 0.0 if from_protocol(study).test == "pooled" else float(least_p(people))
+
+    def family(self, study: StudyProtocol) -> int:
+        """Return the number of comparisons."""
+        settings = from_protocol(study)
+        each = len(settings.comparisons) if settings.correction == "holm" else 1
+        return 0 if settings.test == "pooled" else each
 
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the table of the program pwcmp."""

@@ -9,9 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.correct import RatesPart, odd_answers
+from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
@@ -46,6 +48,7 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         ThresholdsPart(),
         *levels,
         ComparisonsPart(),
+        RateInteraction(),
         ModelsPart(),
         PeoplePart(),
         RightLearning(),
@@ -65,6 +68,22 @@ class RatesTask(TaskAnalysis[RateSettings]):
     def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
 
+    def least_p(self, study: StudyProtocol, people: int) -> float:
+        """Return the least adjusted p of shares or d'; of thresholds any can be had."""
+        settings, count = self.settings(study), self.family(study)
+        if settings.adaptive:
+            return 0.0
+        toward = min(settings.chance, 1.0 - settings.chance) if count == 0 else 0.5
+        return min(1.0, max(count, 1) * float(least_p(people, toward)))
+
+    def family(self, study: StudyProtocol) -> int:
+        """Return the number of comparisons with the baseline."""
+        settings = self.settings(study)
+        if settings.adaptive or len(settings.values) < 2:
+            return 0
+        compared = len(self.simulation(study).compared)
+        return max(compared, 1) if settings.correction == "holm" else 1
+
     # Settings and tables.
 
     def settings(self, study: StudyProtocol) -> RateSettings:
@@ -79,6 +98,8 @@ class RatesTask(TaskAnalysis[RateSettings]):
         """Read trials: who was shown what, answered what, and was right or wrong."""
         rows = opened(table, mapping)
         wanted = list(told.by_columns)
+        if told.interaction not in (None, told.level, *wanted):
+            wanted.append(told.interaction)
         levels = [name for name in (told.level,) if name is not None]
         found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
         # What was mapped is there under our name; it need not be there twice.
