@@ -26,7 +26,6 @@ from benchmarks.machine import conditions
 from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.compression.codec import DEFAULT_ANGLES, Settings, compress
 from pipeline.compression.gpu import DecompressPass
-from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import MetamerPass
 from pipeline.foveation.settings import MetamerSettings
@@ -34,7 +33,7 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli import pictures as sheets
-from stimuli.compressed.rivals import measured, rivals, sheet_of
+from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
 from stimuli.foveated.builtin_pictures import builtin_picture
 
 SIZES_KB = (15, 25, 41, 70, 120)
@@ -187,10 +186,9 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
         for size_kb in arguments.sizes:
             for kind in KINDS:
                 size_bytes = round(1000 * size_kb)
-                try:
-                    (one,) = rivals(picture, gaze_px, size_bytes, settings, kinds=(kind,))
-                except InputError as error:
-                    print(f"{name}: no {kind} {codec} of {size_kb:g} kB: {error}")
+                (one,) = rivals(picture, gaze_px, size_bytes, settings, kinds=(kind,))
+                if isinstance(one, Missed):
+                    print(f"{name}: no {one.name} of {size_kb:g} kB: {one.why}")
                     continue
                 said = measured(one, picture, geometry, gaze_px)
                 jod = jod_of(one.shown, picture, WIDTH_DEG)

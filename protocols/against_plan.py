@@ -26,6 +26,7 @@ def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
 
     So it is where the study's secret is not at hand.
     """
+    protocol = protocol.ordered_by(start.seed) if start.remote else protocol
     try:
         trials = planned_trials(protocol, start.participant, start.slot)
         seed = protocol.order_seed

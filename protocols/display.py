@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from protocols.prose import shortest
 from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
@@ -46,6 +46,7 @@ class Display(Model):
     """Luminance of black. Default: not measured."""
     gamma: Annotated[float, Field(ge=0.1, le=10)] | None = None
     """Measured with a photometer. Default: not measured."""
+    _tolerance_s: float = PrivateAttr(default=0.0)
 
     @model_validator(mode="after")
     def _square_pixels(self) -> Display:
@@ -71,7 +72,14 @@ class Display(Model):
         """Return `duration_s` in whole frames, or None where it is not whole."""
         exact = duration_s * self.refresh_hz
         whole = round(exact)
-        return whole if whole >= 0 and abs(exact - whole) <= FRAME_TOLERANCE else None
+        allowed = max(FRAME_TOLERANCE, self._tolerance_s * self.refresh_hz)
+        return whole if whole >= 0 and abs(exact - whole) <= allowed else None
+
+    def at_rate(self, refresh_hz: float, tolerance_s: float) -> Display:
+        """Return the display at another rate, where times may be off by a tolerance to be whole."""
+        copy = self.model_copy(update={"refresh_hz": refresh_hz})
+        copy._tolerance_s = tolerance_s
+        return copy
 
     def nearest_durations(self, duration_s: float) -> tuple[str, ...]:
         """Return the durations of whole frames just below and above, in seconds, as texts."""

@@ -32,7 +32,7 @@ def check_feasible(
     clips must fit the screen and are shown pixel by pixel, and two pairs must fit the memory.
     Every message says the nearest feasible values. The list is empty where all is well.
     """
-    problems = _times(protocol, display) + _rate(protocol, display)
+    problems = timing_problems(protocol, display)
     nominal = display.at_nominal_rate()
     if problems and nominal is not None:
         problems = [
@@ -42,8 +42,7 @@ def check_feasible(
                 f" its file (got {display.refresh_hz:g} Hz, as drivers measure it, which"
                 " refresh_tolerance_share allows)",
             ),
-            *_times(protocol, nominal),
-            *_rate(protocol, nominal),
+            *timing_problems(protocol, nominal),
         ]
     size = _size(protocol, display)
     problems += size
@@ -129,7 +128,13 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
     )
 
 
-def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
+def timing_problems(protocol: StudyProtocol, display: Display) -> list[Problem]:
+    """Return what is not whole refreshes: times, and how long a clip's frames last."""
+    return _times(protocol, display) + _rate(protocol, display)
+
+
+def stated_times_s(protocol: StudyProtocol) -> dict[str, float]:
+    """Return every time of a trial that must be whole refreshes, by its place in the study."""
     times = {
         "trial.fixation_s": protocol.trial.fixation_s,
         "trial.fixation_timeout_s": protocol.trial.fixation_timeout_s,
@@ -141,8 +146,12 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
         times["trial.feedback_s"] = protocol.trial.feedback_s
     if protocol.response.timeout_s is not None:
         times["response.timeout_s"] = protocol.response.timeout_s
+    return times
+
+
+def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
     problems = []
-    for place, duration_s in times.items():
+    for place, duration_s in stated_times_s(protocol).items():
         if display.frames(duration_s) in (None, 0):
             near = " or ".join(f"{near} s" for near in display.nearest_durations(duration_s))
             also = _other_displays({rate: duration_s * rate for rate in COMMON_RATES_HZ})

@@ -22,6 +22,7 @@ from protocols.units import (
     Model,
     Name,
     ParticipantCode,
+    Pixels,
     Positive,
     Scalar,
     Seed,
@@ -85,8 +86,54 @@ class GazeInfo(Model):
     """Added to the tracker's stamps to give the session clock. Null if both use one clock."""
 
 
-class SessionStart(Event):
+SlotFrom = Literal["link", "batch", "drawn"]
+"""`link`: the address named it. `batch`: the study's server gave it. `drawn`: by chance."""
+
+
+class Machine(Model):
+    """What the gate found: nothing that tells one person from another."""
+
+    browser: Text
+    """Name and main version."""
+    refresh_hz: Hertz
+    """Measured, over at least 300 frames."""
+    missed_share: Share
+    """Of the refreshes of that measurement."""
+    window_px: tuple[Pixels, Pixels]
+    """Device pixels of the canvas."""
+    device_pixel_ratio: Annotated[float, Field(gt=0)]
+    scale: Positive
+    """Screen pixels per pixel of a stimulus, along an edge."""
+    color_gamut: Literal["srgb", "p3", "rec2020", "unknown"]
+    full_screen: bool
+    touch: bool
+    simulated: bool = False
+    """No person took part: an artificial observer drove the page."""
+
+
+class Remote(Model):
+    """A session in a participant's own browser: what vouches for it.
+
+    Files were hashed before they were decoded, and each refresh is stamped by the browser's
+    animation frame. No photodiode saw the screen, and nothing watched gaze or distance.
+    """
+
+    study_file_sha256: Sha256
+    """Of the export's `study.json`."""
+    revision: Text
+    """Of metamerlab, which made the export."""
+    slot_from: SlotFrom
+    machine: Machine
+    deviations_s: dict[str, float]
+    """How much longer times were than the study states, by their places in the study file."""
+    identifier: str | None = None
+    """Value of the link's parameter that the study names."""
+
+
+class SessionStart(Event, Grown):
     """The first line: everything the session depends on."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("remote",)
 
     kind: Literal["session-start"] = "session-start"
     format: Literal[2] = 2
@@ -121,7 +168,9 @@ class SessionStart(Event):
     platform: str
     timing_evidence: str = ""
     """How flip times were verified: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`,
-    `virtual`."""
+    `virtual`, or in a browser `animation frame`."""
+    remote: Remote | None = None
+    """The session ran in the participant's own browser. Left out where it ran at a desk."""
 
 
 class SessionResume(Event):

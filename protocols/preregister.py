@@ -10,6 +10,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.hashing import sha256_json
+from protocols.html_page import style
 from protocols.manifest import Manifest
 from protocols.outside import markdown
 from protocols.plan import make_plan
@@ -115,7 +116,7 @@ def to_html(title: str, sections: list[Section]) -> str:
                 body.append(f"<ul>{entries}</ul>")
             else:
                 body.append(f"<p>{html.escape(block)}</p>")
-    return _PAGE.format(title=html.escape(title), body="\n".join(body))
+    return _PAGE.format(title=html.escape(title), style=style(), body="\n".join(body))
 
 
 _PAGE = """<!doctype html>
@@ -123,14 +124,14 @@ _PAGE = """<!doctype html>
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}</title>
 <style>
-body {{ font: 16px/1.5 sans-serif; max-width: 48rem; margin: 2rem auto; padding: 0 1rem; }}
-table {{ border-collapse: collapse; display: block; overflow-x: auto; }}
-th, td {{ border: 1px solid #999; padding: .25rem .6rem; text-align: left; }}
+{style}
+table {{ display: block; overflow-x: auto; }}
+th, td {{ text-align: left; }}
 td {{ overflow-wrap: anywhere; }}
 </style></head>
-<body>
+<body><main>
 {body}
-</body></html>
+</main></body></html>
 """
 
 

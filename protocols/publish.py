@@ -18,6 +18,8 @@ from protocols.plan import Plan
 from protocols.results import Results
 from protocols.schema import StudyProtocol
 from protocols.script import TrialScript
+from protocols.web_lines import LINE
+from protocols.web_study import WebStudy
 
 _FORMATS: dict[str, tuple[TypeAdapter[Any], str]] = {
     "study": (TypeAdapter(StudyProtocol), "metamerlab study protocol"),
@@ -26,6 +28,8 @@ _FORMATS: dict[str, tuple[TypeAdapter[Any], str]] = {
     "journal": (EVENT, "one line of a metamerlab session journal"),
     "plan": (TypeAdapter(Plan), "trials of one participant of a metamerlab study"),
     "script": (TypeAdapter(TrialScript), "metamerlab trial, as it is drawn"),
+    "web-study": (TypeAdapter(WebStudy), "metamerlab study, as a browser runs it"),
+    "web-line": (LINE, "one line that a browser sends home"),
     "results": (TypeAdapter(Results), "results of a metamerlab report"),
 }
 

@@ -45,6 +45,7 @@ _MEANINGS = {
 }
 _UNITS = {
     "s": "seconds",
+    "µs": "microseconds",
     "Hz": "hertz",
     "deg": "degrees",
     "px": "pixels",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
@@ -29,10 +29,11 @@ from protocols.session_schema import (
     StudyInfo,
     TextSection,
     TrialTiming,
+    Web,
 )
 from protocols.tasks.base import Analysis, Cell, Task
 from protocols.tasks.registry import TASKS, check_returns
-from protocols.units import Model
+from protocols.units import Grown
 
 if TYPE_CHECKING:
     AnyRecipe = Recipe
@@ -47,8 +48,10 @@ else:  # what is registered, plug-ins included: known when the program starts
     ]
 
 
-class StudyProtocol(Model):
+class StudyProtocol(Grown):
     """A whole study. Two studies with equal hashes are the same study."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("web",)
 
     format: Literal[2]
     """Version of the file format."""
@@ -74,6 +77,8 @@ class StudyProtocol(Model):
     """Tests and exclusions, fixed before data collection."""
     privacy: Privacy
     """Participant codes, consent, what is stored."""
+    web: Web | None = None
+    """How the study runs in a browser. Default: at the desk only."""
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
 
@@ -129,6 +134,26 @@ class StudyProtocol(Model):
         copy = self.model_copy()
         copy._order_seed = seed
         return copy
+
+    def in_a_browser(self) -> StudyProtocol:
+        """Return the study as a browser runs it: no gaze is watched.
+
+        Raises
+        ------
+        StudyError
+            If the study does not say that this is meant.
+        """
+        if self.web is not None:
+            return self.model_copy(update={"gaze": self.gaze.model_copy(update={"mode": "none"})})
+        watched = (
+            f"; the study watches gaze (gaze.mode = {self.gaze.mode!r}), which a browser cannot"
+            if self.gaze.mode != "none"
+            else ""
+        )
+        raise StudyError(
+            f"web: a study that runs in a browser must have a section [web] (it has none){watched};"
+            ' add [web] with gaze = "none" where the study may do without, and preregister it'
+        )
 
     def in_any_order(self) -> StudyProtocol:
         """Return the study with some order of trials: for counts and lengths, which all share."""

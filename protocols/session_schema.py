@@ -290,6 +290,31 @@ class Exclusions(Model):
     """Slower answers are left out. Default: no limit."""
 
 
+LinkParameter = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+WebAddress = Annotated[str, StringConstraints(pattern=r"^https?://\S{1,2000}$")]
+
+
+class Web(Model):
+    """How the study runs in a participant's own browser."""
+
+    gaze: Literal["none"]
+    """A browser does not watch gaze: fixation is not controlled there, whatever `[gaze]` says."""
+    tolerance_s: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "s"})] = 0.0
+    """How far times may be from those stated, to be whole refreshes. 150 ms are 10.8 refreshes at
+    72 Hz. A refresh rate that needs more is refused. Preregister it."""
+    identifier: (
+        Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")] | None
+    ) = None
+    """Parameter of the link whose value is kept, such as a panel's code of the participant.
+    Default: none is kept."""
+    completion_url: Annotated[str, StringConstraints(pattern=r"^https?://\S{1,2000}$")] | None = (
+        None
+    )
+    """Address that the last page links to. Default: none."""
+    completion_code: Text | None = None
+    """Code that the last page shows. Default: none."""
+
+
 class Privacy(Model):
     """What is kept about a participant."""
 

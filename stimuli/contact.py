@@ -9,8 +9,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from protocols.html_page import html_page
 from protocols.manifest import Clip
 from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
@@ -40,10 +40,9 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
         entries.append({"label": label, "method": caption, "folder": clip.name})
         group = groups.setdefault(title, {"title": title, "facts": facts, "members": []})
         group["members"].append(index)
-    environment = Environment(
-        loader=PackageLoader("stimuli", "."), autoescape=True, undefined=StrictUndefined
-    )
-    text = environment.get_template("contact.html").render(
+    text = html_page(
+        "stimuli",
+        "contact.html",
         title=protocol.study.title,
         clips=entries,
         groups=list(groups.values()),

@@ -1,4 +1,4 @@
-"""A folder that a command fills with the frames of one clip: all of them, or none."""
+"""Folders of frames: those of a clip, and one that a command fills with all of them or none."""
 
 import os
 from collections.abc import Iterator
@@ -10,24 +10,32 @@ from protocols.folder_hold import held
 from protocols.left_behind import clear_folders, remove_files
 from stimuli.whole_file import PART
 
+READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
+_UNREAD = (".heic", ".heif")
 _FRAMES = (".png", ".exr")
-_READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 
 
-def pictures_in(folder: Path) -> list[Path]:
-    """Return the pictures in a folder, in the order of their names.
+def frames_in(folder: Path) -> list[Path]:
+    """The pictures of a folder, in the order of their names; there is one at least.
 
     Raises
     ------
     InputError
-        If there are none.
+        If there is none, or one that is known and cannot be read.
     """
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _READ)
-    if not paths:
+    files = sorted(folder.iterdir())
+    unread = [path for path in files if path.suffix.lower() in _UNREAD]
+    if unread:
+        raise InputError(
+            f"{folder}: must hold no HEIC pictures, which are not read (has {len(unread)}, the"
+            f" first is {unread[0].name}); save them as PNG or JPEG in another folder"
+        )
+    found = [path for path in files if path.suffix.lower() in READ]
+    if not found:
         raise InputError(
             f"{folder}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
         )
-    return paths
+    return found
 
 
 @contextmanager

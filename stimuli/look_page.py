@@ -21,8 +21,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from protocols.html_page import html_page
 from stimuli.open_scene import view_line
 from stimuli.pictures import of_colour
 from stimuli.render import Renderer
@@ -128,10 +128,9 @@ class LookServer:
         self._reach_m = max(1e-3, float(np.linalg.norm(high - low)) / 2)
         self._key = secrets.token_urlsafe(16)
         self._asked: queue.Queue[_Job | None] = queue.Queue()
-        environment = Environment(
-            loader=PackageLoader("stimuli", "."), autoescape=True, undefined=StrictUndefined
-        )
-        self._page = environment.get_template("look_page.html").render(
+        self._page = html_page(
+            "stimuli",
+            "look_page.html",
             scene=scene,
             width=VIEW_PX[0],
             height=VIEW_PX[1],

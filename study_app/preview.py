@@ -14,10 +14,10 @@ from typing import Any, Final, assert_never
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
+from protocols.html_page import html_page
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.base import SCENE
@@ -98,9 +98,6 @@ def preview_page(
     chosen = [trials[int(index)] for index in spread]
     maker = _Maker(study, display, known, stimuli)
     played = [maker.trial(trial) for trial in chosen]
-    environment = Environment(
-        loader=PackageLoader("study_app", "."), autoescape=True, undefined=StrictUndefined
-    )
     data = {
         "size": maker.stage,
         "grey": maker.grey,
@@ -110,7 +107,9 @@ def preview_page(
         "images": maker.images,
         "window": maker.window(),
     }
-    html = environment.get_template("preview.html").render(
+    html = html_page(
+        "study_app",
+        "preview.html",
         mark=MARK,
         title=study.study.title,
         study=study,

@@ -1,9 +1,7 @@
 """The page of a report: one HTML file that needs no other."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from analysis.exclusions import FlowStep
@@ -13,8 +11,7 @@ from analysis.report.content import Content
 from analysis.report.source import Source
 from analysis.report.values import rows_as_json
 from protocols.hashing import Json
-
-_TEMPLATES = Path(__file__).parent
+from protocols.html_page import html_page
 
 
 def report_page(
@@ -28,18 +25,11 @@ def report_page(
 
     `quality` are blocks that end the section on data quality.
     """
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     tidy = source.tidy
     flow: tuple[FlowStep, ...] = tidy.flow if tidy else ()
-    return environment.get_template("template.html").render(
-        css=Markup((_TEMPLATES / "report.css").read_text(encoding="utf-8")),
+    return html_page(
+        "analysis.report",
+        "template.html",
         s=source.settings,
         w=wording,
         content=content,

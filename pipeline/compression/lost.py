@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.resample import MARGIN, around, linear, to_cells
-from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_of
 from pipeline.foveation.moments import (
     BLOCK_HALVINGS,
@@ -134,4 +133,4 @@ def with_noise(base: Floats, maps: Sequence[LostMap], seed: int) -> Floats:
     """Add noise of the variance that was lost, as it lies on the screen, to R'G'B': (H, W, 3)."""
     plane = noise_plane(base.shape[:2], seed, len(maps), 1, wraps=False)
     noise = shaped_noise(wanted_of(maps), plane, len(maps), "follow", wraps=False)
-    return added(base, noise.ycc, noise.deviation)
+    return noise.on(base)

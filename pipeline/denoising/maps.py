@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, select
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.moments import BLOCK_HALVINGS, SMALLEST_VARIANCE, Wanted, wanted_by_blocks
@@ -108,4 +107,4 @@ def metamer_of(maps: MomentMaps, pools: Pools, seed: int) -> NDArray[np.float32]
     wraps = pools.geometry.wraps
     plane = noise_plane(maps.base.shape[:2], seed, maps.levels, 1, wraps=wraps)
     noise = shaped_noise(maps.wanted(), plane, maps.levels, "follow", wraps=wraps)
-    return finished(maps.base, added(maps.base, noise.ycc, noise.deviation), pools)
+    return finished(maps.base, noise.on(maps.base), pools)

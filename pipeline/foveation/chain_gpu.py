@@ -11,13 +11,15 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.passes import TILE, PicturePass, Pooled, resolutions
 from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 
+POWERS = 3  # layers of powers
+
 
 @dataclass(frozen=True, eq=False)
 class Resolutions:
     """Textures by resolution less 1; None where there are none. The picture's own are not kept.
 
     `lows`: the picture halved so often. `moments`: two layers a level, see pull.comp.glsl.
-    `powers`: of Cb and Cr, from resolution 2 on.
+    `powers`: of red, green and blue, from resolution 2 on.
     """
 
     lows: list[moderngl.Texture]
@@ -63,7 +65,6 @@ class ChainPass(PicturePass):
         self.count = chain_length(*size)
         self.sizes = resolutions(size, self.count)
         taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
-        # Powers of chroma, of resolutions from 2.
         has_powers = levels > 0 and chroma
         self.pulled = Resolutions(
             [self._texture(size) for size in self.sizes[1:]],
@@ -72,7 +73,7 @@ class ChainPass(PicturePass):
                 for r in range(1, self.count + 1)
             ],
             [
-                self._array(self.sizes[r], 2) if has_powers and r > 1 else None
+                self._array(self.sizes[r], POWERS) if has_powers and r > 1 else None
                 for r in range(1, self.count + 1)
             ],
         )
@@ -113,7 +114,7 @@ class ChainPass(PicturePass):
             if layers:
                 self.chosen.moments[r - 1] = self._array(self.sizes[r], 2 * layers)
             if layers and has_powers:
-                self.chosen.powers[r - 1] = self._array(self.sizes[r], 2)
+                self.chosen.powers[r - 1] = self._array(self.sizes[r], POWERS)
         self._pushes = [
             (r, self._push_step(pushes[key], r)) for r, key in reversed(pushed.items()) if any(key)
         ]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
-from pipeline.foveation.look import Look, Picture, as_floats, check_held, check_picture
+from pipeline.foveation.look import Look, Picture, as_floats, check_held, check_picture, check_size
 from pipeline.foveation.panorama import by_charts
 from pipeline.registry import Entry, check_given, defaults_of, find
 
@@ -192,10 +192,11 @@ class Foveator:
         **parameters: Any,
     ) -> None:
         self.method = method
-        self.geometry: Geometry = (viewing or Flat()).of(size[1], size[0])
+        height, width = check_size(size)
+        self.geometry: Geometry = (viewing or Flat()).of(width, height)
         self.condition = create_condition(method, parameters)
-        self._held: Picture | NDArray[np.uint8] | None = None
-        self._analysed = False
+        self._holds = False
+        self._image: Picture | NDArray[np.uint8] | None = None  # for numpy
         self.passes: FoveationPass | None = None
         if ctx is not None:
             self.passes = self._passes(ctx)
@@ -211,7 +212,7 @@ class Foveator:
         field_gaze_px: tuple[float, float] | None = None,
     ) -> Picture:
         """Show one picture; see `foveate`."""
-        self._keep(check_picture(picture))
+        self._hold(check_picture(picture))
         return self.show(
             gaze_px,
             seed=seed,
@@ -226,17 +227,15 @@ class Foveator:
         Parameters
         ----------
         picture : ndarray of shape (H, W, 3)
-            Encoded R'G'B' in [0, 1], or of 8 bits; on the GPU the latter are not converted. It must
-            not change while it is held.
+            Encoded R'G'B' in [0, 1], or of 8 bits; on the GPU the latter are not converted. It is
+            copied: changing it later changes nothing that is shown.
 
         Raises
         ------
         InputError
             If it is no picture, or of another size.
         """
-        self._keep(check_held(picture))
-        if self.passes is not None:
-            self._analyse(self.passes)
+        self._hold(check_held(picture))
 
     def show(
         self,
@@ -257,33 +256,32 @@ class Foveator:
         InputError
             If none is held, or as `foveate`.
         """
-        if self._held is None:
+        if not self._holds:
             raise InputError("a foveator must hold a picture before it shows one: hold(picture)")
         look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             passes = self.passes
-            self._analyse(passes)
             if last:
-                self.passes = None
+                self.passes, self._holds = None, False
             return passes.shown(look, last=last)
-        image = as_floats(self._held)
+        assert self._image is not None
+        image = as_floats(self._image)
         if self.geometry.wraps and self.condition.on_charts:
             return by_charts(self.condition, image, look)
         return self.condition.apply(image, look)
 
-    def _keep(self, image: Picture | NDArray[np.uint8]) -> None:
+    def _hold(self, image: Picture | NDArray[np.uint8]) -> None:
         size = (self.geometry.height_px, self.geometry.width_px)
         if image.shape[:2] != size:
             raise InputError(
                 f"picture must be {size[1]} x {size[0]} px, as this foveator was built"
                 f" (got {image.shape[1]} x {image.shape[0]})"
             )
-        self._held, self._analysed = image, False
-
-    def _analyse(self, passes: FoveationPass) -> None:
-        if not self._analysed and self._held is not None:
-            passes.upload(self._held)
-            self._analysed = True
+        if self.passes is not None:
+            self.passes.upload(image)
+        if self.passes is None or not self.passes.carries_noise:
+            self._image = image.copy()
+        self._holds = True
 
     def _passes(self, ctx: moderngl.Context) -> FoveationPass | None:
         if not (self.geometry.wraps and self.condition.on_charts):
@@ -294,7 +292,7 @@ class Foveator:
 
     def release(self) -> None:
         """Free what is held on the GPU, and the picture."""
-        self._held = None
+        self._holds, self._image = False, None
         if self.passes is not None:
             self.passes.release()
             self.passes = None

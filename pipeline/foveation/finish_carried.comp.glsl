@@ -52,10 +52,10 @@ Bands bands_at(ivec2 pixel) {
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), first = 2 * cell;
     if (any(greaterThanEqual(first, textureSize(source, 0)))) return;
-    mat4x3 bands[LEVELS];
+    mat3x4 bands[LEVELS];
     for (int i = 0; i < 4; ++i) {
         Bands own = bands_at(first + ivec2(i & 1, i >> 1));
-        for (int band = 0; band < 3 * LEVELS; ++band) bands[band / 3][i][band % 3] = own.of[band / 4][band % 4];
+        for (int band = 0; band < 3 * LEVELS; ++band) bands[band / 3][band % 3][i] = own.of[band / 4][band % 4];
     }
     add_noise(cell, bands);
 }

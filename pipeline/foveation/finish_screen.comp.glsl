@@ -27,9 +27,9 @@ void main() {
         uvec4 four = texelFetch(noise, ivec3(place, layer), 0);
         for (int i = 0; i < 4; ++i) words[4 * layer + i] = four[i];
     }
-    mat4x3 bands[LEVELS];
+    mat3x4 bands[LEVELS];
     for (int level = 0; level < LEVELS; ++level)
-        bands[level] = transpose(mat3x4(band_of(words[3 * level]), band_of(words[3 * level + 1]),
-                                        band_of(words[3 * level + 2])));
+        bands[level] = mat3x4(band_of(words[3 * level]), band_of(words[3 * level + 1]),
+                              band_of(words[3 * level + 2]));
     add_noise(cell, bands);
 }

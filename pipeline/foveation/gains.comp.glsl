@@ -8,12 +8,14 @@
 #constant PARTNER_SHARE      // of the small pool beside, along each axis
 #constant CHROMA             // 1: Cb and Cr go with luma; 0: none
 #constant COARSER            // 1: resolution 2 is not the coarsest
-#constant LEAST_TIGHTNESS    // of chroma, at least
-#constant LOOSE_VARIANCE     // of chroma: less is hardly bound
-#constant STRONGEST_BEND     // a sixth of its skewness, at most
+#constant LEAST_TIGHTNESS    // of colours, at least
+#constant LEAST_SKEWED       // variance: what varies less is hardly skewed
+#constant LEAST_BOUND        // variance: what varies less is hardly bound
+#constant STRONGEST_SKEW     // a sixth of the skewness, at most
 
 #include "pools.glsl"
 #include "spectral_gains.glsl"
+#include "ycbcr.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -27,7 +29,7 @@ uniform sampler2DArray moments_2;
 uniform sampler2DArray moments_3;
 #endif
 #if CHROMA
-uniform sampler2DArray powers_2;  // of Cb and Cr
+uniform sampler2DArray powers_2;  // of colours
 #if COARSER
 uniform sampler2DArray powers_3;  // chosen
 #endif
@@ -59,21 +61,25 @@ struct Block { vec4 weights[6], scalars[3]; };
 #endif
 
 #if CHROMA
-struct Chroma { vec2 variance; vec3 shape; };
+struct Colours { vec2 chroma; vec4 shape; };
 
-// Twin: chroma_shape() in moments.py.
-Chroma chroma_at(ivec2 block, vec2 within, float pool) {
+// Twin: colour_shape() in moments.py.
+Colours colours_at(ivec2 block, vec2 within, float pool) {
     float share = beyond_lod(pool, 2);
-    vec4 powers = CHOSEN(powers_2, powers_3, 0, share), higher = CHOSEN(powers_2, powers_3, 1, share);
-    vec2 first = powers.xy, second = powers.zw, third = higher.xy, squared = first * first;
-    vec2 variance = max(second - squared, 0.0) + SMALLEST_VARIANCE;
-    vec2 cube = third - 3.0 * first * second + 2.0 * first * squared;
-    vec2 quartic = higher.zw - 4.0 * first * third + 6.0 * squared * second - 3.0 * squared * squared;
-    vec2 skewed = 3.0 * cube * cube / variance;
-    float room = dot(6.0 * variance * variance + skewed - 2.0 * quartic, vec2(1.0));
-    float whole = dot(4.0 * quartic - skewed, vec2(1.0)) + LOOSE_VARIANCE * LOOSE_VARIANCE;
-    vec2 bend = clamp(cube / (6.0 * variance * sqrt(variance)), -STRONGEST_BEND, STRONGEST_BEND);
-    return Chroma(variance, vec3(bend, clamp(room / whole, LEAST_TIGHTNESS, 1.0)));
+    vec4 powers = CHOSEN(powers_2, powers_3, 0, share), squares = CHOSEN(powers_2, powers_3, 1, share);
+    vec4 higher = CHOSEN(powers_2, powers_3, 2, share);
+    vec3 first = powers.xyz, second = squares.xyz, third = higher.xyz, squared = first * first;
+    vec3 variance = max(second - squared, 0.0) + SMALLEST_VARIANCE;
+    vec3 cube = third - 3.0 * first * second + 2.0 * first * squared;
+    float quartic = higher.a - dot(4.0 * first * third - 6.0 * squared * second + 3.0 * squared * squared, vec3(1.0));
+    float skewed = dot(3.0 * cube * cube / variance, vec3(1.0));
+    float room = 6.0 * dot(variance, variance) + skewed - 2.0 * quartic;
+    float whole = 4.0 * quartic - skewed + LEAST_BOUND * LEAST_BOUND;
+    vec3 wide = variance + LEAST_SKEWED;
+    vec3 skew = clamp(cube / (6.0 * wide * sqrt(wide)), -STRONGEST_SKEW, STRONGEST_SKEW);
+    vec2 mean = (YCBCR_FROM_RGB * first).yz;
+    return Colours(max(vec2(powers.a, squares.a) - mean * mean, 0.0) + SMALLEST_VARIANCE,
+                   vec4(skew, clamp(room / whole, LEAST_TIGHTNESS, 1.0)));
 }
 #endif
 
@@ -151,13 +157,14 @@ Block block_at(ivec2 block) {
 #endif
 #if CHROMA
     // No more than there is in the pool.
-    Chroma chroma = chroma_at(block, within, pool);
-    vec2 limit = sqrt(min(chroma.variance / (given + SMALLEST_VARIANCE), 1.0));
+    Colours colours = colours_at(block, within, pool);
+    vec2 limit = sqrt(min(colours.chroma / (given + SMALLEST_VARIANCE), 1.0));
 #define LIMIT(level) { own.weights[level].a *= limit.x; SCALAR(own, level) *= limit.y; }
     EACH_LEVEL(LIMIT)
-    SCALAR(own, LEVELS + 1) = chroma.shape.x;
-    SCALAR(own, LEVELS + 2) = chroma.shape.y;
-    SCALAR(own, LEVELS + 3) = chroma.shape.z;
+    SCALAR(own, LEVELS + 1) = colours.shape.x;
+    SCALAR(own, LEVELS + 2) = colours.shape.y;
+    SCALAR(own, LEVELS + 3) = colours.shape.z;
+    SCALAR(own, LEVELS + 4) = colours.shape.w;
 #endif
     return own;
 }
@@ -167,7 +174,7 @@ void store(ivec2 place, ivec2 last, Block own, float deviation) {
 #define STORE(i) imageStore(weights, ivec3(place, i), own.weights[i] * vec4(gains[i], 1.0));
     EACH_LEVEL(STORE)
     SCALAR(own, LEVELS) = deviation;
-    for (int layer = 0; 4 * layer < LEVELS + 1 + 3 * CHROMA; ++layer)
+    for (int layer = 0; 4 * layer < LEVELS + 1 + 4 * CHROMA; ++layer)
         imageStore(weights, ivec3(place, LEVELS + layer), own.scalars[layer]);
 }
 

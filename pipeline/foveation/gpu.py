@@ -20,11 +20,12 @@ from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.moments import (
+    LEAST_BOUND,
+    LEAST_SKEWED,
     LEAST_TIGHTNESS,
-    LOOSE_VARIANCE,
     PARTNER_SHARE,
     SMALLEST_VARIANCE,
-    STRONGEST_BEND,
+    STRONGEST_SKEW,
 )
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
@@ -79,6 +80,7 @@ class FoveationPass(PicturePass):
         self.geometry = geometry
         self._source: moderngl.Texture | None = None
         self._ends: dict[str, moderngl.Texture] = {}  # for callers without textures
+        self._reader: moderngl.Framebuffer | None = None  # of what is shown to them
         self.chains: list[ChainPass] = []  # what analyses pictures
 
     def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
@@ -168,14 +170,17 @@ class FoveationPass(PicturePass):
         if shift is not None:
             shift.release()
         if last:
+            reader, self._reader = self._reader, None
             del self._ends["target"]
             self.release()
+            self._reader = reader
+        if self._reader is None:
+            self._reader = self._ctx.framebuffer([target])  # reads three of the four channels
         found = np.empty((self.size[1], self.size[0], 3), np.float32)
-        frame = self._ctx.framebuffer([target])  # reads three of the four channels
-        frame.read_into(found, components=3, dtype="f4", alignment=1)
-        frame.release()
+        self._reader.read_into(found, components=3, dtype="f4", alignment=1)
         if last:
             target.release()
+            self._release_reader()
         return found
 
     def apply(self, picture: Picture, look: Look) -> Picture:
@@ -183,10 +188,16 @@ class FoveationPass(PicturePass):
         self.upload(picture)
         return self.shown(look)
 
+    def _release_reader(self) -> None:
+        if self._reader is not None:
+            self._reader.release()
+            self._reader = None
+
     def release(self) -> None:
         for end in self._ends.values():
             end.release()
         self._ends.clear()
+        self._release_reader()
         self._source = None
         super().release()
 
@@ -246,8 +257,9 @@ class MetamerPass(FoveationPass):
             CHROMA=self._chroma,
             COARSER=count > 2,
             LEAST_TIGHTNESS=LEAST_TIGHTNESS,
-            LOOSE_VARIANCE=LOOSE_VARIANCE,
-            STRONGEST_BEND=STRONGEST_BEND,
+            LEAST_SKEWED=LEAST_SKEWED,
+            LEAST_BOUND=LEAST_BOUND,
+            STRONGEST_SKEW=STRONGEST_SKEW,
         )
         self._gains = self._gains_step(gains)
         self._finish = self._compile_finish(carried=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import Geometry, check_gaze
+from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling
@@ -111,3 +112,22 @@ def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:
     if picture.dtype == np.uint8:
         return from_integers(np.asarray(picture, np.uint8))
     return np.asarray(picture, np.float32)
+
+
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return (height, width) as two whole numbers, at least 1.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    try:
+        height, width = (operator.index(edge) for edge in size)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"size must be (height, width), two whole numbers (got {size!r}); of a picture it is"
+            " picture.shape[:2]"
+        ) from None
+    check_edges(width, height)
+    return height, width

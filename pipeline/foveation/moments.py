@@ -7,8 +7,8 @@ at one level of detail (mixing variances would forget how far two pools' means l
 
 What is wanted is known for blocks of 4x4 pixels; it varies as slowly as pools are wide.
 
-Chroma's third and fourth moments are pooled too. Where a pool holds one strong colour, noise that
-swings both ways and far would show its complement, which the pool has not.
+Third and fourth moments of red, green and blue are pooled too. Where a pool holds one strong
+colour, noise that swings both ways and far would show its complement, which the pool has not.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ PARTNER_SHARE = (1 - math.sqrt(1.25 - halving_variance())) / 2
 SMALLEST_VARIANCE = 2.0**-20
 """Added to variances that are divided by: a quarter of an 8-bit step, squared."""
 LEAST_TIGHTNESS = 2.0**-10
-"""See `chroma_shape`: chroma is not bound."""
-LOOSE_VARIANCE = 2.0**-12
-"""Of chroma, four 8-bit steps squared: less is hardly bound, for its fourth moment is rounded."""
-STRONGEST_BEND = 4.0
-"""Of a colour that one pixel in 600 has."""
+"""See `colour_shape`: colours are not bound."""
+LEAST_SKEWED, LEAST_BOUND = 2.0**-13, 2.0**-8
+"""Variances, 3 and 16 steps of 8 bits squared. What varies less is hardly skewed, and hardly bound,
+for its third and fourth moments are rounded."""
+STRONGEST_SKEW = 4.0
+"""A sixth of the skewness of a colour that one pixel in 600 has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +93,8 @@ class Wanted:
     """What noise has to give each block of 4x4 pixels; arrays (h, w, ...).
 
     `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
-    `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `shape` (3): of their noise,
-    see `chroma_shape`; None where it is not known, and noise is normal.
+    `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `shape` (4): of the pool's
+    colours, see `colour_shape`; None where it is not known.
     """
 
     variances: Floats
@@ -116,7 +117,7 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
         for level in range(levels)
     ]
     variances, slopes, remainders = (list(parts) for parts in zip(*found, strict=True))
-    chroma, shape = chroma_shape(lows, pools)
+    chroma, shape = colour_shape(lows, pools)
     # Beside an edge the bands' energy spreads wider than its pool, which has no more chroma than
     # this: of pixels halved once, whose bands are those from the second level on.
     given = sum(
@@ -132,33 +133,43 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
     )
 
 
-def chroma_shape(lows: Sequence[Floats], pools: Pools) -> tuple[Floats, Floats]:
-    """Pool the first four moments of Cb and Cr: (h, w, 2) and (h, w, 3), of blocks.
+def colour_shape(lows: Sequence[Floats], pools: Pools) -> tuple[Floats, Floats]:
+    """Pool the first four moments of R'G'B', and the variance of Cb and Cr, by blocks.
 
     They are those of pixels halved once, which hold nearly all of chroma. Powers are averaged over
     2x2 first, as coefficients' moments are.
 
     Returns
     -------
-    variance, shape : ndarray
-        The shape is a sixth of Cb's and of Cr's skewness, and their tightness: of the beta
+    variance : ndarray of shape (h, w, 2)
+        Of Cb and Cr.
+    shape : ndarray of shape (h, w, 4)
+        A sixth of the skewness of red, green and blue, and their tightness: of the beta
         distribution with four such moments, 1 over 1 plus the sum of its two parameters (Pearson
-        1895). It is 1 where a pool has two colours, and 0 where chroma is normal.
+        1895). It is 1 where a pool has two colours, and 0 where colours are normal.
     """
-    chroma = ycbcr_from_rgb(lows[1])[..., 1:]
-    powers = np.concatenate([chroma, chroma**2, chroma**3, chroma**4], axis=2)
+    colour = lows[1] - 0.5  # large means would round the fourth moment away
+    chroma = ycbcr_from_rgb(colour)[..., 1:]
+    fourth = (colour**4).sum(axis=2, keepdims=True)
+    powers = np.concatenate([colour, colour**2, colour**3, fourth, chroma**2], axis=2)
     wraps = pools.geometry.wraps
     chain = chain_of(halve_box(powers), len(lows) - 3, wraps=wraps)
     pooled = select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps)
-    first, second, third, fourth = np.split(pooled, 4, axis=2)
+    first, second, third, fourth, chroma = np.split(pooled, (3, 6, 9, 10), axis=2)
     variance = np.maximum(second - first**2, 0) + SMALLEST_VARIANCE
     cube = third - 3 * first * second + 2 * first**3
-    quartic = fourth - 4 * first * third + 6 * first**2 * second - 3 * first**4
-    skewed = 3 * cube**2 / variance
-    room = (6 * variance**2 + skewed - 2 * quartic).sum(axis=2, keepdims=True)
-    whole = (4 * quartic - skewed).sum(axis=2, keepdims=True) + LOOSE_VARIANCE**2
-    bend = np.clip(cube / (6 * variance**1.5), -STRONGEST_BEND, STRONGEST_BEND)
-    return variance, np.concatenate([bend, np.clip(room / whole, LEAST_TIGHTNESS, 1)], axis=2)
+    mixed = 4 * first * third - 6 * first**2 * second + 3 * first**4
+    quartic = fourth - mixed.sum(axis=2, keepdims=True)
+    skewed = (3 * cube**2 / variance).sum(axis=2, keepdims=True)
+    room = 6 * (variance**2).sum(axis=2, keepdims=True) + skewed - 2 * quartic
+    whole = 4 * quartic - skewed + LEAST_BOUND**2
+    skew = cube / (6 * (variance + LEAST_SKEWED) ** 1.5)
+    shape = [
+        np.clip(skew, -STRONGEST_SKEW, STRONGEST_SKEW),
+        np.clip(room / whole, LEAST_TIGHTNESS, 1),
+    ]
+    chroma = np.maximum(chroma - ycbcr_from_rgb(first)[..., 1:] ** 2, 0) + SMALLEST_VARIANCE
+    return chroma, np.concatenate(shape, axis=2)
 
 
 def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:

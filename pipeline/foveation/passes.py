@@ -26,7 +26,7 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import FIRST_SMOOTH, MOST_BEND
+from pipeline.foveation.reference import COLOURED, FIRST_SMOOTH, ROOMY
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
@@ -141,7 +141,8 @@ def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
         "LEVELS": levels,
         "BASE": True,
         "BENT": False,
-        "MOST_BEND": MOST_BEND,
+        "COLOURED": COLOURED,
+        "ROOMY": ROOMY,
         "FIRST_SMOOTH": FIRST_SMOOTH,
         "NOISE_SCALE": GRAIN,
         **BOUND_CONSTANTS,
@@ -152,7 +153,7 @@ def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
 
 def weight_layers(levels: int, *, bent: bool) -> int:
     """Layers of the weights in weighed_noise.glsl."""
-    return levels + -(-(levels + 1 + 3 * bent) // 4)
+    return levels + -(-(levels + 1 + 4 * bent) // 4)
 
 
 def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:

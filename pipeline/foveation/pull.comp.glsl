@@ -1,13 +1,13 @@
 #version 430
 // Pull: low-pass and halve the picture, make its bands' moments, and halve all older moments.
-// Twin: chain_of() in chain.py, moment_chain() and chroma_shape() in moments.py. Change both or neither.
+// Twin: chain_of() in chain.py, moment_chain() and colour_shape() in moments.py. Change both or neither.
 
 #constant TILE    // work-group edge, texels
 #constant WRAPS   // 1: the picture goes on at its other side
 #constant OWN     // 1: this resolution is a pyramid level: make its bands' moments
 #constant OLDER   // pyramid levels whose moments there are already
 #constant CHROMA  // 1: Cb and Cr's products with luma too; 0: none
-#constant POWERS  // 1: make the powers of Cb and Cr here; 2: halve them; 0: neither
+#constant POWERS  // 1: make the powers of colours here; 2: halve them; 0: neither
 
 #include "lowpass.glsl"
 #include "ycbcr.glsl"
@@ -28,7 +28,8 @@ uniform sampler2DArray fine_moments;
 layout(rgba32f) uniform writeonly image2DArray coarse_moments;
 #endif
 
-// Two layers: Cb, Cr and their squares; their cubes and fourth powers.
+// Three layers: red, green and blue less 1/2, a: Cb squared; their squares, a: Cr squared; their cubes,
+// a: the sum of their fourth powers.
 #if POWERS == 2
 uniform sampler2DArray fine_powers;
 #endif
@@ -55,16 +56,11 @@ vec4 inner(Row r) { return low_inner(r.a, r.b, r.c, r.d); }
      + inner(LAYER_ROW(array, y.z, layer)) + outer(LAYER_ROW(array, y.w, layer)))
 
 #if POWERS == 1
-vec4 squares(vec4 texel) {
-    vec2 chroma = (YCBCR_FROM_RGB * texel.rgb).yz;
-    return vec4(chroma, chroma * chroma);
+mat3x4 powers_of(vec4 texel) {
+    vec3 colour = texel.rgb - 0.5, square = colour * colour, ycc = YCBCR_FROM_RGB * colour;
+    return mat3x4(vec4(colour, ycc.y * ycc.y), vec4(square, ycc.z * ycc.z),
+                  vec4(square * colour, dot(square, square)));
 }
-#define ADD_POWERS(weight, texel)                                              \
-    {                                                                          \
-        vec4 powers = squares(texel), weighed = (weight) * powers;             \
-        squared += weighed;                                                    \
-        higher += weighed * powers.zwzw;                                       \
-    }
 #endif
 
 #if OWN
@@ -127,16 +123,11 @@ void main() {
     }
 #endif
 #if POWERS == 1
-    vec4 squared = vec4(0.0);
-    vec4 higher = vec4(0.0);
-    ADD_POWERS(first.x * first.y, r1.b)
-    ADD_POWERS(next.x * first.y, r1.c)
-    ADD_POWERS(first.x * next.y, r2.b)
-    ADD_POWERS(next.x * next.y, r2.c)
-    imageStore(coarse_powers, ivec3(texel, 0), squared);
-    imageStore(coarse_powers, ivec3(texel, 1), higher);
+    mat3x4 powers = first.x * first.y * powers_of(r1.b) + next.x * first.y * powers_of(r1.c)
+                  + first.x * next.y * powers_of(r2.b) + next.x * next.y * powers_of(r2.c);
+    for (int layer = 0; layer < 3; ++layer) imageStore(coarse_powers, ivec3(texel, layer), powers[layer]);
 #elif POWERS == 2
-    imageStore(coarse_powers, ivec3(texel, 0), LAYER(fine_powers, 0));
-    imageStore(coarse_powers, ivec3(texel, 1), LAYER(fine_powers, 1));
+    for (int layer = 0; layer < 3; ++layer)
+        imageStore(coarse_powers, ivec3(texel, layer), LAYER(fine_powers, layer));
 #endif
 }

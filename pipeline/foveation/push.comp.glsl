@@ -5,7 +5,7 @@
 #constant TILE    // work-group edge, texels
 #constant BASE    // 1: the picture takes part
 #constant LAYERS  // pyramid levels whose moments take part
-#constant POWERS  // 1: the powers of Cb and Cr take part
+#constant POWERS  // 1: the powers of colours take part
 
 #include "pools.glsl"
 
@@ -56,7 +56,7 @@ void main() {
     imageStore(chosen, texel, base);
 #endif
 #if POWERS
-    for (int layer = 0; layer < 2; ++layer) {
+    for (int layer = 0; layer < 3; ++layer) {
         ivec3 at = ivec3(texel, layer);
         imageStore(chosen_powers, at, choice(fine_powers, coarse_powers, at, within, share));
     }

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.colour import RGB_FROM_YCBCR, rgb_from_ycbcr
 from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import pixel_centres
@@ -29,8 +30,11 @@ Floats = NDArray[np.float64]
 
 AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
-MOST_BEND = 0.5
-"""See `bent`: of noise of unit variance, whose shorter side then ends at its deviation."""
+COLOURED = 0.5
+"""Chroma's variance over luma's from which on noise keeps to its pool's colours. Grey noise has all
+of the display: bound to few greys, it would lose statistics."""
+ROOMY = 1.15
+"""Room for noise over its pool's, for pools of single pixels differ."""
 FIRST_SMOOTH = 3
 """Pixels of 2x2 share what weighs finer levels' noise; noise from this level on is so smooth that
 shared weights would show as a comb."""
@@ -38,15 +42,20 @@ shared weights would show as a comb."""
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise that is shaped: `ycc` (H, W, 3), and the deviation of its luma, (H, W)."""
+    """Noise of R'G'B', its deviation, and how far it may lead: see `bounded.added`.
 
-    ycc: Floats
+    Arrays (H, W, 3).
+    """
+
+    normal: Floats
     deviation: Floats
+    below: Floats | None = None
+    above: Floats | None = None
 
-    def times(self, strength: float | Floats) -> Noise:
-        """As much stronger, everywhere or by pixel (H, W)."""
-        factor = np.asarray(strength, np.float64)
-        return Noise(factor[..., None] * self.ycc, factor * self.deviation)
+    def on(self, base: Floats, strength: float | Floats = 1.0) -> Floats:
+        """Add it to R'G'B' (H, W, 3), as much stronger everywhere or by pixel (H, W)."""
+        by = np.asarray(strength, np.float64)[..., None]
+        return added(base, by * self.normal, by * self.deviation, self.below, self.above)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +129,10 @@ def metamer_parts(
         picture.shape[:2], seed, levels, channels, wraps=geometry.wraps, shift_px=noise_shift_px
     )
     noise = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
-    noise = noise.times(settings.noise)
+    strength: float | Floats = settings.noise
     if geometry.on_sphere:
-        noise = noise.times(noise_strength(geometry.directions(*pixel_centres(geometry))))
-    return Parts(base, added(base, noise.ycc, noise.deviation) - base, wanted)
+        strength = strength * noise_strength(geometry.directions(*pixel_centres(geometry)))
+    return Parts(base, noise.on(base, strength) - base, wanted)
 
 
 def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
@@ -172,47 +181,57 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
     by_level = bands.reshape(*size, levels, 3).sum(axis=3)
     ycc = np.zeros((*size, 3))
     ycc[..., 0] = by_level.sum(axis=2)
-    deviation = at_pixels(deviation_of_all(wanted.variances))[..., 0]
+    deviation = at_pixels(deviation_of_all(wanted.variances))
     if chroma == "luma":
-        return Noise(ycc, deviation)
+        return Noise(ycc[..., :1].repeat(3, axis=2), deviation.repeat(3, axis=2))
     slopes = at_pixels(wanted.slopes.reshape(*wanted.slopes.shape[:2], -1))
     slopes = slopes.reshape(*size, levels, 2)
     ycc[..., 1:] = (by_level[..., None] * slopes).sum(axis=2)
-    squares = (weights**2).reshape(*size, levels, 3).sum(axis=3)
-    variance = (squares[..., None] * slopes**2).sum(axis=2)
+    squares = (weights**2).reshape(*size, levels, 3).sum(axis=3)[..., None]
+    variance = (squares * slopes**2).sum(axis=2)
+    shares = (squares * rgb_slopes(slopes) ** 2).sum(axis=2)  # of R'G'B', but for bands' overlap
     if chroma == "full":
         for channel in (1, 2):
             remainder = deviations(wanted.remainders[..., channel - 1])
             own = at_pixels(remainder)
             ycc[..., channel] += weighed(plane[:, :, channel], remainder, own).sum(axis=2)
-            variance[..., channel - 1] += (own**2).sum(axis=2)
-    if wanted.shape is not None:
-        shape = at_pixels(wanted.shape)
-        ycc[..., 1:] = bent(ycc[..., 1:], shape[..., :2], shape[..., 2:], variance)
-    return Noise(ycc, deviation)
+            rest = (own**2).sum(axis=2)
+            variance[..., channel - 1] += rest
+            shares += rest[..., None] * RGB_FROM_YCBCR[:, channel] ** 2
+    luma = squares.sum(axis=2)
+    deviation = deviation * np.sqrt(np.divide(shares, luma, out=0 * shares, where=luma > 0))
+    normal = rgb_from_ycbcr(ycc).astype(np.float64)
+    if wanted.shape is None:
+        return Noise(normal, deviation)
+    coloured = variance.sum(axis=2, keepdims=True) / np.maximum(luma, SMALLEST_VARIANCE)
+    return Noise(normal, deviation, *reach_of(at_pixels(wanted.shape), deviation, coloured))
 
 
-def bent(noise: Floats, skewness: Floats, tightness: Floats, variance: Floats) -> Floats:
-    """Give normal noise of zero mean and this variance the shape that chroma has in its pool.
+def rgb_slopes(slopes: Floats) -> Floats:
+    """What goes with luma of R'G'B' (..., 3), where Cb and Cr (..., 2) do."""
+    return np.asarray(1 + slopes @ RGB_FROM_YCBCR[:, 1:].T)
 
-    Of unit variance it is ``n + bend (n^2 - 1)``, held where it would turn back, over what that
-    adds to its deviation: the first terms of Cornish and Fisher (1938). Then it is held within the
-    ends of the beta distribution of the pool's moments: of two colours, at these.
+
+def reach_of(shape: Floats, deviation: Floats, coloured: Floats) -> tuple[Floats, Floats]:
+    """How far below and above their mean a pool's red, green and blue lie: (..., 3) each.
+
+    As far as the ends of the beta distribution of its moments: of two colours, these.
 
     Parameters
     ----------
-    skewness, tightness : ndarray
-        See `chroma_shape`; a sixth of the skewness. `bend` is that, up to `MOST_BEND`.
+    shape : ndarray of shape (..., 4)
+        See `moments.colour_shape`.
+    deviation : ndarray of shape (..., 3)
+    coloured : ndarray of shape (..., 1)
+        Chroma's variance over luma's. What is grey may lead farther.
     """
-    deviation = np.sqrt(variance + SMALLEST_VARIANCE)
-    bend = np.clip(skewness, -MOST_BEND, MOST_BEND)
-    turned = noise * bend / deviation
-    held = np.divide(-0.25 * deviation, bend, out=np.zeros_like(bend), where=bend != 0)
-    bowed = np.where(turned > -0.5, noise * (1 + turned), held) - bend * deviation
-    lean = 1.5 * skewness * (1 + tightness)
-    root = np.sqrt(lean**2 + tightness)
-    reach = deviation / tightness
-    return np.clip(bowed / np.sqrt(1 + 2 * bend**2), reach * (lean - root), reach * (lean + root))
+    skew, tightness = shape[..., :3], shape[..., 3:]
+    lean = 1.5 * skew * (1 + tightness)
+    total = abs(lean) + np.sqrt(lean**2 + tightness)
+    scale = np.sqrt(deviation**2 + SMALLEST_VARIANCE)
+    scale = scale * np.maximum(ROOMY, COLOURED / np.maximum(coloured, SMALLEST_VARIANCE))
+    near, far = scale / total, scale * total / tightness
+    return np.where(lean < 0, far, near), np.where(lean < 0, near, far)
 
 
 def twice(image: Floats, size: tuple[int, int]) -> Floats:

@@ -13,6 +13,7 @@
 #constant UNSEEN_VARIANCE
 
 #include "bounded.glsl"
+#include "ycbcr.glsl"
 
 // Resolutions stand below one another: 0 and coarser of colour, k + 1 and coarser of level k's
 // moments. A texel of moments is eight half floats.
@@ -150,14 +151,14 @@ vec3 baked_colour(vec2 place_px, float rho, float eta, float strength) {
         for (int k = 0; k < HALVINGS; ++k)
             given[k] *= (asked[k] + UNSEEN_VARIANCE) / (measured[k] + UNSEEN_VARIANCE);
     }
-    vec3 ycc = vec3(0.0);
-    float variance = 0.0;  // of luma: noise is independent by level and band
+    vec3 noise = vec3(0.0), variance = vec3(0.0);  // independent by level and band
     for (int k = 0; k < HALVINGS; ++k)
         if (asked[k] != vec3(0.0)) {
             vec3 least = LEAST_GAIN * LEAST_GAIN * asked[k], most = MOST_GAIN * MOST_GAIN * asked[k];
             vec3 own = clamp(given[k], least, most);
-            variance += own.x + own.y + own.z;
-            ycc += dot(sqrt(own), noise_at(k, place_px)) * vec3(1.0, slopes[k]);
+            vec3 along = RGB_FROM_YCBCR * vec3(1.0, slopes[k]);
+            variance += (own.x + own.y + own.z) * along * along;
+            noise += dot(sqrt(own), noise_at(k, place_px)) * along;
         }
-    return added(base, strength * ycc, strength * sqrt(variance));
+    return added(base, strength * noise, spread_of(strength * strength * variance));
 }

@@ -1,88 +1,63 @@
 // Noise kept on the display. Twin: foveation/bounded.py. Change both or neither.
 
-#constant FREE               // deviations from the nearer end of the display, see bounded.py
+#constant FREE               // deviations from the nearest end, see bounded.py
 #constant BOUND
-#constant LEAST_LUMA         // of a base, from either end
-#constant MOST_FILLED        // of the variance of black and white without grey
+#constant LEAST_VALUE        // of a base, from either end
+#constant MOST_FILLED        // of the variance of the two ends without anything between
 #constant STEEPEST
 #constant SHARPENED          // share of the variance that is left out at most
+#constant EXCESS             // kurtosis of noise
 #constant SMALLEST_VARIANCE
 
-#include "ycbcr.glsl"
+// The normal distribution, its function, and that one's inverse (Abramowitz and Stegun 1964, 26.2.16
+// and 26.2.23, within 1e-5 and 5e-4).
+vec3 normal_density(vec3 z) { return exp(-0.5 * z * z) / 2.50662827; }
 
-// The normal distribution function (Abramowitz and Stegun 1964, 7.1.26).
-float normal_share(float z) {
-    float t = 1.0 / (1.0 + 0.3275911 * 0.70710678 * abs(z));
-    float tail = 0.5 * exp(-0.5 * z * z) * t
-               * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
-    return z < 0.0 ? tail : 1.0 - tail;
+vec3 normal_share(vec3 z) {
+    vec3 t = 1.0 / (1.0 + 0.33267 * abs(z));
+    vec3 tail = normal_density(z) * t * (0.4361836 + t * (-0.1201676 + t * 0.937298));
+    return mix(tail, 1.0 - tail, greaterThan(z, vec3(0.0)));
 }
 
-// Its inverse, from LEAST_LUMA to 1 - LEAST_LUMA (Giles 2010).
-float normal_place(float share) {
-    float w = -log(4.0 * share * (1.0 - share));
-    float p;
-    if (w < 5.0) {
-        w -= 2.5;
-        p = 2.81022636e-08;
-        p = 3.43273939e-07 + p * w;
-        p = -3.5233877e-06 + p * w;
-        p = -4.39150654e-06 + p * w;
-        p = 0.00021858087 + p * w;
-        p = -0.00125372503 + p * w;
-        p = -0.00417768164 + p * w;
-        p = 0.246640727 + p * w;
-        p = 1.50140941 + p * w;
-    } else {
-        w = sqrt(w) - 3.0;
-        p = -0.000200214257;
-        p = 0.000100950558 + p * w;
-        p = 0.00134934322 + p * w;
-        p = -0.00367342844 + p * w;
-        p = 0.00573950773 + p * w;
-        p = -0.0076224613 + p * w;
-        p = 0.00943887047 + p * w;
-        p = 1.00167406 + p * w;
-        p = 2.83297682 + p * w;
-    }
-    return 1.41421356 * p * (2.0 * share - 1.0);
+vec3 normal_place(vec3 share) {
+    vec3 t = sqrt(-2.0 * log(min(share, 1.0 - share)));
+    vec3 place = t - (2.515517 + t * (0.802853 + t * 0.010328))
+                   / (1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308)));
+    return mix(-place, place, greaterThan(share, vec3(0.5)));
 }
 
 // Twin: slope_of().
-float slope_of(float filled, float most, float mean) {
-    const float root_of_two_pi = 2.50662827, root_of_pi = 1.77245385;
-    float density = exp(-0.5 * mean * mean) / root_of_two_pi;
-    float little = sqrt(most) / density, nearly_all = density / (root_of_pi * most);
+vec3 slope_of(vec3 filled, vec3 most, vec3 mean) {
+    const float root_of_pi = 1.77245385;
+    vec3 density = normal_density(mean);
+    vec3 little = sqrt(most) / density, nearly_all = density / (root_of_pi * most);
     return min(sqrt(filled) * (little + filled / (1.0 - filled) * nearly_all), STEEPEST);
 }
 
-// Luma with its noise, which has this deviation.
-float bounded(float base, float noise, float deviation) {
-    float variance = deviation * deviation + SMALLEST_VARIANCE;
-    deviation = sqrt(variance);
-    float room = min(base, 1.0 - base), share = clamp((FREE - room / deviation) / (FREE - BOUND), 0.0, 1.0);
-    float luma = base + noise;
-    if (share > 0.0) {
-        float at = clamp(base, LEAST_LUMA, 1.0 - LEAST_LUMA), most = at * (1.0 - at);
-        float filled = min(variance / most, MOST_FILLED), mean = normal_place(at);
-        float slope = slope_of(filled * (1.0 - SHARPENED * filled), most, mean);
-        float bent = normal_share(mean * sqrt(1.0 + slope * slope) + slope * noise / deviation);
-        luma = mix(luma, bent, share);
-    }
-    return clamp(luma, 0.0, 1.0);
+// Of noise's red, green and blue: the deviation, 1 over it, and how far from the base noise may lead.
+struct Spread { vec3 deviation, rate, below, above; };
+
+// Spread over all of the display.
+Spread spread_of(vec3 variance) {
+    vec3 rate = inversesqrt(variance + SMALLEST_VARIANCE);
+    return Spread(1.0 / rate, rate, vec3(1.0), vec3(1.0));
 }
 
-// R'G'B' of a luma, and of as much chroma as it can have.
-vec3 in_gamut(float luma, vec2 chroma) {
-    vec3 away = RGB_FROM_YCBCR * vec3(0.0, chroma);
-    vec3 room = mix(vec3(luma), vec3(1.0 - luma), greaterThan(away, vec3(0.0)));
-    vec3 share = min(room / max(abs(away), 1e-12), 1.0);
-    return luma + min(share.r, min(share.g, share.b)) * away;
-}
-
-// Add noise, Y'CbCr, to R'G'B'. Where there is none, the base stays as it is.
-vec3 added(vec3 base, vec3 noise, float deviation) {
+// Add normal noise to R'G'B'. Where there is none, the base stays as it is.
+vec3 added(vec3 base, vec3 noise, Spread spread) {
     if (noise == vec3(0.0)) return base;
-    vec3 ycc = YCBCR_FROM_RGB * base;
-    return in_gamut(bounded(ycc.x, noise.x, deviation), ycc.yz + noise.yz);
+    vec3 changed = base + noise, low = max(base - spread.below, 0.0), high = min(base + spread.above, 1.0);
+    vec3 room = min(base - low, high - base) * spread.rate;
+    float share = clamp((FREE - min(room.r, min(room.g, room.b))) / (FREE - BOUND), 0.0, 1.0);
+    if (share > 0.0) {
+        vec3 width = high - low, part = 1.0 / width, deviation = spread.deviation * part;
+        vec3 place = clamp((base - low) * part, LEAST_VALUE, 1.0 - LEAST_VALUE);
+        vec3 most = place * (1.0 - place), filled = min(deviation * deviation / most, MOST_FILLED);
+        vec3 mean = normal_place(place), slope = slope_of(filled * (1.0 - SHARPENED * filled), most, mean);
+        vec3 square = slope * slope, wide = 1.0 + square, bend = square / wide;
+        mean -= EXCESS / 24.0 * bend * bend * mean * (3.0 - mean * mean);
+        vec3 bent = low + width * normal_share(mean * sqrt(wide) + slope * noise * spread.rate);
+        changed = mix(changed, bent, share);
+    }
+    return clamp(changed, 0.0, 1.0);
 }

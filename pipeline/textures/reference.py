@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.bounded import added
 from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.reference import rgb_slopes
 from pipeline.textures.bake import Baked
 from pipeline.textures.surface_noise import SurfaceNoise, gains
 
@@ -68,14 +69,14 @@ def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
         energy = square.sum(axis=-1, keepdims=True) + SMALLEST_VARIANCE
         slopes[level] = np.moveaxis(cross / energy, -1, 0)
     weights = np.sqrt(variances) * gains(variances, fragments.rho)
-    deviation = np.sqrt((weights**2).sum(axis=(0, 1)))  # noise is independent by level and band
-    ycc = np.zeros((*lod.shape, 3))
+    along = rgb_slopes(np.moveaxis(slopes, 1, -1))
+    # Noise is independent by level and band.
+    deviation = np.sqrt(((weights**2).sum(axis=1)[..., None] * along**2).sum(axis=0))
+    rgb = np.zeros((*lod.shape, 3))
     for level in np.flatnonzero([energy.any() for energy in lost]).tolist():
         own = np.moveaxis(noise.at(level, fragments.place_px), -1, 0)
-        luma = (weights[level] * own).sum(axis=0)
-        ycc[..., 0] += luma
-        ycc[..., 1:] += luma[..., None] * np.moveaxis(slopes[level], 0, -1)
-    return Shaded(base, added(base, ycc, deviation) - base)
+        rgb += (weights[level] * own).sum(axis=0)[..., None] * along[level]
+    return Shaded(base, added(base, rgb, deviation) - base)
 
 
 def lost_energy(level: int, rho: NDArray[np.floating], lod: NDArray[np.floating]) -> Floats:

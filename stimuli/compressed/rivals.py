@@ -49,6 +49,14 @@ class Rival:
 
 
 @dataclass(frozen=True)
+class Missed:
+    """A rival that cannot be so small, and why."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
 class Measured:
     """What can be said of a rival.
 
@@ -71,25 +79,26 @@ def rivals(
     settings: Settings,
     *,
     kinds: Iterable[str] = ("plain", "foveated", "metameric"),
-) -> list[Rival]:
-    """Make a picture's files of at most `size_bytes`, by one codec.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be so small.
-    """
-    asked = replace(settings, size_bytes=size_bytes)
-    found = []
+) -> list[Rival | Missed]:
+    """Make a picture's files of at most `size_bytes`, by one codec, as far as they can be."""
+    found: list[Rival | Missed] = []
     for kind in kinds:
-        if kind == "plain":
-            found.append(plain(picture, size_bytes, settings.codec))
-            continue
-        made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
-        size = len(file_format.to_bytes(made))
-        shown = decompress(made, seed=0)
-        found.append(Rival(kind, settings.codec, made.quality, size, shown))
+        try:
+            found.append(_rival(kind, picture, gaze_px, replace(settings, size_bytes=size_bytes)))
+        except InputError as error:
+            found.append(Missed(f"{kind} {settings.codec.upper()}", str(error)))
     return found
+
+
+def _rival(
+    kind: str, picture: NDArray[np.float32], gaze_px: tuple[float, float], asked: Settings
+) -> Rival:
+    if kind == "plain":
+        assert asked.size_bytes is not None
+        return plain(picture, asked.size_bytes, asked.codec)
+    made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
+    size = len(file_format.to_bytes(made))
+    return Rival(kind, asked.codec, made.quality, size, decompress(made, seed=0))
 
 
 def plain(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
@@ -121,13 +130,17 @@ def measured(
 
 def sheet_of(
     picture: NDArray[np.float32],
-    found: Sequence[Rival],
+    found: Sequence[Rival | Missed],
     measure: Callable[[Rival], Measured],
     columns: int | None = None,
 ) -> pictures.Picture:
-    """Lay the picture and its rivals out on one labelled sheet."""
+    """Lay the picture and its rivals out on one labelled sheet; what there is not is grey."""
     tiles = [("picture", pictures.of_colour(picture))]
     for rival in found:
+        if isinstance(rival, Missed):
+            grey = np.full_like(picture, 0.5)
+            tiles.append((f"no {rival.name}: {rival.why}", pictures.of_colour(grey)))
+            continue
         numbers = measure(rival)
         tiles.append(
             (

@@ -20,12 +20,12 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.limits import check_need
 from pipeline.video_file import is_video
 from stimuli import pictures
-from stimuli.compressed.rivals import measured, rivals, sheet_of
+from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
 from stimuli.compressed.steps import write_steps
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder, pictures_in
+from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.video import check_video, folder_of_frames, write_video
 from stimuli.whole_file import write_whole
 
@@ -93,6 +93,8 @@ def compress_file(
         )
         sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
         pictures.save_picture(compare, sheet)
+        for missed in (one for one in beside if isinstance(one, Missed)):
+            tell(f"note: --compare has no {missed.name}: {missed.why}")
         tell(f"wrote {compare}")
     if steps is not None:
         tell(f"wrote {write_steps(steps, frames[0], found)[-1]}")
@@ -175,7 +177,7 @@ def decompress_file(
 
 
 def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
-    paths = pictures_in(source) if source.is_dir() else [source]
+    paths = frames_in(source) if source.is_dir() else [source]
     frames: list[NDArray[np.float32]] = []
     packed = 0
     for path in paths:

@@ -25,7 +25,7 @@ from stimuli.denoised.path_traced import PathTracer
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder, pictures_in
+from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.scenes.registry import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -137,7 +137,7 @@ def denoise_file(
         )
     check_seed(seed)
     clip = source.is_dir()
-    sources = pictures_in(source) if clip else [source]
+    sources = frames_in(source) if clip else [source]
     if compare is not None and clip:
         raise InputError("--compare takes one picture, not frames; give it a frame")
     if clip and out.suffix.lower() in ENDINGS:

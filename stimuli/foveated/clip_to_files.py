@@ -20,7 +20,7 @@ from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, check_drawable, read_any
 from stimuli.foveated.look_through import check_choices
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder, pictures_in
+from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.video import check_video, write_video
 
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
@@ -84,7 +84,7 @@ def foveate_clip(
     chosen = choice or Choice("metamer")
     check_choices([chosen])
     check_seed(seed)
-    paths = pictures_in(frames)
+    paths = frames_in(frames)
     motions = _files(frames, out, paths, flow)
     command = "foveate" if ctx is not None else "foveate by numpy"
     check_drawable(paths[0], ctx)

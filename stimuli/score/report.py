@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from protocols.html_page import html_page
 from protocols.revision import code_revision, package_version
 from stimuli.score import plots
 from stimuli.score.available import versions
@@ -149,12 +149,10 @@ def _page(
     times_ms: dict[str, float],
     renderer: str,
 ) -> str:
-    environment = Environment(
-        loader=PackageLoader("stimuli.score", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     first = results.subjects.items[0].pair
-    return environment.get_template("scores.html").render(
+    return html_page(
+        "stimuli.score",
+        "scores.html",
         title=results.subjects.origin.get("study") or results.subjects.items[0].name,
         tables=tables,
         verdicts=[

@@ -144,7 +144,7 @@ class Gaze:
 def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
     """Read ``X,Y`` in pixels of the clip, or a CSV file with columns x_px and y_px.
 
-    Where the eye `may_be_lost`, an empty cell makes both numbers nan.
+    Where the eye `may_be_lost`, a line may have two empty cells, or nan: both numbers are nan then.
 
     Raises
     ------
@@ -166,8 +166,10 @@ def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
             header = list(reader.fieldnames or ())
             if has_both := header.count("x_px") == header.count("y_px") == 1:
                 points = tuple(
-                    _point([row["x_px"], row["y_px"]], f"{path}: line {number}", may_be_lost)
-                    for number, row in enumerate(reader, start=2)
+                    _point(
+                        [row["x_px"], row["y_px"]], f"{path}: line {reader.line_num}", may_be_lost
+                    )
+                    for row in reader
                 )
     except (FileNotFoundError, IsADirectoryError):
         raise StudyError(
@@ -190,11 +192,12 @@ def _point(
         x_px, y_px = (float(nothing if part == "" else part or "") for part in parts)
     except ValueError:
         x_px = y_px = math.inf
-    if may_be_lost and math.isnan(x_px + y_px):
+    if may_be_lost and math.isnan(x_px) and math.isnan(y_px):
         return math.nan, math.nan
     if not (abs(x_px) <= _FARTHEST_PX and abs(y_px) <= _FARTHEST_PX):
+        lost = ", or two empty cells where the eye was lost" if may_be_lost else ""
         raise StudyError(
-            f"{where}: must be two numbers, pixels from the clip's upper left corner"
+            f"{where}: must be two numbers, pixels from the clip's upper left corner{lost}"
             f" (got {', '.join(str(part) for part in parts)})"
         )
     return x_px, y_px

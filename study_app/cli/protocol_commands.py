@@ -72,6 +72,9 @@ def check(
     protocol: ProtocolArgument,
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Also check whether it can run in a browser.")
+    ] = False,
 ) -> None:
     """Check a protocol: every mistake at once, and whether its display can show it.
 
@@ -109,6 +112,11 @@ def check(
         if stimuli is None and protocol.suffix == ".toml":
             say_notes(study.stimuli.problems(protocol.absolute().parent))
         say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
+        if web:
+            from study_app.cli.web_commands import web_check
+
+            for line in web_check(study, screen, manifest):
+                say(line)
 
 
 def _check_display(path: Path) -> None:

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.journal import Attempt, SessionEnd
+from protocols.journal import Attempt, Remote, SessionEnd
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
@@ -297,10 +297,27 @@ def _row(sitting: Sitting) -> tuple[str, ...]:
         start = sitting.journal.start
         slot, planned = str(start.slot), f" of {start.trials}"
         data = "simulated" if start.simulated else "real"
+        data += ", browser" if start.remote else ""
     return (
         sitting.study, sitting.participant, slot, sitting.state,
         f"{sitting.main_done}{planned}", str(voids), data,
     )  # fmt: skip
+
+
+def _browser(remote: Remote | None) -> list[tuple[str, str]]:
+    """Return what vouches for a session in a browser; nothing for one at a desk."""
+    if remote is None:
+        return []
+    machine, off_s = remote.machine, max(map(abs, remote.deviations_s.values()), default=0.0)
+    return [
+        (
+            "browser",
+            f"{machine.browser}, {machine.refresh_hz:g} Hz, screen pixels x{machine.scale}",
+        ),
+        ("frames", "files hashed before they were decoded; stamped by animation frames"),
+        ("times", f"up to {1000 * off_s:.3g} ms from those stated"),
+        ("slot from", remote.slot_from),
+    ]
 
 
 def _details(sitting: Sitting) -> list[tuple[str, str]]:
@@ -323,6 +340,7 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
             ("begun", start.at),
             ("display", f"{start.display}, {start.refresh_hz:g} Hz"),
             ("gaze", f"{start.gaze_mode} ({gaze})"),
+            *_browser(start.remote),
             ("decisions", f"{sitting.main_done} of {start.trials}"),
         ]
     voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)

@@ -14,7 +14,7 @@ from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.load import load_display, load_study, shipped
 from protocols.prose import count_of
-from study_app.cli import archive_commands
+from study_app.cli import archive_commands, web_commands
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
@@ -219,6 +219,8 @@ def register(app: typer.Typer) -> None:
     app.command()(verify)
     app.command()(withdraw)
     archive_commands.register(app)
+    app.command("export-web")(web_commands.export_web)
+    app.command("import-web")(web_commands.import_web)
 
 
 def shipped_paths() -> list[Path]:

@@ -111,6 +111,22 @@ def test_a_picture_of_another_size_inside_is_refused(whole, picture):
         decompress(file_format.from_bytes(file_format.to_bytes(mixed)))
 
 
+def test_a_rival_that_cannot_be_so_small_is_said_in_its_row(tmp_path, rng):
+    """Plain, noise needs 2256 bytes."""
+    png = tmp_path / "noise.png"
+    Image.fromarray(rng.integers(0, 256, (192, 192, 3), np.uint8)).save(png)
+    file, sheet = tmp_path / "p.metamer", tmp_path / "sheet.png"
+    code, said, error = run(
+        "compress", png, "--out", file, "--gaze", "30,40", "--angles", "32", "--size-kb", "2",
+        "--compare", sheet,
+    )  # fmt: skip
+    assert code == 0, error
+    assert file.stat().st_size <= 2000
+    assert "--compare has no plain" in said
+    assert "bytes are too few" in said
+    assert sheet.is_file()
+
+
 def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
     file, back = tmp_path / "p.metamer", tmp_path / "back.png"
     code, said, error = run(

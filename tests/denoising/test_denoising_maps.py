@@ -69,16 +69,21 @@ def test_impossible_samplings_are_refused(wrong):
 
 @pytest.mark.parametrize("gaze_px", [(40.0, 30.0), (0.0, 0.0), (-60.0, 20.0)])
 def test_moments_of_a_clean_picture_make_its_metamer(picture, gaze_px, monkeypatch):
-    """Gaze on the picture, in a corner, and off it. The maps have no shape of chroma."""
-    monkeypatch.setattr(reference, "bent", lambda noise, *_: noise)
+    """Gaze on the picture, in a corner, and off it. The maps have no shape of colours.
+
+    Where the change fades in, maps hold the faded base: noise is bound a little otherwise.
+    """
+    monkeypatch.setattr(reference, "reach_of", lambda *_: (None, None))
     pools = pools_at(gaze_px)
     maps = maps_of(picture, pools)
 
     assert np.abs(maps.slopes).max() < MOST_SLOPE
-    expected = metamer(picture, pools, MetamerSettings(), 3)
-    assert np.abs(metamer_of(maps, pools, 3) - expected).max() < 1e-6
+    expected, found = metamer(picture, pools, MetamerSettings(), 3), metamer_of(maps, pools, 3)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    whole = pools.fade() == 1
+    assert np.abs(found - expected)[whole].max() < 1e-6
     again = MomentMaps.unpacked(maps.base.astype(np.float32), maps.packed().astype(np.float32))
-    assert np.abs(metamer_of(again, pools, 3) - expected).max() < 1e-5
+    assert np.abs(metamer_of(again, pools, 3) - found).max() < 1e-4
 
 
 def test_the_fovea_of_the_maps_is_the_picture_and_loses_nothing(picture):

@@ -153,7 +153,7 @@ def test_odd_sizes_are_padded_by_their_border(picture, tmp_path):
 
 def test_perfect_moments_come_out_as_the_clean_pictures_metamer(tmp_path, gl_context, monkeypatch):
     """The whole way: a file that knows the moments, ONNX Runtime, synthesis, in numpy and GL."""
-    monkeypatch.setattr(reference, "bent", lambda noise, *_: noise)  # maps have no shape of chroma
+    monkeypatch.setattr(reference, "reach_of", lambda *_: (None, None))  # maps have none
     clean = data.astronaut()[60:188, 120:280].astype(np.float32) / 255  # of five levels
     pools = pools_of(clean)
     maps = maps_of(clean, pools)
@@ -163,7 +163,7 @@ def test_perfect_moments_come_out_as_the_clean_pictures_metamer(tmp_path, gl_con
     path = saying(tmp_path / "knows.onnx", *lacking, Facts("moments"))
     expected = metamer(clean, pools, MetamerSettings(), 7)
 
-    for ctx, tolerance in ((None, 1e-5), (gl_context, 0.5 / 255)):
+    for ctx, tolerance in ((None, 1e-3), (gl_context, 0.5 / 255)):
         denoiser = Denoiser(DenoisingNetwork(path), pools.geometry, pools.gaze_px, ctx)
         assert np.abs(denoiser(noise, 7) - expected).max() < tolerance
         denoiser.release()

@@ -1,23 +1,33 @@
 """Noise kept on the display: white pages stay white, nights dark, and every twin agrees."""
 
+from functools import partial
+
+import cv2
 import numpy as np
 import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 from skimage import data
 
-from benchmarks.hard_pictures import line_art, night, pale_sky, text_page
+from benchmarks.hard_pictures import (
+    coloured_lines,
+    hues,
+    line_art,
+    night,
+    pale_sky,
+    text_page,
+)
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression.codec import Settings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import maps_of, metamer_of
-from pipeline.foveation.bounded import added, bounded, in_gamut, slope_of
+from pipeline.foveation.bounded import added, slope_of
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import metamer
+from pipeline.foveation.reference import finished, metamer, metamer_parts
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.noise.mixing import fitted_mixing
 from pipeline.noise.tile import mixed_bands
@@ -27,7 +37,24 @@ from pipeline.textures.surface_noise import surface_noise
 from stimuli.score.statistics import statistics_distance
 
 EDGE = 192
-PICTURES = {"text": text_page, "line art": line_art, "pale sky": pale_sky, "night": night}
+BLUE, RED, YELLOW, CYAN = (0, 0, 255), (255, 0, 0), (255, 255, 0), (0, 255, 255)
+PICTURES = {
+    "text": text_page,
+    "line art": line_art,
+    "pale sky": pale_sky,
+    "night": night,
+    "dense text": partial(text_page, line_px=8, stroke_px=2),
+}
+COLOURFUL = {
+    "blue on yellow": partial(text_page, ink=BLUE, paper=YELLOW),
+    "red on cyan": partial(text_page, ink=RED, paper=CYAN),
+    "yellow on blue": partial(text_page, ink=YELLOW, paper=BLUE),
+    "red on black": partial(text_page, ink=RED, paper=(0, 0, 0)),
+    "black on orange": partial(text_page, paper=(255, 160, 0)),
+    "coloured lines": coloured_lines,
+    "hues": hues,
+    "saturated photograph": lambda edge: saturated(data.coffee()[:edge, 200 : 200 + edge]),
+}
 # Even probabilities of a normal distribution.
 NORMAL = norm.ppf((np.arange(4000) + 0.5) / 4000)
 
@@ -40,11 +67,24 @@ def luma_of(picture):
     return ycbcr_from_rgb(picture).astype(np.float64)[..., 0]
 
 
+def bound(base, deviation, noise):
+    """Of grey noise: one channel's values."""
+    deviations = np.full((len(noise), 3), deviation)
+    shown = added(np.full_like(deviations, base), noise[:, None].repeat(3, axis=1), deviations)
+    np.testing.assert_array_equal(shown[:, :1], shown[:, 1:2])
+    return shown[:, 0]
+
+
+def saturated(photograph):
+    hsv = cv2.cvtColor(photograph, cv2.COLOR_RGB2HSV).astype(int) * (1, 2, 1.3)
+    return cv2.cvtColor(hsv.clip(0, 255).astype(np.uint8), cv2.COLOR_HSV2RGB) / np.float32(255)
+
+
 @pytest.mark.parametrize("base", [0.02, 0.3, 0.5, 0.93, 0.995])
 @pytest.mark.parametrize("deviation", [0.4, 0.1])
 def test_bound_noise_keeps_its_mean_and_stays_on_the_display(base, deviation):
     """Wholly free and wholly bound it keeps it exactly; mixed, clipping takes a little."""
-    shown = bounded(np.full(4000, base), deviation * NORMAL, np.full(4000, deviation))
+    shown = bound(base, deviation, deviation * NORMAL)
     assert shown.min() >= 0
     assert shown.max() <= 1
     assert shown.mean() == pytest.approx(base, abs=2 / 255)
@@ -65,21 +105,35 @@ def test_the_slope_gives_the_variance_that_is_asked_for(luma, filled):
 def test_noise_far_from_the_ends_is_what_it_was():
     """By hand: .5 lies 2.5 deviations of .2 from either end."""
     noise = 0.2 * NORMAL[1000:3000]
-    shown = bounded(np.full(2000, 0.5), noise, np.full(2000, 0.1999))
+    shown = bound(0.5, 0.1999, noise)
     np.testing.assert_allclose(shown, 0.5 + noise, atol=1e-12)
 
 
-def test_chroma_gives_up_what_leaves_the_display_and_luma_stays():
-    """By hand: red is luma + 1.5748 Cr, so at luma .9 there is room for .1 / 1.5748 of Cr."""
-    shown = in_gamut(np.array([[0.9]]), np.array([[0.0, 0.2]]))
-    np.testing.assert_allclose(ycbcr_from_rgb(shown)[0], (0.9, 0.0, 0.1 / 1.5748), atol=1e-6)
-    kept = in_gamut(np.array([[0.5]]), np.array([[0.1, -0.1]]))
-    np.testing.assert_allclose(ycbcr_from_rgb(kept)[0], (0.5, 0.1, -0.1), atol=1e-6)
+def test_a_colours_channels_are_bound_together_and_each_keeps_its_mean():
+    """Between yellow and blue: red has the noise that blue has the other way, green has none."""
+    base, along = np.array([0.7, 0.5, 0.3]), np.array([0.4, 0.0, -0.4])
+    shown = added(np.tile(base, (4000, 1)), np.outer(NORMAL, along), np.tile(abs(along), (4000, 1)))
+    np.testing.assert_allclose(shown.mean(axis=0), base, atol=2 / 255)
+    np.testing.assert_allclose(shown[:, 0] + shown[:, 2], 1, atol=1e-9)
+    assert shown[:, 0].std() > 0.3
+
+
+def test_noise_leads_no_farther_than_the_pools_colours_and_keeps_its_mean():
+    """Two colours, .4 and .9, a fifth of them the latter: by hand .1 below and .4 above."""
+    base, deviations = np.full((4000, 3), 0.5), np.full((4000, 3), 0.2)
+    noise = 0.2 * NORMAL[:, None].repeat(3, axis=1)
+    below, above = np.full_like(base, 0.1), np.full_like(base, 0.4)
+    shown = added(base, noise, deviations, below, above)
+    assert shown.min() >= 0.4
+    assert shown.max() <= 0.9
+    assert shown.mean() == pytest.approx(0.5, abs=1 / 255)
+    assert shown.std() > 0.15
+    assert added(base, noise, deviations).min() < 0.1
 
 
 def test_a_base_without_noise_stays_as_it_is(rng):
-    base, nothing = rng.random((9, 9, 3)), np.zeros((9, 9))
-    assert (added(base, np.zeros((9, 9, 3)), nothing) == base).all()
+    base, nothing = rng.random((9, 9, 3)), np.zeros((9, 9, 3))
+    assert (added(base, nothing, nothing) == base).all()
 
 
 def test_the_deviation_of_all_bands_is_that_of_their_sum(rng):
@@ -104,9 +158,32 @@ def test_metamers_of_print_skies_and_nights_keep_mean_and_statistics(name):
     assert statistics_distance(shown, picture) < 0.17
 
 
-@pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.parametrize("name", COLOURFUL)
+def test_metamers_of_saturated_colours_keep_them_in_the_mean(name):
+    picture, pools = COLOURFUL[name](EDGE), pools_of(EDGE)
+    parts = metamer_parts(picture, pools, MetamerSettings(), 1)
+    off = 255 * (metamer(picture, pools, MetamerSettings(), 1) - picture)
+    assert abs(off.mean(axis=(0, 1))).max() < 3
+    noise = 255 * (finished(picture, parts.base + parts.noise, pools) - picture)
+    noise -= 255 * (finished(picture, parts.base, pools) - picture)
+    eccentricity = pools.eccentricity_deg()
+    for start, end in ((4, 8), (8, 13), (13, 20)):
+        ring = (eccentricity >= start) & (eccentricity < end)
+        assert abs(noise[ring].mean(axis=0)).max() < 6
+    assert noise.std() > 5
+
+
+def test_blue_print_on_yellow_never_turns_white_or_black():
+    """Noise swings between ink and paper."""
+    picture, pools = COLOURFUL["blue on yellow"](EDGE), pools_of(EDGE)
+    far = metamer(picture, pools, MetamerSettings(), 1)[pools.eccentricity_deg() > 5]
+    for foreign in (far.min(axis=1) > 0.75, far.max(axis=1) < 0.25):
+        assert foreign.mean() < 1e-3
+
+
+@pytest.mark.parametrize("name", PICTURES | COLOURFUL)
 def test_bound_noise_on_gpu_matches_reference(gl_context, name):
-    picture = PICTURES[name](128)
+    picture = (PICTURES | COLOURFUL)[name](128)
     plain, drawn = (foveate(picture, (30, 50), seed=2, ctx=ctx) for ctx in (None, gl_context))
     np.testing.assert_allclose(drawn, plain, atol=1 / 255)
     assert np.abs(plain - picture).mean() > 0.01

@@ -121,6 +121,9 @@ def test_noise_goes_along_the_flow(frames, flow, tmp_path, colours, method):
 def test_what_is_no_clip_is_refused(frames, flow, tmp_path, colours):
     (tmp_path / "empty").mkdir()
     assert "must hold frames" in refusal(tmp_path / "empty", tmp_path / "o")
+    (tmp_path / "empty" / "IMG_1.HEIC").write_bytes(b"")
+    (tmp_path / "empty" / "f0.png").write_bytes(b"")
+    assert "no HEIC pictures" in refusal(tmp_path / "empty", tmp_path / "o")
     assert "the frames themselves" in refusal(frames, frames)
     assert "OUT must be a folder" in refusal(frames, tmp_path / "o.png")
     assert "--compare takes one picture" in refusal(frames, "--compare", tmp_path / "s.png")
@@ -184,6 +187,11 @@ def test_gazes_that_do_not_fit_the_frames_are_refused(frames, tmp_path):
     assert f"--gaze replay:{table}" in " ".join(error.split())
     table.write_text("x_px,y_px\n1,2\n1,left\n1,2\n")
     assert "line 3: must be two numbers" in refusal(frames, out, "--gaze", table)
+    for half in ("1,", ",1", "1,nan", "1"):
+        table.write_text(f"x_px,y_px\n1,2\n{half}\n1,2\n")
+        error = " ".join(refusal(frames, out, "--gaze", table).split())
+        assert "line 3: must be two numbers" in error
+        assert "two empty cells where the eye was lost" in error
     table.write_text("x_px,y_px,x_px\n1,2,3\n1,2,3\n1,2,3\n")
     assert "each once" in refusal(frames, out, "--gaze", table)
     table.write_text("x_px,y_px\n")

@@ -249,3 +249,24 @@ def test_a_moving_gaze_leaves_the_tamed_warp_alone(picture):
     far = np.s_[:, 35:]
     change = [np.abs(pair[0] - pair[1])[far].mean() for pair in (plain, tamed)]
     assert change[1] < 0.5 * change[0]
+
+
+@pytest.mark.parametrize("on_gpu", [False, True])
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_what_is_held_is_no_longer_the_callers(rng, request, on_gpu, kind):
+    picture = rng.integers(0, 256, (40, 48, 3)).astype(kind)
+    picture = picture if kind is np.uint8 else picture / kind(255)
+    foveator = Foveator((40, 48), ctx=request.getfixturevalue("gl_context") if on_gpu else None)
+    foveator.hold(picture)
+    before = foveator.show((8, 8))
+    picture[:] = 0
+    np.testing.assert_array_equal(foveator.show((8, 8)), before)
+    foveator.release()
+    with pytest.raises(InputError, match="must hold a picture"):
+        foveator.show((8, 8))
+
+
+@pytest.mark.parametrize("size", [(5,), 5, (5, 5, 3), (5.0, 5.0), "ab", None, (0, 5)])
+def test_a_size_that_is_none_is_refused(size):
+    with pytest.raises(InputError, match=r"size must be|at least 1 x 1"):
+        Foveator(size)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 from skimage import data
 
 from pipeline.colour import ycbcr_from_rgb
@@ -23,18 +22,19 @@ from pipeline.foveation.moments import (
     LEAST_TIGHTNESS,
     PARTNER_SHARE,
     Wanted,
-    chroma_shape,
+    colour_shape,
     wanted_by_blocks,
 )
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import (
     FIRST_SMOOTH,
-    bent,
+    ROOMY,
     blur,
     blurred,
     metamer,
     metamer_parts,
+    reach_of,
     shaped_noise,
 )
 from pipeline.foveation.settings import MetamerSettings
@@ -198,15 +198,15 @@ def test_the_finest_pools_are_as_wide_as_the_low_pass():
     assert spread == pytest.approx(halving_variance(), rel=1e-12)
 
 
-def unbent(noise, *_):
-    return noise
+def all_of_the_display(*_):
+    return None, None
 
 
 def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
     grey = noise_picture(rng, (128, 128))[..., 0] - 0.5
     picture = 0.5 + grey[..., None] * (1.0, 0.5, 0.1)
     pools = pools_of(128, 128, (-200, 64))
-    monkeypatch.setattr(reference, "bent", unbent)  # this noise has a shape by chance
+    monkeypatch.setattr(reference, "reach_of", all_of_the_display)  # it has a shape by chance
     parts = metamer_parts(picture, pools, SETTINGS, 1)
     noise = parts.noise[parts.noise[..., 0] != 0]
     np.testing.assert_allclose(noise[:, 1], 0.5 * noise[:, 0], atol=1.2e-3)
@@ -216,16 +216,19 @@ def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
 GREY, YELLOW = (0.4, 0.4, 0.4), (0.9, 0.8, 0.1)
 
 
-def test_chromas_shape_is_that_of_the_pool():
-    """By hand: of a share p and two values, (1 - 2 p) / sqrt(p (1 - p)); Cb of yellow is low."""
+def test_the_colours_shape_is_that_of_the_pool():
+    """By hand: of a share p and two values, (1 - 2 p) / sqrt(p (1 - p)); yellow has little blue."""
     yellow = np.zeros((256, 256, 1), bool)
     yellow[::8, ::8] = True
     lows = chain_of(np.where(yellow, YELLOW, GREY), chain_length(256, 256), wraps=False)
     lows[1] = lows[0][::2, ::2]  # no mixed colours, and a share of 1 in 16
     pools = pools_of(256, 256, (-4000, 128))
     by_hand = (1 - 2 / 16) / np.sqrt(15 / 256)
-    _, shape = chroma_shape(lows, pools)
-    np.testing.assert_allclose(shape[32, 32], (-by_hand / 6, by_hand / 6, 1), rtol=5e-3)
+    variance, shape = colour_shape(lows, pools)
+    skew = by_hand / 6
+    np.testing.assert_allclose(shape[32, 32], (skew, skew, -skew, 1), rtol=0.04)
+    between = np.subtract(*(ycbcr_from_rgb(np.array([colour]))[0, 1:] for colour in (YELLOW, GREY)))
+    np.testing.assert_allclose(variance[32, 32], 15 / 256 * between**2, rtol=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -235,38 +238,30 @@ def test_chromas_shape_is_that_of_the_pool():
         ("standard_normal", 0.0),
     ],
 )
-def test_chroma_is_bound_as_tightly_as_the_beta_distribution(rng, draw, by_hand):
+def test_colours_are_bound_as_tightly_as_the_beta_distribution(rng, draw, by_hand):
     blue = getattr(rng, draw)((128, 128)).repeat(4, axis=0).repeat(4, axis=1)
     picture = 0.5 + 0.4 * blue[..., None] * (0.0, 0.0, 1.0)
     lows = chain_of(picture, chain_length(512, 512), wraps=False)
     lows[1] = lows[0][::2, ::2]  # no mixed colours
-    _, shape = chroma_shape(lows, pools_of(512, 512, (-8000, 256)))
-    np.testing.assert_allclose(shape[40:90, 40:90, 2], by_hand, atol=0.06)
+    _, shape = colour_shape(lows, pools_of(512, 512, (-8000, 256)))
+    np.testing.assert_allclose(shape[40:90, 40:90, 3], by_hand, atol=0.06)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
-def test_noise_of_two_colours_ends_at_these(rng, share):
+def test_noise_of_two_colours_ends_a_little_beyond_these(share):
     """By hand: they lie sqrt(share / (1 - share)) below and its inverse above their mean."""
-    normal, ends = rng.standard_normal(100_000), np.sqrt(share / (1 - share))
-    skewness = np.full_like(normal, (1 / ends - ends) / 6)
-    found = bent(normal, skewness, np.ones_like(normal), np.ones_like(normal))
-    assert found.min() == pytest.approx(-ends, rel=1e-6)
-    assert found.max() <= 1 / ends * (1 + 1e-6)
+    ends = np.sqrt(share / (1 - share))
+    skew = (1 / ends - ends) / 6
+    below, above = reach_of(np.array([skew, skew, -skew, 1]), np.ones(3), np.ones(1))
+    np.testing.assert_allclose(below[[0, 2]], (ROOMY * ends, ROOMY / ends), rtol=1e-5)
+    np.testing.assert_allclose(above[[0, 2]], (ROOMY / ends, ROOMY * ends), rtol=1e-5)
 
 
-def test_bent_noise_has_the_skewness_asked_for_no_mean_and_a_bound(rng):
-    """By hand: n + b (n^2 - 1) has variance 1 + 2 b^2 and third moment 6 b + 8 b^3."""
-    normal = rng.standard_normal(1_000_000)
-    loose = np.full_like(normal, LEAST_TIGHTNESS)
-    for bend in (-0.2, -0.05, 0.0, 0.1):
-        found = bent(normal, np.full_like(normal, bend), loose, np.ones_like(normal))
-        wanted = (6 * bend + 8 * bend**3) / (1 + 2 * bend**2) ** 1.5
-        assert found.mean() == pytest.approx(0, abs=0.005)
-        assert found.std() == pytest.approx(1, abs=0.005)
-        assert stats.skew(found) == pytest.approx(wanted, abs=0.03)
-    strongest = bent(normal, np.full_like(normal, 0.5), loose, np.ones_like(normal))
-    # The lower end of the gamma distribution, 2 over the skewness.
-    assert strongest.min() == pytest.approx(-2 / 3, abs=1e-3)
+def test_noise_of_greys_and_of_normal_colours_has_all_of_the_display():
+    tight, loose = np.array([0, 0, 0, 1]), np.array([0, 0, 0, LEAST_TIGHTNESS])
+    for shape, coloured in ((tight, 1e-3), (loose, 1.0)):
+        for reach in reach_of(shape, np.full(3, 0.1), np.array([coloured])):
+            assert (reach > 1).all()
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
@@ -279,7 +274,7 @@ def test_noise_hardly_shows_the_complement_of_a_pools_colour(rng, monkeypatch, s
         return (ycbcr_from_rgb(metamer(picture, pools, SETTINGS, 1))[..., 1] > 0.1).mean()
 
     assert blue_share() < 0.001
-    monkeypatch.setattr(reference, "bent", unbent)
+    monkeypatch.setattr(reference, "reach_of", all_of_the_display)
     assert blue_share() > 0.05
 
 
@@ -307,7 +302,7 @@ def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
     )
     plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))
 
-    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False).ycc[8, 16:-16, 0]
+    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False).normal[8, 16:-16, 0]
 
     within, between = np.diff(luma)[::2], np.diff(luma)[1::2]
     if shared:

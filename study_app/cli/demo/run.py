@@ -15,11 +15,11 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
+from protocols.html_page import html_page
 from protocols.load import load_study
 from protocols.outside import page_bytes
 from protocols.result_folder import remove_listed, unlisted, write_listing
@@ -92,11 +92,9 @@ class _Demo:
         steps = steps_of(self.options, self.protocol.study.name)
         for number, step in enumerate(steps, 1):
             self._run(step, f"{number}/{len(steps)} {step.title}")
-        environment = Environment(
-            loader=PackageLoader("study_app.cli.demo", "."), autoescape=True,
-            undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        )  # fmt: skip
-        text = environment.get_template("page.html").render(
+        text = html_page(
+            "study_app.cli.demo",
+            "page.html",
             steps=steps,
             record=self.record,
             shown={step.name: self._shown(step) for step in steps},

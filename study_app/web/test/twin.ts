@@ -1,5 +1,12 @@
 /** Answers questions about the kernel, a JSON line each: how Python's tests compare both sides. */
+import { createHash } from "node:crypto";
 import { createInterface } from "node:readline";
+import type { AttemptRun, Disturbance, Press } from "../src/kernel/attempt";
+import { Chance } from "../src/kernel/chance";
+import { conduct, type Page, type PageResult, type Stage } from "../src/kernel/conduct";
+import { at } from "../src/kernel/design";
+import { LineLog, type Begun, type History, type Machine, type Store } from "../src/kernel/lines";
+import type { WebStudy } from "../src/kernel/study";
 import { nextLevel, type Answered } from "../src/kernel/adaptive";
 import type { Design, Person, QuestPlusRule, UpDownRule } from "../src/kernel/design";
 import { Pacer } from "../src/kernel/pacing";
@@ -14,7 +21,17 @@ type Asked =
   | { ask: "walk"; name: string; person: Person; events: SessionEvent[] }
   | { ask: "levels"; rule: QuestPlusRule | UpDownRule; history: Answered[] }
   | { ask: "flips"; refresh_hz: number; stamps_s: number[] }
-  | { ask: "attempt"; script: TrialScript; observed: Observed[] };
+  | { ask: "attempt"; script: TrialScript; observed: Observed[] }
+  | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number };
+
+/** How often something happens, as shares: refreshes missed, pauses, disturbances, deaths of the page. */
+interface Faults {
+  readonly missed: number;
+  readonly paused: number;
+  readonly disturbed: number;
+  /** Of all moments at which a store was asked something. */
+  readonly killed: number;
+}
 
 const designs = new Map<string, Design>();
 
@@ -22,6 +39,135 @@ function designOf(name: string): Design {
   const design = designs.get(name);
   if (!design) throw new Error(`no design ${name}`);
   return design;
+}
+
+/** A page that dies: nothing of it goes on. */
+class Killed extends Error {}
+
+/** A server that keeps what it was told, and kills the page at random around each write. */
+class Server implements Store {
+  readonly results: string[] = [];
+  private history: History | null = null;
+  private dead = false;
+
+  constructor(private readonly dies: () => boolean) {}
+
+  load(): Promise<History | null> {
+    this.dead = false; // another page
+    return Promise.resolve(this.history);
+  }
+
+  keep(history: History): Promise<void> {
+    return this.write(() => {
+      this.history = JSON.parse(JSON.stringify(history)) as History;
+    });
+  }
+
+  send(line: string): Promise<void> {
+    return this.write(() => this.results.push(line));
+  }
+
+  private write(done: () => unknown): Promise<void> {
+    this.dead ||= this.dies();
+    if (!this.dead) done();
+    this.dead ||= this.dies();
+    return this.dead ? Promise.reject(new Killed()) : Promise.resolve();
+  }
+}
+
+/** A screen and a participant that exist in numbers only. */
+class Screen implements Stage {
+  private now_us = 0;
+
+  constructor(
+    private readonly study: WebStudy,
+    private readonly rate_hz: number,
+    private readonly chance: (share: number) => boolean,
+    private readonly pick: <T>(of: readonly T[]) => T,
+    private readonly faults: Faults,
+  ) {}
+
+  stamps(): { t_s: number; at: string } {
+    return { t_s: Math.round(this.now_us) / 1e6, at: new Date(this.now_us / 1e3).toISOString() };
+  }
+
+  page(page: Page): Promise<PageResult> {
+    const duration_s = page.least_s + 1.5;
+    this.now_us += duration_s * 1e6;
+    const answer = page.question ? at([...page.question.choices, "free <b>text</b> ü"], 0) : "";
+    return Promise.resolve({ leaves: false, answer, duration_s });
+  }
+
+  prepare(): Promise<void> {
+    this.now_us += 2e5;
+    return Promise.resolve();
+  }
+
+  attempt(run: AttemptRun): Promise<void> {
+    const period_us = 1e6 / this.rate_hz;
+    let grid_us = this.now_us;
+    while (!run.done) {
+      const { phase } = run.shows();
+      this.now_us = grid_us += period_us * (this.chance(this.faults.missed) ? 5 : 1);
+      const presses: Press[] = [];
+      const press = (key: string) => {
+        presses.push({ key, at_us: Math.round(grid_us + 100), x: key === "pointer" ? 0.3 : null });
+      };
+      if (phase.question && this.chance(0.05)) press(this.pick(phase.question.keys.flat()));
+      if (phase.question?.pointer && this.chance(0.02)) press("pointer");
+      if (this.chance(0.01)) press("z");
+      if (this.chance(this.faults.paused)) press(at(this.study.pause_keys, 0));
+      const what: Disturbance | null = this.chance(this.faults.disturbed) ? "hidden" : null;
+      run.flipped(Math.round(grid_us), presses, what);
+    }
+    return Promise.resolve();
+  }
+}
+
+const MACHINE: Machine = {
+  browser: "Made up 1",
+  refresh_hz: 59.97,
+  missed_share: 0.003,
+  window_px: [1920, 1080],
+  device_pixel_ratio: 1.25,
+  scale: 1,
+  color_gamut: "srgb",
+  full_screen: true,
+  touch: false,
+  simulated: true,
+};
+
+/** A whole session by the kernel: the results as a server has them, and how often the page died. */
+async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unknown> {
+  const { study, begun, faults } = asked;
+  const luck = new Chance(asked.luck, "luck");
+  const chance = (share: number) => share > 0 && luck.below(1_000_000) < share * 1e6;
+  const pick = <T>(of: readonly T[]): T => at(of, luck.below(of.length));
+  const server = new Server(() => chance(faults.killed));
+  const rate = at(study.rates, study.rates.findIndex((one) => one.refresh_hz === begun.rate_hz));
+  const hash = (text: string) => Promise.resolve(createHash("sha256").update(text).digest("hex"));
+  for (let deaths = 0; ; deaths++) {
+    const screen = new Screen(study, rate.refresh_hz, chance, pick, faults);
+    const stamps = () => screen.stamps();
+    try {
+      const past = await server.load();
+      let lines: LineLog;
+      if (past) {
+        lines = await LineLog.reopened(server, study.study, stamps, past);
+        await lines.say({ kind: "resume", rate_hz: rate.refresh_hz, machine: MACHINE });
+      } else {
+        lines = LineLog.begin(server, study.study, stamps, begun);
+        const { protocol_sha256, manifest_sha256, revision } = study;
+        const of = { protocol_sha256, manifest_sha256, revision, machine: MACHINE };
+        const study_file_sha256 = await hash(JSON.stringify(study));
+        await lines.say({ kind: "start", format: 1, study_file_sha256, ...of, ...begun });
+      }
+      const ending = await conduct(study, rate, lines, screen, hash);
+      return { ending, deaths, results: server.results };
+    } catch (error) {
+      if (!(error instanceof Killed)) throw error;
+    }
+  }
 }
 
 function answer(asked: Asked): unknown {
@@ -49,6 +195,8 @@ function answer(asked: Asked): unknown {
       const pacer = new Pacer(asked.refresh_hz);
       return asked.stamps_s.map((t_s) => pacer.flip(t_s));
     }
+    case "session":
+      return session(asked);
     case "attempt": {
       let trial = BEGIN;
       return asked.observed.flatMap((observed) => {
@@ -65,7 +213,7 @@ function answer(asked: Asked): unknown {
 for await (const line of createInterface({ input: process.stdin })) {
   let told: unknown;
   try {
-    told = { answer: answer(JSON.parse(line) as Asked) };
+    told = { answer: await answer(JSON.parse(line) as Asked) };
   } catch (error) {
     told = { error: String(error) };
   }

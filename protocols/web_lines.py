@@ -1,0 +1,183 @@
+"""The lines that a browser sends home: JSON, one event each, ended by a line feed.
+
+Lines come at least once, in any grouping. So each says whose it is (`study`, `participant`), its
+number `n` among that participant's lines (0, 1, 2, ... without gaps, over all runs) and the run of
+the page that wrote it. `study_app.web.import_lines` makes an ordinary journal of them. An attempt
+holds what was observed, not what follows from it: Python runs the trial again on these stamps and
+keys, and the outcome that the browser claims must come out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, StringConstraints, TypeAdapter
+
+from protocols.journal import Machine, SlotFrom, TrialId, UtcTime, VoidReason
+from protocols.units import (
+    Count,
+    Hertz,
+    LanguageCode,
+    Model,
+    Name,
+    ParticipantCode,
+    Positive,
+    Sha256,
+    Share,
+    Stamp,
+    Text,
+)
+
+WebSeed = Annotated[int, Field(ge=0, le=2**53 - 1)]
+"""Drawn by the browser: JavaScript holds such whole numbers exactly."""
+Microseconds = Annotated[int, Field(ge=0, le=2**53 - 1, json_schema_extra={"unit": "µs"})]
+
+
+class Line(Model):
+    """What every line says."""
+
+    study: Name
+    participant: ParticipantCode
+    run: Count
+    """Which opening of the page wrote it, from 0."""
+    n: Count
+    """Number of the line, from 0, over all runs."""
+    t_s: Stamp
+    """On the page's clock: monotonic, 0 when this run opened it."""
+    at: UtcTime
+    """On the participant's clock, UTC."""
+
+
+class Start(Line):
+    """The first line of a participant."""
+
+    kind: Literal["start"] = "start"
+    format: Literal[1] = 1
+    protocol_sha256: Sha256
+    manifest_sha256: Sha256
+    study_file_sha256: Sha256
+    """Of `study.json`, so of the export."""
+    revision: Text
+    """Of metamerlab, which made the export."""
+    slot: Count
+    slot_from: SlotFrom
+    seed: WebSeed
+    language: LanguageCode
+    rate_hz: Hertz
+    """Of the study's refresh rates, the one that is used."""
+    machine: Machine
+    identifier: Annotated[str, StringConstraints(max_length=200)] | None = None
+    """Value of the link's parameter that the study names."""
+
+
+class Resume(Line):
+    """The page was opened again for the same participant."""
+
+    kind: Literal["resume"] = "resume"
+    rate_hz: Hertz
+    machine: Machine
+
+
+class Consent(Line):
+    """The participant read the consent page, and agreed or not."""
+
+    kind: Literal["consent"] = "consent"
+    agreed: bool
+    text_sha256: Sha256
+
+
+class BlockStart(Line):
+    """A block begins."""
+
+    kind: Literal["block-start"] = "block-start"
+    block: Count
+
+
+class BlockEnd(Line):
+    """A block is over."""
+
+    kind: Literal["block-end"] = "block-end"
+    block: Count
+
+
+class Break(Line):
+    """A break between blocks, sent at its end."""
+
+    kind: Literal["break"] = "break"
+    after_block: Count
+    duration_s: Annotated[float, Field(ge=0)]
+
+
+class Pause(Line):
+    """A pause, sent at its end."""
+
+    kind: Literal["pause"] = "pause"
+    duration_s: Annotated[float, Field(ge=0)]
+
+
+class Press(Model):
+    """A key, or the pointer, in an attempt."""
+
+    flip: Count
+    """Number of the flip after which it was read."""
+    key: Text
+    at_us: Microseconds
+    """When, on the page's clock."""
+    x: Share | None = None
+    """Of the pointer: place across the study's screen."""
+
+
+class Attempt(Line):
+    """One attempt at a trial, with what was observed in it."""
+
+    kind: Literal["attempt"] = "attempt"
+    trial: TrialId
+    attempt: Positive
+    position: Count
+    flips_us: tuple[Microseconds, ...]
+    """When each flip was shown: the first on the page's clock, each other one since that before."""
+    presses: tuple[Press, ...]
+    disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
+    """After which flip something came between participant and page, and what."""
+    outcome: Literal["completed", "void"]
+    void_reason: VoidReason | None
+    answer: Name | None
+
+
+class Answer(Line):
+    """An answer to a closing question."""
+
+    kind: Literal["answer"] = "answer"
+    question: Name
+    text: Annotated[str, StringConstraints(max_length=20_000)]
+
+
+class Note(Line):
+    """A remark by the page, such as a file that was not the one that was hashed."""
+
+    kind: Literal["note"] = "note"
+    text: Annotated[str, StringConstraints(min_length=1, max_length=2000)]
+
+
+class End(Line):
+    """The session is over, or the participant left."""
+
+    kind: Literal["end"] = "end"
+    reason: Literal["completed", "quit", "consent-refused", "error"]
+
+
+AnyLine: TypeAlias = Annotated[
+    Start
+    | Resume
+    | Consent
+    | BlockStart
+    | BlockEnd
+    | Break
+    | Pause
+    | Attempt
+    | Answer
+    | Note
+    | End,
+    Field(discriminator="kind"),
+]
+LINE: TypeAdapter[AnyLine] = TypeAdapter(AnyLine)

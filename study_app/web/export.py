@@ -1,0 +1,445 @@
+"""A study as a folder that a browser runs: `study.json`, packs of frames, pictures, the page.
+
+The same study, stimuli and revision give the same bytes. The study's secret stays in the lab.
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import MIB, TRIALS_IN_MEMORY, require_feasible, session_duration_s
+from protocols.hashing import sha256_bytes, sha256_json
+from protocols.manifest import Clip, Manifest, check_manifest
+from protocols.plan import planned_trials
+from protocols.read_file import read_bytes
+from protocols.result_folder import whole_folder
+from protocols.revision import code_revision
+from protocols.schema import StudyProtocol
+from protocols.script import Drawn, Frames, Picture, Place, Size, TrialScript
+from protocols.web_design import web_design
+from protocols.web_study import (
+    ClosingQuestion,
+    Pack,
+    Pages,
+    PictureFile,
+    Rate,
+    ShownPicture,
+    WebEntry,
+    WebPhase,
+    WebScript,
+    WebStudy,
+    deviations_s,
+    rates_of,
+    scripts_at,
+)
+from protocols.wording import consent_text, fill
+from study_app.clips import check_files
+from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
+
+BUDGET_MB = 300.0
+"""What one participant may have to fetch, unless an option says more."""
+DECODED_MB = 500.0
+"""What the stimuli of two trials may take in the browser's memory."""
+MB = 1_000_000
+STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
+_SLOTS_LOOKED_AT = 8
+"""Plans differ in order, and rarely in what they show: so many say how much that is."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a study asks of a participant's browser."""
+
+    rates: Mapping[float, list[str]]
+    """Why it does not run at a refresh rate; an empty list where it does."""
+    fetched_bytes: int
+    """Of the frames that one participant sees, as PNG files."""
+    decoded_bytes: int
+    """Of the stimuli of two trials."""
+    duration_s: float
+    """Of a session, answers in 1.5 s."""
+    window_px: Size
+    """Smallest part of the screen that shows all of a trial."""
+
+    @property
+    def rates_hz(self) -> tuple[float, ...]:
+        """The refresh rates at which the study runs."""
+        return tuple(rate for rate, problems in self.rates.items() if not problems)
+
+
+@dataclass(frozen=True)
+class WebBuild:
+    """A study with what a browser is to show of it.
+
+    Parameters
+    ----------
+    study : StudyProtocol
+        With a section `[web]`.
+    display : Display
+        For which the stimuli were built.
+    manifest : Manifest
+        Of the stimuli.
+    """
+
+    study: StudyProtocol
+    display: Display
+    manifest: Manifest
+
+    @cached_property
+    def shown(self) -> StudyProtocol:
+        """The study as a browser runs it."""
+        return self.study.in_a_browser()
+
+    @cached_property
+    def rates(self) -> dict[float, list[str]]:
+        """Why the study does not run at a refresh rate; an empty list where it does."""
+        return rates_of(self.study, self.display)
+
+    @cached_property
+    def scripts(self) -> dict[float, dict[str, list[TrialScript]]]:
+        """Scripts by refresh rate and language, in the order of `scripts_at`."""
+        return {
+            rate: {
+                language: list(scripts_at(self.study, self._at(rate), language).values())
+                for language in self.study.text.languages
+            }
+            for rate, problems in self.rates.items()
+            if not problems
+        }
+
+    @cached_property
+    def pictures(self) -> dict[str, tuple[Pixels, Place]]:
+        """Every picture by its name, cut to its ink, and how far that moved its corner."""
+        bitmaps = bitmaps_of(self.shown, self.display)
+        of = {name_of(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
+        return {name: cut_out(one, bitmaps) for name, one in sorted(of.items())}
+
+    @cached_property
+    def window_px(self) -> Size:
+        """Smallest part of the screen, about its middle, that shows all of a trial."""
+        reach_x = reach_y = 1
+        for script in self._all_scripts():
+            for left, top, width, height in self._rects(script):
+                reach_x = max(reach_x, -left, left + width)
+                reach_y = max(reach_y, -top, top + height)
+        return 2 * reach_x, 2 * reach_y
+
+    @cached_property
+    def stimuli(self) -> list[Clip]:
+        """The stimuli that some participant may see, in the manifest's order."""
+        shown = set(self.shown.shown())
+        return [clip for clip in self.manifest.clips if clip.name in shown]
+
+    def needs(self, frame_bytes: Mapping[str, int] | None = None) -> Needs:
+        """Return what the study asks of a browser.
+
+        Parameters
+        ----------
+        frame_bytes : mapping, optional
+            Bytes of each stimulus; left out, 1.6 bytes a pixel, as photographs take.
+
+        Raises
+        ------
+        StudyError
+            If the study is not meant for browsers, or runs at no refresh rate.
+        """
+        if not any(not problems for problems in self.rates.values()):
+            first = self.rates[self.display.refresh_hz]
+            raise StudyError(
+                "web: the study must run at a refresh rate that participants have (it runs at none"
+                f" of {', '.join(f'{rate:g}' for rate in self.rates)} Hz); at"
+                f" {self.display.refresh_hz:g} Hz: " + "; ".join(first)
+            )
+        clip = self.stimuli[0]
+        pixels = clip.width_px * clip.height_px * len(clip.frames_sha256)
+        of_trial = TRIALS_IN_MEMORY * self.study.task.stimuli_per_trial * pixels * 4
+        sizes = frame_bytes or {one.name: round(1.6 * pixels) for one in self.stimuli}
+        seen = max(
+            (self._seen(slot) for slot in range(_SLOTS_LOOKED_AT)),
+            key=lambda names: sum(sizes[name] for name in names),
+        )
+        trials = len(planned_trials(self.shown.ordered_by(0), "web", 0))
+        return Needs(
+            self.rates,
+            sum(sizes[name] for name in seen),
+            of_trial,
+            session_duration_s(self.shown, trials),
+            self.window_px,
+        )
+
+    def write(self, stimuli: Path, out: Path, *, budget_mb: float = BUDGET_MB) -> Needs:
+        """Fill a folder with all that a browser needs.
+
+        Parameters
+        ----------
+        stimuli : Path
+            The folder of the manifest.
+        out : Path
+            Must not exist, be empty, or hold an earlier export.
+        budget_mb : float
+            Most that one participant may have to fetch, in millions of bytes.
+
+        Returns
+        -------
+        Needs
+            With the true sizes.
+
+        Raises
+        ------
+        StudyError
+            If stimuli and study do not belong together, or a browser cannot run the study.
+        """
+        check_manifest(self.study, self.manifest)
+        require_feasible(self.shown, self.display, self.manifest)
+        check_files(stimuli, self.manifest)
+        design = web_design(self.shown)
+        sizes = {
+            clip.name: sum(
+                (stimuli / clip.frame_path(index)).stat().st_size
+                for index in range(len(clip.frames_sha256))
+            )
+            for clip in self.stimuli
+        }
+        needs = self.needs(sizes)
+        check_budget(needs, self, budget_mb)
+        with whole_folder(out, replace=True, reads=[stimuli]) as work:
+            packs = {}
+            (work / PACKS).mkdir()
+            for clip in self.stimuli:
+                packs[clip.name] = write_pack(stimuli, clip, work / PACKS)
+            written = WebStudy(
+                format=1,
+                study=self.study.study.name,
+                title=self.study.study.title,
+                protocol_sha256=self.study.sha256,
+                manifest_sha256=self.manifest.sha256,
+                revision=code_revision(),
+                default_language=self.study.text.default_language,
+                pages={language: self.page(language) for language in self.study.text.languages},
+                background=self._any_script.background,
+                window_px=needs.window_px,
+                screen_px=self._any_script.size_px,
+                design=design,
+                break_s=self.study.design.break_s,
+                rates=tuple(self._rate(rate) for rate in needs.rates_hz),
+                dropped_max=self.study.trial.dropped_frames_max,
+                continue_keys=self.study.response.continue_keys,
+                pause_keys=self.study.response.pause_keys,
+                quit_keys=self.study.response.quit_keys,
+                stimulus_px=self._any_script.stimulus_px,
+                stimuli=packs,
+                pictures=self._write_pictures(work / PICTURES),
+                decoded_bytes=needs.decoded_bytes,
+                **self.shown.web.model_dump(
+                    include={"identifier", "completion_url", "completion_code"}
+                )
+                if self.shown.web
+                else {},
+            )
+            for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
+                shutil.copyfile(str(asset), work / asset.name)
+            (work / STUDY_FILE).write_text(written.model_dump_json(indent=1) + "\n")
+        return needs
+
+    def page(self, language: str) -> Pages:
+        """Return what a participant reads beside trials."""
+        texts, response = self.study.text.languages[language], self.study.response
+
+        def filled(text: str) -> str:
+            # Numbers of blocks are known when the page is shown.
+            kept = text.replace("{done}", "\0").replace("{total}", "\1")
+            return fill(kept, response).replace("\0", "{done}").replace("\1", "{total}")
+
+        return Pages(
+            consent=filled(consent_text(texts, self.study.privacy.contact)),
+            instructions=tuple(map(filled, texts.instructions)),
+            practice=filled(texts.practice),
+            start=filled(texts.start),
+            break_page=filled(texts.break_page),
+            paused=filled(texts.paused),
+            preparing=filled(texts.preparing),
+            quit_question=filled(texts.quit_question),
+            thanks=filled(texts.thanks),
+            questions=tuple(
+                ClosingQuestion(name=one.name, text=one.text, choices=one.choices)
+                for one in texts.questions
+            ),
+        )
+
+    @property
+    def _any_script(self) -> TrialScript:
+        return next(self._all_scripts())
+
+    def _all_scripts(self) -> Iterator[TrialScript]:
+        for by_language in self.scripts.values():
+            for scripts in by_language.values():
+                yield from scripts
+
+    def _at(self, refresh_hz: float) -> Display:
+        tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
+        return self.display.at_rate(refresh_hz, tolerance_s)
+
+    def _rects(self, script: TrialScript) -> Iterator[tuple[int, int, int, int]]:
+        for phase in script.phases:
+            for entry in phase.show:
+                if isinstance(entry, Frames):
+                    yield (*entry.at, *(entry.crop or (0, 0, *script.stimulus_px))[2:])
+        for picture in script.pictures():
+            pixels, (right, down) = self.pictures[name_of(picture.of)]
+            yield picture.at[0] + right, picture.at[1] + down, pixels.shape[1], pixels.shape[0]
+
+    def _seen(self, slot: int) -> set[str]:
+        """Return the stimuli that a participant may see."""
+        trials = planned_trials(self.shown.ordered_by(slot), "web", slot)
+        planned = {name for trial in trials for name in trial.stimuli}
+        chosen = any(trial.track is not None for trial in trials)
+        return planned | ({clip.name for clip in self.stimuli} if chosen else set())
+
+    def _rate(self, refresh_hz: float) -> Rate:
+        kinds = scripts_at(self.study, self._at(refresh_hz), self.study.text.default_language)
+        return Rate(
+            refresh_hz=refresh_hz,
+            deviations_s=deviations_s(self.shown, self._at(refresh_hz)),
+            scripts={
+                language: tuple(
+                    self._script(*kind, script) for kind, script in zip(kinds, scripts, strict=True)
+                )
+                for language, scripts in self.scripts[refresh_hz].items()
+            },
+        )
+
+    def _script(self, answers: tuple[str, ...], practice: bool, script: TrialScript) -> WebScript:
+        return WebScript(
+            answers=answers,
+            practice=practice,
+            phases=tuple(
+                WebPhase(
+                    name=phase.name,
+                    frames=phase.frames,
+                    show=tuple(map(self._entry, phase.show)),
+                    gate_frames=phase.gate_frames,
+                    watched=phase.watched,
+                    question=phase.question,
+                    timeout_frames=phase.timeout_frames,
+                    follows={how: self._placed(one) for how, one in phase.follows.items()},
+                )
+                for phase in script.phases
+            ),
+        )
+
+    def _entry(self, entry: WebEntry | Picture) -> WebEntry:
+        return self._placed(entry) if isinstance(entry, Picture) else entry
+
+    def _placed(self, picture: Picture) -> ShownPicture:
+        name = name_of(picture.of)
+        _, (right, down) = self.pictures[name]
+        return ShownPicture(of=name, at=(picture.at[0] + right, picture.at[1] + down))
+
+    def _write_pictures(self, folder: Path) -> dict[str, PictureFile]:
+        folder.mkdir()
+        found = {}
+        for name, (pixels, _) in self.pictures.items():
+            data = png_bytes(pixels)
+            (folder / f"{name[:16]}.png").write_bytes(data)
+            size = pixels.shape[1], pixels.shape[0]
+            found[name] = PictureFile(
+                file=f"{name[:16]}.png", sha256=sha256_bytes(data), size_px=size
+            )
+        return found
+
+
+def name_of(of: Drawn) -> str:
+    """Return the name of a picture: the hash of what it shows."""
+    return sha256_json(of)
+
+
+def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[Pixels, Place]:
+    """Return a picture without the empty rows and columns around it, and its corner's new place.
+
+    A notice is as large as the screen that it was made for, and its words are in the middle.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 4)
+        RGBA with straight alpha; one pixel where nothing is drawn.
+    (right, down) : tuple of int
+        How many columns and rows were cut off before it.
+    """
+    pixels = drawn(of, bitmaps)
+    rows, columns = (np.flatnonzero(pixels[..., 3].any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return pixels[:1, :1], (0, 0)
+    top, left = int(rows[0]), int(columns[0])
+    return pixels[top : rows[-1] + 1, left : columns[-1] + 1], (left, top)
+
+
+def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
+    """Write the frames of a stimulus one after the other, as they are.
+
+    Raises
+    ------
+    StudyError
+        If a frame is not the one that was hashed.
+    """
+    end, ends = 0, []
+    with (folder / f"{clip.name}.pack").open("wb") as pack:
+        for index, sha in enumerate(clip.frames_sha256):
+            path = stimuli / clip.frame_path(index)
+            data = read_bytes(path, "a frame of the study")
+            if sha256_bytes(data) != sha:
+                raise StudyError(
+                    f"{path}: must be the frame that was hashed ({sha[:12]}, got"
+                    f" {sha256_bytes(data)[:12]}); restore it, or build the stimuli again"
+                )
+            pack.write(data)
+            end += len(data)
+            ends.append(end)
+    return Pack(file=f"{clip.name}.pack", bytes=end, sha256=clip.frames_sha256, ends=tuple(ends))
+
+
+def check_budget(needs: Needs, build: WebBuild, budget_mb: float) -> None:
+    """Refuse a study that takes more than a participant's line or browser has, with what would fit.
+
+    Raises
+    ------
+    StudyError
+    """
+    clip = build.stimuli[0]
+    for what, got, most, cure in (
+        (
+            "one participant may fetch",
+            needs.fetched_bytes,
+            budget_mb * MB,
+            f", or raise it: --budget-mb {np.ceil(needs.fetched_bytes / MB):.0f}",
+        ),
+        ("the stimuli of two trials may take", needs.decoded_bytes, DECODED_MB * MIB, ""),
+    ):
+        if got <= most:
+            continue
+        share = most / got
+        width, height = (2 * int(edge * share**0.5 / 2) for edge in (clip.width_px, clip.height_px))
+        fewer = int(len(clip.frames_sha256) * share)
+        clips = f", {fewer} frames instead of {len(clip.frames_sha256)}" if fewer > 1 else ""
+        scenes = f", or {share:.0%} of the scenes" if what.startswith("one") else ""
+        raise StudyError(
+            f"web: {what} {most / MB:.0f} MB (got {got / MB:.0f} MB); what would fit: stimuli of"
+            f" {width}x{height} px instead of {clip.width_px}x{clip.height_px}{clips}{scenes}{cure}"
+        )
+
+
+def png_bytes(pixels: Pixels) -> bytes:
+    """Return a picture as a PNG file without any colour chunk: codes stay what they are."""
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(file, "PNG", optimize=True)
+    return file.getvalue()

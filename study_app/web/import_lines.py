@@ -1,0 +1,634 @@
+"""Lines from browsers become ordinary sessions: the plan is made again, each trial is run again.
+
+Nothing that a browser claims is taken on trust. What comes next is asked of `next_step`; each
+attempt is run on the stamps and keys that were observed, and must end as the browser says. A
+participant whose lines contradict this is named and left out, whole.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import tempfile
+import zipfile
+import zlib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from pydantic import ValidationError
+
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.hashing import sha256_json
+from protocols.journal import (
+    Answer,
+    Attempt,
+    BlockEnd,
+    BlockStart,
+    Break,
+    Consent,
+    Note,
+    Pause,
+    Remote,
+    SessionEnd,
+    SessionResume,
+    SessionStart,
+)
+from protocols.journal_file import JOURNAL_NAME
+from protocols.manifest import Manifest
+from protocols.outside import check_within
+from protocols.plan import PlannedTrial, make_plan
+from protocols.read_file import read_bytes
+from protocols.result_folder import whole_folder
+from protocols.schema import StudyProtocol
+from protocols.script import Scripts, TrialScript
+from protocols.web_lines import LINE, AnyLine, End, Resume, Start
+from protocols.web_lines import Answer as AnswerLine
+from protocols.web_lines import Attempt as AttemptLine
+from protocols.web_lines import BlockEnd as BlockEndLine
+from protocols.web_lines import BlockStart as BlockStartLine
+from protocols.web_lines import Break as BreakLine
+from protocols.web_lines import Consent as ConsentLine
+from protocols.web_lines import Note as NoteLine
+from protocols.web_lines import Pause as PauseLine
+from protocols.web_study import deviations_s
+from study_app.attempt import Log, run_attempt
+from study_app.attempt_record import attempt_event
+from study_app.recorder import Recorder, lock_journal, write_new
+from study_app.session import (
+    AskConsent,
+    AskQuestion,
+    EndBlock,
+    Finish,
+    RunTrial,
+    StartBlock,
+    Step,
+    TakeBreak,
+    next_step,
+)
+from study_app.sittings import find_sittings, sitting_folder
+from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+from study_app.trial import Trial
+
+EVIDENCE = "animation frame"
+"""What vouches for the stamps of a browser's flips."""
+DISTURBANCES = {
+    "focus": "the page lost the keyboard",
+    "hidden": "the page was hidden",
+    "full-screen": "the page left full screen",
+    "size": "the window changed its size",
+}
+
+
+State: TypeAlias = Literal["imported", "continued", "already there", "refused"]
+
+
+class ContradictionError(StudyError):
+    """Lines of one participant that cannot be a session of this study."""
+
+
+@dataclass
+class Found:
+    """All lines of one participant of a study."""
+
+    lines: dict[int, AnyLine] = field(default_factory=dict)
+    repeated: int = 0
+    """Lines that came more than once, and said the same."""
+    conflicts: list[str] = field(default_factory=list)
+
+    def add(self, line: AnyLine, where: str) -> None:
+        """Take a line, unless it is there already."""
+        there = self.lines.setdefault(line.n, line)
+        if there is line:
+            return
+        if there == line:
+            self.repeated += 1
+        else:
+            self.conflicts.append(f"{where}: line number {line.n} says two different things")
+
+
+@dataclass
+class Inbox:
+    """What results hold: lines by study and participant, and what is no line."""
+
+    found: dict[tuple[str, str], Found] = field(default_factory=lambda: defaultdict(Found))
+    damaged: list[str] = field(default_factory=list)
+    """Where something stands that is no line of ours, and what."""
+
+    def read(self, name: str, data: bytes) -> None:
+        """Read the lines of one text.
+
+        Results may be joined without a line feed where a page died in the middle of a line; what is
+        whole is kept.
+        """
+        check_within("events", data.count(b"\n"), StudyError, Path(name), "lines")
+        for number, text in enumerate(data.split(b"\n"), 1):
+            if not text.strip():
+                continue
+            try:
+                line = LINE.validate_json(text)
+            except ValidationError as error:
+                problem = error.errors()[0]
+                place = ".".join(map(str, problem["loc"])) or "line"
+                self.damaged.append(f"{name}: line {number}: {place}: {problem['msg']}")
+                continue
+            self.found[line.study, line.participant].add(line, f"{name}: line {number}")
+
+
+@dataclass(frozen=True)
+class Imported:
+    """How the lines of one participant fared."""
+
+    participant: str
+    state: State
+    """`continued`: lines that came later were added to a session imported before."""
+    message: str
+    attempts: int = 0
+    reason: str = ""
+    """How the session ended; empty where it did not."""
+
+
+def read_results(paths: Iterable[Path]) -> Inbox:
+    """Read results: archives of JATOS, texts of lines, folders of such.
+
+    Raises
+    ------
+    StudyError
+        If a file cannot be read, or an archive is damaged.
+    """
+    inbox = Inbox()
+    for path in paths:
+        if path.is_dir():
+            for inside in sorted(one for one in path.rglob("*") if one.is_file()):
+                _read_file(inside, inbox)
+        else:
+            _read_file(path, inbox)
+    return inbox
+
+
+def import_results(
+    inbox: Inbox,
+    study: StudyProtocol,
+    display: Display,
+    manifest: Manifest,
+    root: Path,
+    *,
+    write: bool = True,
+) -> list[Imported]:
+    """Make sessions of all lines of a study.
+
+    Parameters
+    ----------
+    inbox : Inbox
+        As `read_results` returns it.
+    study, display, manifest : StudyProtocol, Display, Manifest
+        Those of the export.
+    root : Path
+        Folder of all sessions.
+    write : bool
+        False: only say what would happen.
+
+    Raises
+    ------
+    StudyError
+        If there is no line of the study.
+    """
+    ours = {who: found for (name, who), found in inbox.found.items() if name == study.study.name}
+    if not ours:
+        others = ", ".join(sorted({name for name, _ in inbox.found})) or "none"
+        raise StudyError(
+            f"results: must hold lines of the study {study.study.name!r} (found lines of:"
+            f" {others}); name that study's file, or other results"
+        )
+    slots = {}
+    if root.is_dir():
+        sittings = find_sittings(root, study.study.name)
+        slots = {
+            one.journal.start.slot: one.participant
+            for one in sittings
+            if one.state not in ("damaged", "stillborn", "withdrawn", "refused")
+            and one.journal.start.remote is None
+        }
+    return [
+        _import_one(who, ours[who], study, display, manifest, root, slots, write=write)
+        for who in sorted(ours)
+    ]
+
+
+def _import_one(
+    who: str,
+    found: Found,
+    study: StudyProtocol,
+    display: Display,
+    manifest: Manifest,
+    root: Path,
+    slots: Mapping[int, str],
+    *,
+    write: bool,
+) -> Imported:
+    try:
+        if found.conflicts:
+            raise ContradictionError("; ".join(found.conflicts[:3]))
+        session = Session(study, display, manifest, whole_lines(found))
+        folder, start = sitting_folder(root, study, who), session.begun
+        if start.slot_from != "drawn" and start.slot in slots:
+            raise ContradictionError(
+                f"slot {start.slot} is that of the lab's session {slots[start.slot]!r}: two people"
+                " had one place; keep one of the two, and withdraw the other"
+            )
+        with tempfile.TemporaryDirectory(prefix="metamerlab-import-") as temporary:
+            made = Path(temporary) / who
+            session.write(made)
+            state = "imported" if not folder.exists() else _beside(folder, made)
+            if write and state == "imported":
+                with whole_folder(folder) as work:
+                    shutil.copytree(made, work, dirs_exist_ok=True)
+            elif write and state == "continued":
+                _continue(folder, made)
+    except ContradictionError as error:
+        return Imported(who, "refused", str(error))
+    except StudyError as error:
+        return Imported(who, "refused", f"not as this study makes it: {error}")
+    said = f"{found.repeated} lines came more than once" if found.repeated else ""
+    return Imported(who, state, said, session.attempts, session.reason)
+
+
+def _beside(folder: Path, made: Path) -> State:
+    """Return what a session is to the one that the lab has under its code.
+
+    Raises
+    ------
+    ContradictionError
+        If it is another session.
+    """
+    path = folder / JOURNAL_NAME
+    there = path.read_bytes() if path.exists() else b""
+    ours = (made / JOURNAL_NAME).read_bytes()
+    if there and ours.startswith(there):
+        return "already there" if ours == there else "continued"
+    if there.startswith(ours):
+        return "already there"  # what came later was imported before
+    raise ContradictionError(
+        f"the code is that of another session ({folder}); a code is used once: keep one of the two,"
+        " and withdraw the other"
+    )
+
+
+def _continue(folder: Path, made: Path) -> None:
+    """Add to a session what came home since it was imported; nothing of it changes."""
+    for path in sorted(one for one in made.rglob("*") if one.is_file()):
+        place = folder / path.relative_to(made)
+        if path.name != JOURNAL_NAME and not place.exists():
+            place.parent.mkdir(exist_ok=True)
+            write_new(place.with_suffix(""), place.suffix, path.read_bytes())
+    journal = folder / JOURNAL_NAME
+    with journal.open("r+b") as file:
+        lock_journal(file.fileno(), journal)
+        file.seek(0, os.SEEK_END)
+        file.write((made / JOURNAL_NAME).read_bytes()[file.tell() :])
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def whole_lines(found: Found) -> list[AnyLine]:
+    """Return the lines of a participant in order.
+
+    Raises
+    ------
+    ContradictionError
+        If the first one, or one between, has not come.
+    """
+    count = max(found.lines) + 1
+    missing = [n for n in range(count) if n not in found.lines]
+    if missing:
+        shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        raise ContradictionError(
+            f"{len(missing)} of {count} lines have not come (numbers {shown}); ask the server for"
+            " the rest of the results, or the participant for the local copy"
+        )
+    return [found.lines[n] for n in range(count)]
+
+
+class Session:
+    """One participant's session, made again from lines.
+
+    Parameters
+    ----------
+    study, display, manifest : StudyProtocol, Display, Manifest
+        Those of the export.
+    lines : list of lines
+        All, in order.
+
+    Raises
+    ------
+    ContradictionError
+        If they do not begin as a session of this study does.
+    """
+
+    def __init__(
+        self,
+        study: StudyProtocol,
+        display: Display,
+        manifest: Manifest,
+        lines: Sequence[AnyLine],
+    ) -> None:
+        begun = lines[0]
+        if not isinstance(begun, Start):
+            raise ContradictionError(f"line number 0 must be the start (got {begun.kind})")
+        for what, now, then in (
+            ("study file", study.sha256, begun.protocol_sha256),
+            ("manifest of the stimuli", manifest.sha256, begun.manifest_sha256),
+        ):
+            if now != then:
+                raise ContradictionError(
+                    f"the {what} must be the one that was exported (hash {then[:12]}, got"
+                    f" {now[:12]}); import with that one"
+                )
+        tolerance_s = study.web.tolerance_s if study.web else 0.0
+        self.begun, self.lines, self.manifest = begun, lines, manifest
+        self.study = study.in_a_browser().ordered_by(begun.seed)
+        self.display = display.at_rate(begun.rate_hz, tolerance_s)
+        self.plan = make_plan(study.ordered_by(begun.seed), manifest, begun.participant, begun.slot)
+        self.scripts = Scripts(self.study, self.display, begun.language, manifest)
+        self.line: AnyLine = begun
+        self._now_s = 0.0
+        self.attempts = 0
+        self.reason = ""
+
+    def write(self, folder: Path) -> None:
+        """Write the journal with its side files.
+
+        Raises
+        ------
+        ContradictionError
+            Naming the line that does not follow from those before it.
+        """
+        with Recorder.create(folder, lambda: self._now_s, lambda: self.line.at) as recorder:
+            recorder.waits_for_disk = False
+            self._now_s = self.begun.t_s
+            recorder.append(self._start(recorder))
+            for line in self.lines[1:]:
+                self.line, self._now_s = line, line.t_s
+                self._take(line, recorder)
+
+    def _start(self, recorder: Recorder) -> SessionStart:
+        begun = self.begun
+        return SessionStart(
+            **recorder.stamps(),
+            study=begun.study,
+            task=self.study.task.kind,
+            participant=begun.participant,
+            slot=begun.slot,
+            language=begun.language,
+            seed=begun.seed,
+            simulated=begun.machine.simulated,
+            protocol_sha256=begun.protocol_sha256,
+            stimuli_sha256=self.study.stimuli_sha256,
+            manifest_sha256=begun.manifest_sha256,
+            plan_sha256=self.plan.sha256,
+            trials=self.plan.main_trials,
+            display=self.display.name,
+            display_sha256=sha256_json(self.display),
+            display_report=None,
+            refresh_hz=begun.rate_hz,
+            gaze_mode="none",
+            gaze=None,
+            revision=begun.revision,
+            versions={},
+            platform=begun.machine.browser,
+            timing_evidence=EVIDENCE,
+            remote=Remote(
+                study_file_sha256=begun.study_file_sha256,
+                revision=begun.revision,
+                slot_from=begun.slot_from,
+                machine=begun.machine,
+                deviations_s=deviations_s(self.study, self.display),
+                identifier=begun.identifier,
+            ),
+        )
+
+    def _take(self, line: AnyLine, recorder: Recorder) -> None:
+        """Write what a line says, if it is what comes next."""
+        match line:
+            case Resume():
+                self.reason = ""
+                recorder.append(
+                    SessionResume(
+                        **recorder.stamps(),
+                        revision=self.begun.revision,
+                        versions={},
+                        display_report=None,
+                        gaze=None,
+                        torn_file=None,
+                    )
+                )
+                return
+            case PauseLine(duration_s=duration_s):
+                recorder.append(Pause(**recorder.stamps(), duration_s=duration_s))
+                return
+            case NoteLine(text=text):
+                recorder.append(Note(**recorder.stamps(), text=text))
+                return
+            case End(reason=reason):
+                self.reason = reason
+                done = sum(
+                    isinstance(event, Attempt)
+                    and event.outcome == "completed"
+                    and event.role == "main"
+                    for event in recorder.events
+                )
+                recorder.append(
+                    SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
+                )
+                return
+        step = next_step(self.study, self.plan, recorder.events, self.begun.language)
+        match step, line:
+            case AskConsent(), ConsentLine():
+                recorder.append(
+                    Consent(
+                        **recorder.stamps(),
+                        agreed=line.agreed,
+                        language=self.begun.language,
+                        text_sha256=line.text_sha256,
+                    )
+                )
+            case StartBlock(), BlockStartLine() if line.block == step.block:
+                recorder.append(
+                    BlockStart(**recorder.stamps(), block=step.block, trials=step.trials)
+                )
+            case EndBlock(), BlockEndLine() if line.block == step.block:
+                recorder.append(BlockEnd(**recorder.stamps(), block=step.block))
+            case TakeBreak(), BreakLine() if line.after_block == step.after_block:
+                recorder.append(
+                    Break(
+                        **recorder.stamps(),
+                        after_block=step.after_block,
+                        duration_s=line.duration_s,
+                    )
+                )
+            case AskQuestion(), AnswerLine() if line.question == step.question.name:
+                recorder.append(Answer(**recorder.stamps(), question=line.question, text=line.text))
+            case RunTrial(), AttemptLine():
+                self._attempt(step, line, recorder)
+            case _:
+                raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
+
+    def _attempt(self, step: RunTrial, line: AttemptLine, recorder: Recorder) -> None:
+        """Run a trial again on what was observed, and write it."""
+        places: tuple[tuple[str, object, object], ...] = (
+            ("trial", step.trial.id, line.trial),
+            ("attempt", step.attempt, line.attempt),
+            ("position", step.position, line.position),
+        )
+        for what, planned, found in places:
+            if planned != found:
+                raise self._wrong(f"{what} must be {planned}, as the plan has it", found)
+        script = self.scripts.of(step.trial)
+        stage = Observed(line, self.begun.rate_hz)
+        made: list[Attempt] = []
+
+        def write(trial: Trial, log: Log) -> None:
+            stage.written = True
+            event = attempt_event(
+                step.trial,
+                step.attempt,
+                step.position,
+                trial,
+                log,
+                script,
+                self.manifest,
+                recorder,
+                store_gaze=False,
+            )
+            made.append(event)
+
+        try:
+            run_attempt(script, stage, None, write)
+        except ValueError as error:
+            raise self._wrong("flips must be such as a screen shows", error) from None
+        (event,) = made
+        claims: tuple[tuple[str, object, object], ...] = (
+            ("outcome", event.outcome, line.outcome),
+            ("void_reason", event.void_reason, line.void_reason),
+            ("answer", event.answer, line.answer),
+            ("flips", stage.used, len(line.flips_us)),
+        )
+        for what, ran, claimed in claims:
+            if ran != claimed:
+                raise self._wrong(f"{what} must be {ran}, as the trial comes out", claimed)
+        recorder.append(event)
+        self.attempts += 1
+        if line.disturbed:
+            recorder.append(Note(**recorder.stamps(), text=DISTURBANCES[line.disturbed[1]]))
+
+    def _wrong(self, what: str, found: object) -> ContradictionError:
+        return ContradictionError(f"line number {self.line.n}: {what} (got {found})")
+
+
+class Observed:
+    """A stage that shows again what a browser showed: its stamps, its keys.
+
+    Once the outcome is written, flips come in time and nothing happens any more.
+    """
+
+    def __init__(self, line: AttemptLine, refresh_hz: float) -> None:
+        self._line, self._period_s = line, 1 / refresh_hz
+        self._stamps_s = [us / 1e6 for us in accumulate(line.flips_us)]
+        self.refresh_hz = refresh_hz
+        self.used = 0
+        """Flips that were shown until the outcome was written."""
+        self.written = False
+        """Whether the outcome was written."""
+        self._shown = 0
+
+    def now(self) -> float:
+        """Return the stamp of the last flip."""
+        return self._stamps_s[self._shown - 1]
+
+    def show(self, _picture: Picture) -> Shown:
+        """Return the next flip that was observed; `ValueError` where the trial needs more."""
+        if self._shown == len(self._stamps_s):
+            if not self.written:
+                raise ValueError(f"{self._shown} of them, and the trial goes on")
+            self._stamps_s.append(self._stamps_s[-1] + self._period_s)
+        self._shown += 1
+        self.used = min(self._shown, len(self._line.flips_us))
+        return Shown(self._stamps_s[self._shown - 1], self._shown - 1, EVIDENCE)
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys that were read after this flip."""
+        return [
+            KeyPress(press.key, press.at_us / 1e6, press.x or 0.0)
+            for press in self._line.presses
+            if press.flip == self._shown - 1
+        ]
+
+    def disturbed(self) -> str:
+        """Return what came between participant and page after this flip."""
+        flip, what = self._line.disturbed or (-1, "")
+        return DISTURBANCES[what] if flip == self._shown - 1 else ""
+
+    def prepare(self, _trial: PlannedTrial, _script: TrialScript, _attempt: int, /) -> None:
+        """Nothing to load."""
+
+    def expect(self, _trial: PlannedTrial) -> None:
+        """Nothing to load."""
+
+    def page(self, _page: Page) -> PageResult:
+        """Never asked: pages are not part of an attempt."""
+        raise NotImplementedError
+
+
+def _named(step: Step) -> str:
+    """Return a step in words."""
+    match step:
+        case AskConsent():
+            return "consent"
+        case StartBlock(block):
+            return f"the start of block {block}"
+        case EndBlock(block):
+            return f"the end of block {block}"
+        case TakeBreak(block):
+            return f"the break after block {block}"
+        case AskQuestion(question):
+            return f"the answer to {question.name!r}"
+        case RunTrial(trial, attempt):
+            return f"attempt {attempt} at {trial.id}"
+        case Finish():
+            return "the end"
+
+
+def _read_file(path: Path, inbox: Inbox) -> None:
+    data = read_bytes(path, "results of a browser study", "table")
+    if not zipfile.is_zipfile(io.BytesIO(data)):
+        inbox.read(path.name, data)
+        return
+    for name, text in _texts_of(path, data):
+        inbox.read(f"{path.name}: {name}", text)
+
+
+def _texts_of(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield the results in an archive of JATOS, of either layout.
+
+    Raises
+    ------
+    StudyError
+        If the archive is damaged, or grows too large.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [one for one in archive.infolist() if one.filename.endswith(".txt")]
+            check_within(
+                "unpacked", sum(one.file_size for one in entries), StudyError, path, "bytes"
+            )
+            for entry in entries:
+                yield entry.filename, archive.read(entry)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise StudyError(
+            f"{path}: must be an archive that can be read ({error}); download it again"
+        ) from None

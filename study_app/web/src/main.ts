@@ -1,0 +1,206 @@
+/** A study in this page: gate, session, thanks. `run` is all that a shell such as jsPsych calls. */
+import { conduct, type Ending } from "./kernel/conduct";
+import { LineLog, type Begun } from "./kernel/lines";
+import type { WebStudy } from "./kernel/study";
+import { FileError, fetched, Files, sha256 } from "./stage/files";
+import {
+  checkDevice,
+  machineOf,
+  measuredRate,
+  nearestRate,
+  Refusal,
+  scaleOf,
+} from "./stage/gate";
+import { cover, fillScreen, Screen, showNote } from "./stage/screen";
+import { filled, wordsOf, type Words } from "./stage/words";
+import { CopyingStore, JatosStore, LocalStore, insist, type Jatos } from "./store/stores";
+
+export type { Ending };
+
+/** Most counterbalancing slots from which one is drawn where neither link nor server gives one. */
+const SLOTS = 2 ** 20;
+
+export interface Options {
+  /** Where the study's files lie. Left out: beside the page. */
+  readonly base?: string;
+  /** The study archive's server, where there is one. */
+  readonly jatos?: Jatos;
+  /** Parameters of the link. Left out: those of the page. */
+  readonly link?: URLSearchParams;
+}
+
+/** Run a study to its end; how it ended. */
+export async function run(options: Options = {}): Promise<Ending | "refused"> {
+  const link = options.link ?? new URLSearchParams(location.search);
+  const base = options.base ?? "";
+  const [canvas, pages] = stageElements();
+  let words = wordsOf(navigator.language);
+  try {
+    const bytes = await fetched(`${base}study.json`);
+    const study = JSON.parse(new TextDecoder().decode(bytes)) as WebStudy;
+    const store = new CopyingStore(
+      options.jatos ? new JatosStore(options.jatos) : new LocalStore(study.study, localStorage),
+    );
+    const past = await store.load();
+    const language = past?.begun.language ?? languageOf(study, link);
+    words = wordsOf(language);
+    document.documentElement.lang = language;
+    document.title = study.title;
+    checkDevice(study, words);
+    await pressed(pages, study.title, past ? words.resume : words.start);
+    await fillScreen();
+    const size = await cover(canvas);
+    const scale = scaleOf(study, words, size, devicePixelRatio);
+    showNote(pages, words.measuring);
+    const measured = await measuredRate();
+    const rate = nearestRate(study, words, measured.refresh_hz);
+    const files = new Files(study, base);
+    const pictures = await files.pictures();
+    const screen = new Screen(canvas, pages, study, files, words, scale, pictures);
+    const stamps = () => screen.stamps();
+    const machine = machineOf(measured, size, scale, link.has("simulated"));
+    let lines: LineLog;
+    if (past) {
+      lines = await LineLog.reopened(store, study.study, stamps, past);
+      await lines.say({ kind: "resume", rate_hz: rate.refresh_hz, machine });
+    } else {
+      const begun = await drawn(study, language, rate.refresh_hz, link, options.jatos);
+      lines = LineLog.begin(store, study.study, stamps, begun);
+      const { protocol_sha256, manifest_sha256, revision } = study;
+      const of = { protocol_sha256, manifest_sha256, revision, machine };
+      const study_file_sha256 = await sha256(bytes);
+      await lines.say({ kind: "start", format: 1, study_file_sha256, ...of, ...begun });
+    }
+    const hash = (text: string) => sha256(new TextEncoder().encode(text));
+    let ending: Ending;
+    try {
+      ending = await conduct(study, rate, lines, screen, hash);
+    } catch (error) {
+      offerCopy(pages, words, study.study, store.lines());
+      throw error;
+    }
+    await thank(study, language, words, pages, ending, store.lines(), options.jatos);
+    return ending;
+  } catch (error) {
+    const why = error instanceof Error ? error.message : String(error);
+    const said = error instanceof Refusal ? why : filled(words.broken, { why });
+    if (!pages.querySelector("a")) showNote(pages, said);
+    if (error instanceof Refusal) return "refused";
+    if (error instanceof FileError) return "error";
+    throw error;
+  }
+}
+
+/** The canvas over the whole viewport, and the pages over it. */
+function stageElements(): [HTMLCanvasElement, HTMLElement] {
+  const canvas = document.createElement("canvas");
+  canvas.className = "metamerlab-stage";
+  const pages = document.createElement("main");
+  pages.className = "metamerlab-pages";
+  document.body.append(canvas, pages);
+  return [canvas, pages];
+}
+
+/** Wait for a click or key, which a browser wants before it gives the full screen. */
+function pressed(pages: HTMLElement, title: string, label: string): Promise<void> {
+  const heading = document.createElement("h1");
+  heading.dir = "auto";
+  heading.textContent = title;
+  const start = document.createElement("button");
+  start.textContent = label;
+  pages.replaceChildren(heading, start);
+  pages.dataset["page"] = "gate";
+  pages.hidden = false;
+  start.focus();
+  return new Promise((resolve) => {
+    start.addEventListener("click", () => {
+      resolve();
+    });
+  });
+}
+
+function languageOf(study: WebStudy, link: URLSearchParams): string {
+  const wanted = [link.get("language"), ...navigator.languages];
+  const known = Object.keys(study.pages);
+  for (const one of wanted) {
+    const found = known.find((name) => name === one) ?? known.find((name) => name === one?.split("-")[0]);
+    if (found) return found;
+  }
+  return study.default_language;
+}
+
+/** A new participant: code and seed by chance, the slot from the link, the server or by chance. */
+async function drawn(
+  study: WebStudy,
+  language: string,
+  rate_hz: number,
+  link: URLSearchParams,
+  jatos: Jatos | undefined,
+): Promise<Begun> {
+  const random = crypto.getRandomValues(new Uint32Array(5));
+  const [a = 0, b = 0, c = 0, d = 0, e = 0] = random;
+  const code = [c, d].map((part) => part.toString(36).padStart(7, "0")).join("");
+  const seed = (a % 2 ** 21) * 2 ** 32 + b;
+  const identifier = study.identifier === null ? null : link.get(study.identifier)?.slice(0, 200);
+  const named = /^\d{1,9}$/.exec(link.get("slot") ?? "");
+  const of = { participant: `w${code}`, seed, language, rate_hz, identifier: identifier ?? null };
+  if (named) return { ...of, slot: Number(named[0]), slot_from: "link" };
+  if (jatos) return { ...of, slot: await nextSlot(jatos), slot_from: "batch" };
+  return { ...of, slot: e % SLOTS, slot_from: "drawn" };
+}
+
+/** The next free slot of a batch: its session's data is changed only if nobody did in between. */
+function nextSlot(jatos: Jatos): Promise<number> {
+  const path = "/metamerlab_slots";
+  return insist(async () => {
+    if (!jatos.batchSession.defined(path)) {
+      await jatos.batchSession.add(path, 1);
+      return 0;
+    }
+    const taken = Number(jatos.batchSession.get("metamerlab_slots"));
+    await jatos.batchSession.test(path, taken);
+    await jatos.batchSession.replace(path, taken + 1);
+    return taken;
+  }, 12);
+}
+
+async function thank(
+  study: WebStudy,
+  language: string,
+  words: Words,
+  pages: HTMLElement,
+  ending: Ending,
+  lines: string,
+  jatos: Jatos | undefined,
+): Promise<void> {
+  if (document.fullscreenElement) await document.exitFullscreen();
+  const thanks = ending === "completed" ? study.pages[language]?.thanks : undefined;
+  showNote(pages, thanks ?? words.over);
+  if (ending === "completed" && study.completion_code !== null) {
+    const code = document.createElement("p");
+    code.textContent = filled(words.code, { code: study.completion_code });
+    pages.append(code);
+  }
+  if (!jatos) pages.append(copyLink(words.save, study.study, lines));
+  if (ending === "completed" && study.completion_url !== null) {
+    const back = document.createElement("a");
+    back.href = study.completion_url;
+    back.textContent = words.go;
+    pages.append(back);
+  }
+  if (jatos && ending !== "quit") await insist(() => jatos.endStudy(ending === "completed"));
+}
+
+function offerCopy(pages: HTMLElement, words: Words, study: string, lines: string): void {
+  showNote(pages, words.unsent);
+  pages.append(copyLink(words.save, study, lines));
+}
+
+/** A link that saves the lines as a file. */
+function copyLink(label: string, study: string, lines: string): HTMLAnchorElement {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([lines], { type: "text/plain" }));
+  link.download = `${study}.txt`;
+  link.textContent = label;
+  return link;
+}

@@ -1,0 +1,109 @@
+/** Before consent: can this browser and screen run the study? Refusals say what to do. */
+import type { Machine } from "../kernel/lines";
+import { Pacer } from "../kernel/pacing";
+import type { Rate, WebStudy } from "../kernel/study";
+import { filled, type Words } from "./words";
+
+const REFRESHES = 300;
+/** How far a measured rate may be from one of the study's, as a share. */
+const NEAR_SHARE = 0.005;
+const LEAST_MEMORY_GB = 2;
+
+/** Why the study does not run here, in the participant's language. */
+export class Refusal extends Error {}
+
+/** What can be said before anything is measured. */
+export function checkDevice(study: WebStudy, words: Words): void {
+  const phone = matchMedia("(pointer: coarse) and (hover: none)").matches;
+  if (phone && Math.min(screen.width, screen.height) < 600) throw new Refusal(words.phone);
+  if (!isSecureContext) throw new Refusal(words.insecure);
+  const memory = (navigator as { deviceMemory?: number }).deviceMemory ?? 8;
+  const wanted_gb = (4 * study.decoded_bytes) / 1e9; // browsers keep several copies
+  if (memory < Math.min(LEAST_MEMORY_GB, wanted_gb)) throw new Refusal(words.memory);
+}
+
+/** Screen pixels per pixel of a stimulus: whole, near the device's own ratio, and all is seen. */
+export function scaleOf(
+  study: WebStudy,
+  words: Words,
+  [width, height]: readonly [number, number],
+  ratio: number,
+): number {
+  const [wide, high] = study.window_px;
+  const fits = Math.floor(Math.min(width / wide, height / high));
+  if (fits < 1) {
+    const got = `${width} x ${height}`;
+    throw new Refusal(filled(words.window, { width: wide, height: high, got }));
+  }
+  return Math.min(fits, Math.max(1, Math.round(ratio)));
+}
+
+/** Measure how often the screen refreshes. */
+export async function measuredRate(): Promise<{ refresh_hz: number; missed_share: number }> {
+  const stamps_ms: number[] = [];
+  await new Promise<void>((resolve) => {
+    const frame = (now_ms: number) => {
+      if (stamps_ms.push(now_ms) > REFRESHES) resolve();
+      else requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  });
+  return rateOf(stamps_ms);
+}
+
+/** The refresh rate of such stamps, and the share of refreshes without one. */
+export function rateOf(stamps_ms: readonly number[]): { refresh_hz: number; missed_share: number } {
+  const since = stamps_ms.slice(1).map((stamp, index) => stamp - (stamps_ms[index] ?? stamp));
+  const sorted = [...since].sort((a, b) => a - b);
+  const median_ms = sorted[Math.floor(sorted.length / 2)] ?? 1000 / 60;
+  const pacer = new Pacer(1000 / median_ms);
+  let refreshes = 0;
+  for (const stamp of stamps_ms) refreshes += pacer.flip(stamp / 1000).refreshes;
+  const whole_ms = (stamps_ms.at(-1) ?? 0) - (stamps_ms[0] ?? 0);
+  return {
+    refresh_hz: Math.round((1e6 * refreshes) / whole_ms) / 1e3,
+    missed_share: Math.max(0, 1 - since.length / refreshes),
+  };
+}
+
+/** The study's rate nearest to a measured one. */
+export function nearestRate(study: WebStudy, words: Words, refresh_hz: number): Rate {
+  const off = (rate: Rate) => Math.abs(refresh_hz / rate.refresh_hz - 1);
+  const [nearest] = [...study.rates].sort((a, b) => off(a) - off(b));
+  if (nearest && off(nearest) <= NEAR_SHARE) return nearest;
+  const rates = study.rates.map((rate) => rate.refresh_hz).join(", ");
+  throw new Refusal(filled(words.rate, { rates, got: Math.round(refresh_hz) }));
+}
+
+/** Name and main version of the browser, and nothing else of what it says of itself. */
+export function browserName(agent: string): string {
+  const known = [/(Firefox)\/(\d+)/, /(Edg)\/(\d+)/, /(Chrome)\/(\d+)/, /Version\/(\d+).*(Safari)/];
+  for (const pattern of known) {
+    const found = pattern.exec(agent);
+    if (found) {
+      const [, first = "", second = ""] = found;
+      return /\d/.test(first) ? `${second} ${first}` : `${first} ${second}`;
+    }
+  }
+  return "unknown";
+}
+
+export function machineOf(
+  measured: { refresh_hz: number; missed_share: number },
+  window_px: readonly [number, number],
+  scale: number,
+  simulated: boolean,
+): Machine {
+  const gamuts = ["rec2020", "p3", "srgb"] as const;
+  return {
+    browser: browserName(navigator.userAgent),
+    ...measured,
+    window_px,
+    device_pixel_ratio: devicePixelRatio,
+    scale,
+    color_gamut: gamuts.find((name) => matchMedia(`(color-gamut: ${name})`).matches) ?? "unknown",
+    full_screen: document.fullscreenElement !== null,
+    touch: navigator.maxTouchPoints > 0,
+    simulated,
+  };
+}

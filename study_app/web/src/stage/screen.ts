@@ -1,0 +1,274 @@
+/** The participant's screen: one canvas over the whole viewport, in whole pixels; keys, pointer,
+ * pages of text, and what comes between participant and page.
+ */
+import type { AttemptRun, Disturbance, Press } from "../kernel/attempt";
+import type { Page, PageResult, Stage } from "../kernel/conduct";
+import type { PlannedTrial } from "../kernel/plan";
+import { POINTER } from "../kernel/script";
+import type { WebStudy } from "../kernel/study";
+import type { Files } from "./files";
+import { keyName } from "./keys";
+import { painterOf, type Painter } from "./painter";
+import type { Words } from "./words";
+
+export class Screen implements Stage {
+  readonly painter: Painter;
+  private presses: Press[] = [];
+  private between: Disturbance | null = null;
+  private watching = false;
+  private readonly opened_ms = performance.now();
+
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    private readonly pages: HTMLElement,
+    private readonly study: WebStudy,
+    private readonly files: Files,
+    private readonly words: Words,
+    private readonly scale: number,
+    pictures: ReadonlyMap<string, ImageBitmap>,
+  ) {
+    this.painter = painterOf(canvas, { background: study.background, scale, pictures });
+    this.painter.resize(canvas.width, canvas.height);
+    addEventListener("keydown", (event) => {
+      this.down(event);
+    });
+    canvas.addEventListener("pointerdown", (event) => {
+      this.pointed(event);
+    });
+    addEventListener("blur", () => {
+      this.disturb("focus");
+    });
+    document.addEventListener("visibilitychange", () => {
+      if (document.hidden) this.disturb("hidden");
+    });
+    document.addEventListener("fullscreenchange", () => {
+      if (!document.fullscreenElement) this.disturb("full-screen");
+    });
+    addEventListener("resize", () => {
+      this.disturb("size");
+    });
+  }
+
+  /** What every line says of its time. */
+  stamps(): { t_s: number; at: string } {
+    const t_s = Math.round((performance.now() - this.opened_ms) * 1e3) / 1e6;
+    return { t_s, at: new Date().toISOString() };
+  }
+
+  async prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<void> {
+    const later = next?.stimuli ?? [];
+    this.files.keep([...trial.stimuli, ...later]);
+    showNote(this.pages, this.words.wait);
+    const frames = await Promise.all(trial.stimuli.map((name) => this.files.frames(name)));
+    // Fetched a trial ahead; what goes wrong is told when its trial comes.
+    later.forEach((name) => void this.files.frames(name).catch(() => undefined));
+    this.painter.hold(frames);
+    const [width, height] = await cover(this.canvas);
+    this.painter.resize(width, height);
+    this.painter.paint(null);
+  }
+
+  attempt(run: AttemptRun): Promise<void> {
+    this.presses = [];
+    this.between = null;
+    this.watching = true;
+    this.pages.hidden = true;
+    this.painter.paint(null);
+    return new Promise<void>((resolve, reject) => {
+      let drawn = false;
+      const frame = (now_ms: number) => {
+        try {
+          if (drawn) this.flipped(run, now_ms);
+          if (run.done) {
+            this.painter.paint(null);
+            resolve();
+            return;
+          }
+          this.painter.paint(run.shows());
+          this.canvas.style.cursor = run.asks ? "default" : "none";
+          drawn = true;
+          requestAnimationFrame(frame);
+        } catch (error) {
+          reject(error instanceof Error ? error : new Error(String(error)));
+        }
+      };
+      requestAnimationFrame(frame);
+    }).finally(() => {
+      this.watching = false;
+      this.canvas.style.cursor = "default";
+    });
+  }
+
+  async page(page: Page): Promise<PageResult> {
+    const result = await showPage(this.pages, page, this.study, this.words);
+    if (!result.leaves && page.name !== "thanks") await fillScreen(); // a key or click just asked
+    return result;
+  }
+
+  /** What was drawn at the last callback is on the screen from this one on. */
+  private flipped(run: AttemptRun, now_ms: number): void {
+    const presses = this.presses;
+    this.presses = [];
+    const disturbed = this.between;
+    this.between = null;
+    run.flipped(this.clock_us(now_ms), presses, disturbed);
+  }
+
+  private clock_us(stamp_ms: number): number {
+    return Math.max(0, Math.round((stamp_ms - this.opened_ms) * 1e3));
+  }
+
+  private down(event: KeyboardEvent): void {
+    if (!this.watching) return;
+    const key = keyName(event);
+    if (key) event.preventDefault();
+    if (key && !event.repeat) {
+      this.presses.push({ key, at_us: this.clock_us(event.timeStamp), x: null });
+    }
+  }
+
+  private pointed(event: PointerEvent): void {
+    if (!this.watching) return;
+    const ratio = this.canvas.width / this.canvas.clientWidth;
+    const [width] = this.study.screen_px;
+    const from_middle = event.clientX * ratio - Math.floor(this.canvas.width / 2);
+    const share = from_middle / (this.scale * width) + 0.5;
+    const x = Math.min(Math.max(share, 0), 1);
+    this.presses.push({ key: POINTER, at_us: this.clock_us(event.timeStamp), x });
+  }
+
+  private disturb(what: Disturbance): void {
+    if (this.watching) this.between ??= what;
+  }
+}
+
+/** Give the canvas as many pixels as the screen has under it; return them. */
+export async function cover(canvas: HTMLCanvasElement): Promise<[number, number]> {
+  const size = await new Promise<[number, number]>((resolve) => {
+    const observer = new ResizeObserver(([entry]) => {
+      const box = entry?.devicePixelContentBoxSize[0];
+      if (!box) return;
+      observer.disconnect();
+      resolve([box.inlineSize, box.blockSize]);
+    });
+    observer.observe(canvas, { box: "device-pixel-content-box" });
+  });
+  [canvas.width, canvas.height] = size;
+  return size;
+}
+
+/** Ask for the full screen; whether it was given is asked of the document. */
+export async function fillScreen(): Promise<void> {
+  if (document.fullscreenElement) return;
+  try {
+    await document.documentElement.requestFullscreen({ navigationUI: "hide" });
+  } catch {
+    return; // refused: the window stays as it is, and the lines say so
+  }
+}
+
+/** Show a line of text that waits for nothing. */
+export function showNote(element: HTMLElement, text: string): void {
+  const note = document.createElement("p");
+  note.dir = "auto";
+  note.textContent = text;
+  element.replaceChildren(note);
+  element.hidden = false;
+}
+
+function showPage(
+  element: HTMLElement,
+  page: Page,
+  study: WebStudy,
+  words: Words,
+): Promise<PageResult> {
+  const began_ms = performance.now();
+  const texts = page.text.split("\n").map((line) => {
+    const text = document.createElement("p");
+    text.dir = "auto";
+    text.textContent = line;
+    return text;
+  });
+  const field = page.question ? answerField(page.question.choices, page.draft) : null;
+  const next = button(page.name === "consent" ? words.agree : words.next);
+  const leave = button(words.leave, "leave");
+  if (page.name === "quit") next.textContent = words.stay;
+  const buttons = document.createElement("nav");
+  buttons.append(next, leave);
+  element.replaceChildren(...texts, ...(field ? [field.element] : []), buttons);
+  element.dataset["page"] = page.name;
+  element.hidden = false;
+  (field?.first ?? next).focus();
+  const waits_ms = page.least_s * 1000;
+  next.disabled = waits_ms > 0;
+  const timer = setTimeout(() => {
+    next.disabled = false;
+    if (!field) next.focus();
+  }, waits_ms);
+  return new Promise((resolve) => {
+    const end = (leaves: boolean) => {
+      if (!leaves && (next.disabled || (field && !field.value()))) return;
+      clearTimeout(timer);
+      removeEventListener("keydown", down);
+      element.hidden = true;
+      element.replaceChildren();
+      const duration_s = Math.round((performance.now() - began_ms) * 1e3) / 1e6;
+      resolve({ leaves, answer: field?.value() ?? "", duration_s });
+    };
+    const down = (event: KeyboardEvent) => {
+      const typing = event.target instanceof HTMLTextAreaElement;
+      const key = keyName(event);
+      if (event.repeat || typing) return;
+      if (study.quit_keys.includes(key)) end(true);
+      else if (study.continue_keys.includes(key)) end(false);
+      else return;
+      event.preventDefault();
+    };
+    addEventListener("keydown", down);
+    next.addEventListener("click", () => {
+      end(false);
+    });
+    leave.addEventListener("click", () => {
+      end(true);
+    });
+  });
+}
+
+function button(text: string, kind = "next"): HTMLButtonElement {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.className = kind;
+  made.textContent = text;
+  return made;
+}
+
+interface Field {
+  readonly element: HTMLElement;
+  readonly first: HTMLElement;
+  value(): string;
+}
+
+/** Where an answer is typed, or one of several is chosen. */
+function answerField(choices: readonly string[], draft: string): Field {
+  if (!choices.length) {
+    const text = document.createElement("textarea");
+    text.dir = "auto";
+    text.maxLength = 20_000;
+    text.value = draft;
+    return { element: text, first: text, value: () => text.value.trim() };
+  }
+  const list = document.createElement("fieldset");
+  const options = choices.map((choice) => {
+    const label = document.createElement("label");
+    const option = document.createElement("input");
+    Object.assign(option, { type: "radio", name: "choice", checked: choice === draft });
+    const text = document.createElement("span");
+    text.dir = "auto";
+    text.textContent = choice;
+    label.append(option, text);
+    list.append(label);
+    return option;
+  });
+  const value = () => choices[options.findIndex((option) => option.checked)] ?? "";
+  return { element: list, first: options[0] ?? list, value };
+}

@@ -1,0 +1,102 @@
+/** Where lines go: to JATOS, or into the browser's own storage, from where they are saved as a file. */
+import type { History, Store } from "../kernel/lines";
+
+/** What the page uses of `jatos.js`. */
+export interface Jatos {
+  readonly studySessionData: Record<string, unknown> | undefined;
+  readonly batchSession: {
+    get(name: string): unknown;
+    add(path: string, value: unknown): Promise<unknown>;
+    replace(path: string, value: unknown): Promise<unknown>;
+    test(path: string, value: unknown): Promise<unknown>;
+    defined(path: string): boolean;
+  };
+  onLoad(callback: () => void): void;
+  setStudySessionData(data: object): Promise<unknown>;
+  appendResultData(data: string): Promise<unknown>;
+  endStudy(successful: boolean): Promise<unknown>;
+  endStudyAndRedirect(url: string, successful: boolean): Promise<unknown>;
+  abortStudy(message?: string): Promise<unknown>;
+}
+
+/** Ask until it is done, ever more slowly; then give up. */
+export async function insist<T>(what: () => Promise<T>, tries = 6): Promise<T> {
+  for (let wait_ms = 500; ; wait_ms *= 2) {
+    try {
+      return await what();
+    } catch (error) {
+      if (--tries <= 0) throw error;
+      await new Promise((resolve) => setTimeout(resolve, wait_ms));
+    }
+  }
+}
+
+export class JatosStore implements Store {
+  constructor(private readonly jatos: Jatos) {}
+
+  load(): Promise<History | null> {
+    const past = this.jatos.studySessionData?.["metamerlab"];
+    return Promise.resolve((past as History | undefined) ?? null);
+  }
+
+  async keep(history: History): Promise<void> {
+    const all = { ...this.jatos.studySessionData, metamerlab: history };
+    await insist(() => this.jatos.setStudySessionData(all));
+  }
+
+  async send(line: string): Promise<void> {
+    await insist(() => this.jatos.appendResultData(line)); // joined without a separator
+  }
+}
+
+/** The browser's own storage: for folders on a plain web server. Lines are saved as a file. */
+export class LocalStore implements Store {
+  constructor(
+    private readonly name: string,
+    private readonly storage: Storage,
+  ) {}
+
+  load(): Promise<History | null> {
+    const text = this.storage.getItem(`${this.name}:history`);
+    return Promise.resolve(text === null ? null : (JSON.parse(text) as History));
+  }
+
+  keep(history: History): Promise<void> {
+    this.storage.setItem(`${this.name}:history`, JSON.stringify(history));
+    return Promise.resolve();
+  }
+
+  send(line: string): Promise<void> {
+    this.storage.setItem(`${this.name}:lines`, this.lines() + line);
+    return Promise.resolve();
+  }
+
+  /** All lines so far. */
+  lines(): string {
+    return this.storage.getItem(`${this.name}:lines`) ?? "";
+  }
+}
+
+/** Keeps a copy of every line, so that a participant can save them where sending fails. */
+export class CopyingStore implements Store {
+  private copy = "";
+
+  constructor(private readonly store: Store) {}
+
+  load(): Promise<History | null> {
+    return this.store.load();
+  }
+
+  keep(history: History): Promise<void> {
+    return this.store.keep(history);
+  }
+
+  send(line: string): Promise<void> {
+    this.copy += line;
+    return this.store.send(line);
+  }
+
+  lines(): string {
+    return this.store instanceof LocalStore ? this.store.lines() : this.copy;
+  }
+}

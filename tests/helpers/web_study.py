@@ -1,0 +1,91 @@
+"""A study for browsers with pixels, small enough for a test, and sessions of it by the kernel."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from web_kernel import Kernel
+
+from protocols.display import Display
+from protocols.feasibility import virtual_manifest
+from protocols.hashing import sha256_file
+from protocols.load import load_display
+from protocols.manifest import Manifest, write_manifest
+from protocols.schema import StudyProtocol
+from protocols.session_schema import Web
+from study_app.web.export import WebBuild
+
+FHD = load_display("fhd27-60hz")
+NO_FAULTS = {"missed": 0.0, "paused": 0.0, "disturbed": 0.0, "killed": 0.0}
+
+
+@dataclass(frozen=True)
+class BuiltWebStudy:
+    """A study with the section `[web]`, its stimuli, and its exported folder."""
+
+    study: StudyProtocol
+    display: Display
+    manifest: Manifest
+    stimuli: Path
+    out: Path
+
+    @cached_property
+    def exported(self) -> dict[str, Any]:
+        """The file `study.json`."""
+        return json.loads((self.out / "study.json").read_text())
+
+    def session(
+        self,
+        kernel: Kernel,
+        participant: str = "W-1",
+        *,
+        slot: int = 0,
+        rate_hz: float = 60.0,
+        luck: int = 1,
+        **faults: float,
+    ) -> dict[str, Any]:
+        """Let the kernel run a whole session: its ending, deaths of the page, and the results."""
+        begun = {
+            "participant": participant, "slot": slot, "slot_from": "drawn", "seed": 77 + luck,
+            "language": self.study.text.default_language, "rate_hz": rate_hz, "identifier": None,
+        }  # fmt: skip
+        return kernel.ask(
+            "session", study=self.exported, begun=begun, faults=NO_FAULTS | faults, luck=luck
+        )
+
+
+def with_pixels(study: StudyProtocol, folder: Path) -> Manifest:
+    """Fill a folder with the stimuli of a study: noise in the size that the study asks for."""
+    plain = virtual_manifest(study, FHD)
+    rng = np.random.default_rng(5)
+    clips = []
+    for clip in plain.clips:
+        hashes = []
+        for index in range(len(clip.frames_sha256)):
+            path = folder / clip.frame_path(index)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            pixels = rng.integers(0, 256, (clip.height_px, clip.width_px, 3), dtype=np.uint8)
+            Image.fromarray(pixels).save(path)
+            hashes.append(sha256_file(path))
+        clips.append(clip.model_copy(update={"frames_sha256": tuple(hashes)}))
+    manifest = plain.model_copy(update={"clips": tuple(clips), "simulated": False})
+    write_manifest(folder, manifest)
+    return manifest
+
+
+def for_browsers(study: StudyProtocol, **web: object) -> StudyProtocol:
+    """Return the study with a section `[web]`."""
+    return study.model_copy(update={"web": Web(gaze="none", **web)})
+
+
+def built(study: StudyProtocol, folder: Path) -> BuiltWebStudy:
+    """Make stimuli and export of a study."""
+    manifest = with_pixels(study, folder / "stimuli")
+    WebBuild(study, FHD, manifest).write(folder / "stimuli", folder / "out")
+    return BuiltWebStudy(study, FHD, manifest, folder / "stimuli", folder / "out")

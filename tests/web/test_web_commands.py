@@ -1,0 +1,241 @@
+"""Studies leave for browsers and come home by commands; what a browser cannot do is said first."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+from task_cases import CASES, case_text
+from typer.testing import CliRunner, Result
+from web_kernel import running_kernel
+from web_study import FHD, BuiltWebStudy, with_pixels
+
+from protocols.load import load_protocol, load_study
+from protocols.manifest import read_manifest
+from protocols.web_study import WebStudy
+from study_app.cli import app
+from study_app.web import jzip
+
+WEB = '\n[web]\ngaze = "none"\ntolerance_s = 0.01\ncompletion_code = "C0DE"\n'
+
+
+def metamerlab(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], terminal_width=200)
+
+
+@pytest.fixture(scope="module")
+def lab(short_study, tmp_path_factory):
+    """A folder with a study for browsers, the same without the section, and its stimuli."""
+    folder = tmp_path_factory.mktemp("lab")
+    text = case_text(short_study, CASES["yes-no"])
+    (folder / "study.toml").write_text(text + WEB, encoding="utf-8")
+    (folder / "desk.toml").write_text(text, encoding="utf-8")
+    study, _ = load_study(folder / "study.toml")
+    with_pixels(study, folder / "clips")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(lab):
+    done = metamerlab(
+        "session", "export-web", lab / "study.toml", "--stimuli", lab / "clips",
+        "--out", lab / "web", "--jatos", lab / "study.jzip",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return done.output, lab / "web"
+
+
+def test_an_export_says_what_it_takes_and_gives_a_link_for_everybody(exported):
+    said, out = exported
+    assert "in a browser: at 50, 60, 72, 75, 90, 100, 120, 144, 165, 240 Hz" in said
+    assert "per participant: " in said
+    assert [line for line in said.splitlines() if "?slot=" in line] == [
+        f"  index.html?slot={slot}" for slot in range(3)
+    ]
+    study = WebStudy.model_validate_json((out / "study.json").read_text())
+    assert study.completion_code == "C0DE"
+    assert {path.name for path in out.iterdir() if not path.name.startswith(".")} >= {
+        "index.html", "metamerlab.js", "metamerlab.css", "packs", "pictures", "study.json",
+    }  # fmt: skip
+
+
+def test_the_same_study_gives_the_same_bytes(exported, lab):
+    _, out = exported
+    again = lab / "again"
+    done = metamerlab(
+        "session", "export-web", lab / "study.toml", "--stimuli", lab / "clips", "--out", again
+    )
+    assert done.exit_code == 0
+    for path in out.rglob("*"):
+        if path.is_file():
+            assert (again / path.relative_to(out)).read_bytes() == path.read_bytes(), path
+
+
+def test_no_secret_of_the_study_leaves_the_lab(tmp_path):
+    """Neither the seed of the desk's order nor the secret: each orders everybody's trials."""
+    assert metamerlab("new-study", tmp_path / "own", "--task", "yes-no").exit_code == 0
+    path = tmp_path / "own/study.toml"
+    path.write_text(path.read_text() + WEB)
+    study = load_protocol(path)
+    with_pixels(study, tmp_path / "clips")
+    done = metamerlab(
+        "session", "export-web", path, "--stimuli", tmp_path / "clips", "--out", tmp_path / "out",
+        "--display", "fhd27-60hz",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    secret = (tmp_path / "own/study.secret").read_text().strip()
+    texts = [p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()]
+    for hidden in (secret, str(study.order_seed), f'"seed":{study.design.seed}'):
+        assert not any(hidden.encode() in text for text in texts)
+
+
+def test_the_archive_is_one_that_jatos_takes(exported, lab):
+    assert exported
+    assert list(jzip.problems(lab / "study.jzip")) == []
+    with zipfile.ZipFile(lab / "study.jzip") as archive:
+        said = json.loads(archive.read("short.jas"))["data"]
+        assert said["componentList"][0]["reloadable"]
+        assert said["batchList"][0]["maxTotalWorkers"] == 3
+        assert {"short/study.json", "short/index.html"} <= set(archive.namelist())
+
+
+PLANTED = {
+    "must hold one .jas file and one folder": lambda _said, more: more.update({"other/x": b""}),
+    "version must be 3": lambda said, _: said.update(version="2"),
+    "keys must be those that JATOS knows (got locked)": lambda said, _: said["data"].update(
+        locked=False
+    ),
+    "dirName must be the folder's name": lambda said, _: said["data"].update(dirName="else"),
+    "study: title must have 1 to 255": lambda said, _: said["data"].update(title=" "),
+    "study: title must hold no HTML": lambda said, _: said["data"].update(title="<b>x"),
+    "studyEntryMsg must have at most": lambda said, _: said["data"].update(studyEntryMsg="é" * 501),
+    "htmlFilePath must be letters": lambda said, _: said["data"]["componentList"][0].update(
+        htmlFilePath="a b.html"
+    ),
+    "the page must be in the folder": lambda said, _: said["data"]["componentList"][0].update(
+        htmlFilePath="gone.html"
+    ),
+    "components must differ in uuid": lambda said, _: said["data"].update(
+        componentList=2 * said["data"]["componentList"]
+    ),
+    "worker types must be those of JATOS (got All)": lambda said, _: said["data"]["batchList"][
+        0
+    ].update(allowedWorkerTypes=["All"]),
+    "file names must stay in the archive": lambda _said, more: more.update({"s/../../x": b""}),
+}
+
+
+@pytest.mark.parametrize("message", PLANTED)
+def test_what_jatos_would_refuse_is_named(tmp_path, message):
+    said, more = jzip.describe("s", "A study", "index.html", "id", 3), {}
+    PLANTED[message](said, more)
+    with zipfile.ZipFile(tmp_path / "bad.jzip", "w") as archive:
+        archive.writestr("s.jas", json.dumps(said))
+        for name, data in {"s/index.html": b"", **more}.items():
+            archive.writestr(name, data)
+    assert any(message in problem for problem in jzip.problems(tmp_path / "bad.jzip"))
+
+
+def test_a_study_of_a_reserved_name_goes_into_another_folder(tmp_path):
+    (tmp_path / "index.html").write_text("")
+    jzip.write(tmp_path, jzip.describe("public", "T", "index.html", "id", 1), tmp_path / "o.jzip")
+    with zipfile.ZipFile(tmp_path / "o.jzip") as archive:
+        assert "public-study/index.html" in archive.namelist()
+
+
+def test_check_says_what_a_browser_study_loses(lab):
+    done = metamerlab("protocol", "check", lab / "study.toml", "--web")
+    assert done.exit_code == 0
+    assert "dropped in a browser: gamma and luminance" in done.output
+
+
+@pytest.mark.parametrize(
+    ("study", "options", "message"),
+    [
+        ("desk.toml", (), 'must have a section [web] (it has none); add [web] with gaze = "none"'),
+        ("study.toml", ("--budget-mb", "1"), None),
+    ],
+)
+def test_what_no_browser_can_run_is_refused_with_a_cure(lab, tmp_path, study, options, message):
+    done = metamerlab(
+        "session", "export-web", lab / study, "--stimuli", lab / "clips",
+        "--out", tmp_path / "out", *options,
+    )  # fmt: skip
+    assert (done.exit_code == 2) == (message is not None)
+    assert (message or "") in " ".join(done.output.split())
+    assert (tmp_path / "out").exists() == (message is None)
+
+
+def test_a_study_over_the_budget_is_told_what_would_fit():
+    study = load_protocol(Path("inpainting-2afc"))
+    text = study.model_copy(update={"web": {"gaze": "none"}})
+    assert text is not study
+    done = metamerlab("protocol", "check", "inpainting-2afc", "--web")
+    assert done.exit_code == 2
+    assert "the study watches gaze (gaze.mode = 'enforce'), which a browser cannot" in done.output
+
+
+def test_times_that_need_more_tolerance_are_refused_at_that_rate(lab, tmp_path):
+    text = (lab / "study.toml").read_text().replace("tolerance_s = 0.01", "tolerance_s = 0.0")
+    (tmp_path / "exact.toml").write_text(text.replace("iti_s = 0.1", "iti_s = 0.15"))
+    done = metamerlab("protocol", "check", tmp_path / "exact.toml", "--web")
+    assert "in a browser: at 60, 100, 120, 240 Hz" in done.output
+    assert "not at 72 Hz: trial.fixation_s: must be whole frames at 72 Hz" in done.output
+
+
+def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, lab, tmp_path):
+    study, _ = load_study(lab / "study.toml")
+    of = BuiltWebStudy(study, FHD, read_manifest(lab / "clips"), lab / "clips", exported[1])
+    with running_kernel(tmp_path) as kernel:
+        results = {who: of.session(kernel, who, slot=n) for n, who in enumerate(("W1", "W2"))}
+    for number, (who, told) in enumerate(results.items(), 1):
+        half = len(told["results"]) // 2
+        with zipfile.ZipFile(tmp_path / f"{who}.zip", "w") as archive:
+            folder = f"study_result_{number}/comp-result_" if who == "W1" else "comp-result_"
+            archive.writestr(f"{folder}1/data.txt", "".join(told["results"][:half]))
+            archive.writestr(f"{folder}2/data.txt", "".join(told["results"][half:]))
+            archive.writestr("metadata.json", "{}")
+    (tmp_path / "W1.zip").rename(tmp_path / "W1.jrzip")
+    words = (
+        "session", "import-web", tmp_path / "W1.jrzip", tmp_path / "W2.zip",
+        "--protocol", lab / "study.toml", "--stimuli", lab / "clips",
+        "--sessions", tmp_path / "sessions",
+    )  # fmt: skip
+
+    looked = metamerlab(*words, "--check")
+    assert looked.exit_code == 0, looked.output
+    assert not (tmp_path / "sessions").exists()
+    done = metamerlab(*words)
+    assert done.exit_code == 0, done.output
+    assert [line.split()[:2] for line in done.output.splitlines()[1:3]] == [
+        ["W1", "imported"],
+        ["W2", "imported"],
+    ]
+    listed = metamerlab("session", "list", tmp_path / "sessions")
+    assert listed.output.count("browser") == 2
+    verified = metamerlab(
+        "session", "verify", tmp_path / "sessions", "--protocol", lab / "study.toml"
+    )
+    assert verified.exit_code == 0, verified.output
+
+
+def test_an_archive_that_is_damaged_or_of_nothing_of_ours_is_one_message(lab, tmp_path):
+    whole = tmp_path / "whole.zip"
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a/data.txt", "x" * 10_000)
+    data = bytearray(whole.read_bytes())
+    data[60:80] = bytes(20)
+    (tmp_path / "torn.zip").write_bytes(data)
+    for name, message in (
+        ("torn.zip", "must be an archive that can be read"),
+        ("whole.zip", "must hold lines of the study 'short' (found lines of: none)"),
+    ):
+        done = metamerlab(
+            "session", "import-web", tmp_path / name, "--protocol", lab / "study.toml",
+            "--stimuli", lab / "clips", "--sessions", tmp_path / "sessions",
+        )  # fmt: skip
+        assert done.exit_code == 2
+        assert message in " ".join(done.output.split())
+        assert not (tmp_path / "sessions").exists()

@@ -1,0 +1,209 @@
+"""Sessions by the browser's kernel come home: each line becomes what Python would have done."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from task_cases import CASES, Case, case_text
+from web_kernel import running_kernel
+from web_study import BuiltWebStudy, built, for_browsers
+
+from protocols.journal import SessionResume
+from protocols.journal_file import read_journal
+from protocols.load import load_study
+from study_app.sittings import find_sittings
+from study_app.verification import verify
+from study_app.web.import_lines import Inbox, import_results, read_results
+
+SURE = '\n[task.confidence]\nsteps = 4\nquestion = { en = "How sure?" }\n'
+SCALE = ("bad", "poor", "fair", "good", "excellent")
+WEB_CASES = CASES | {
+    "yes-no with confidence": replace(CASES["yes-no"], task=CASES["yes-no"].task + SURE),
+    "rating": Case(
+        f'kind = "rating"\nstimulus_s = 0.1\nscale = {list(SCALE)}', SCALE, 'kind = "ratings"', 12,
+        "repeats = 1\nblocks = 2\npractice = { trials = 2 }",
+    ),
+}  # fmt: skip
+FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory):
+    with running_kernel(tmp_path_factory.mktemp("kernel")) as kernel:
+        yield kernel
+
+
+@pytest.fixture(scope="module")
+def case(short_study, tmp_path_factory):
+    """Give a built case by its name, made once."""
+    made: dict[str, BuiltWebStudy] = {}
+
+    def of(name: str) -> BuiltWebStudy:
+        if name not in made:
+            folder = tmp_path_factory.mktemp("case")
+            path = folder / "study.toml"
+            path.write_text(case_text(short_study, WEB_CASES[name]), encoding="utf-8")
+            study, _ = load_study(path)
+            made[name] = built(for_browsers(study, tolerance_s=0.01), folder)
+        return made[name]
+
+    return of
+
+
+def brought_home(of: BuiltWebStudy, results: list[str], root: Path):
+    inbox = Inbox()
+    inbox.read("results", "".join(results).encode())
+    assert not inbox.damaged
+    return import_results(inbox, of.study, of.display, of.manifest, root)
+
+
+@pytest.mark.parametrize("name", WEB_CASES)
+def test_a_session_of_every_task_comes_home_as_an_ordinary_one(kernel, case, tmp_path, name):
+    of = case(name)
+    told = of.session(kernel, luck=3, **FAULTS)
+    assert told["ending"] == "completed"
+
+    (imported,) = brought_home(of, told["results"], tmp_path)
+
+    assert (imported.state, imported.message, imported.reason) == ("imported", "", "completed")
+    journal = journal_of(of, tmp_path)
+    said = [line for line in map(json.loads, told["results"]) if line["kind"] == "attempt"]
+    assert [(one.trial, one.outcome, one.answer) for one in journal.attempts] == [
+        (line["trial"], line["outcome"], line["answer"]) for line in said
+    ]
+    assert {one.void_reason for one in journal.attempts} > {None}
+    assert journal.start.remote.machine.browser == "Made up 1"
+    (sitting,) = find_sittings(tmp_path)
+    assert (sitting.state, list(verify(sitting, of.study).problems)) == ("completed", [])
+
+
+def journal_of(of: BuiltWebStudy, root, who: str = "W-1"):
+    return read_journal(root / of.study.study.name / who / "journal.jsonl")
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 72.0, 90.0, 144.0])
+def test_a_session_at_another_refresh_rate_keeps_its_times_within_the_tolerance(
+    kernel, case, tmp_path, rate_hz
+):
+    of = case("yes-no")
+    told = of.session(kernel, rate_hz=rate_hz)
+    assert brought_home(of, told["results"], tmp_path)[0].state == "imported"
+    journal = journal_of(of, tmp_path)
+    deviation_s = journal.start.remote.deviations_s
+    assert all(abs(off_s) <= of.study.web.tolerance_s for off_s in deviation_s.values())
+    shown = [p for one in journal.attempts for p in one.phases if p.phase == "stimulus"]
+    stated_s = 0.1 + deviation_s.get("task.stimulus_s", 0.0)
+    assert shown
+    assert all(abs(p.offset_s - p.onset_s - stated_s) < 2e-6 for p in shown)
+
+
+def test_pages_that_die_at_any_write_lose_nothing_and_double_nothing(kernel, case, tmp_path, full):
+    of, deaths = case("yes-no"), 0
+    for luck in range(60 if full else 4):
+        whole = of.session(kernel, f"W{luck}", slot=luck, luck=luck, killed=0.04)
+        deaths += whole["deaths"]
+        (imported,) = brought_home(of, whole["results"], tmp_path / str(luck))
+        assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
+        journal = journal_of(of, tmp_path / str(luck), f"W{luck}")
+        done = [one.trial for one in journal.attempts if one.outcome == "completed"]
+        assert len(done) == len(set(done))
+        resumed = sum(isinstance(event, SessionResume) for event in journal.events)
+        assert resumed <= whole["deaths"]
+    assert deaths > (120 if full else 8)
+
+
+def test_what_comes_twice_torn_mixed_or_from_elsewhere_is_told_apart(kernel, case, tmp_path):
+    of = case("yes-no")
+    one, two = (of.session(kernel, who, luck=n)["results"] for n, who in enumerate(("A1", "B2")))
+    foreign = [line.replace('"study":"short"', '"study":"other"') for line in one[:3]]
+    mixed = [line for pair in zip(one, two, strict=False) for line in pair]
+    texts = "".join([*foreign, one[4][:40] + "\n", *mixed, *reversed(one), *two])
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / "data.txt").write_text(texts)
+
+    inbox = read_results([folder])
+    imported = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
+
+    assert [(each.participant, each.state) for each in imported] == [
+        ("A1", "imported"),
+        ("B2", "imported"),
+    ]
+    assert imported[0].message == f"{len(one)} lines came more than once"
+    (damaged,) = inbox.damaged
+    assert damaged.startswith("data.txt: line 4: line: Invalid JSON")
+    assert set(inbox.found) == {("other", "A1"), ("short", "A1"), ("short", "B2")}
+
+
+def changed(results: list[str], kind: str, **fields: object) -> list[str]:
+    """Change some fields of the last line of a kind, or of one in the middle of many."""
+    places = [n for n, line in enumerate(results) if json.loads(line)["kind"] == kind]
+    place = places[len(places) // 2]
+    line = json.loads(results[place]) | fields
+    return [*results[:place], json.dumps(line) + "\n", *results[place + 1 :]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "message"),
+    [
+        ("attempt", {"trial": "main-9999"}, "trial must be"),
+        ("attempt", {"attempt": 7}, "attempt must be 1, as the plan has it"),
+        ("attempt", {"position": 0}, "position must be"),
+        ("attempt", {"outcome": "void", "void_reason": "too-late", "answer": None}, "outcome must"),
+        ("attempt", {"presses": []}, "flips must be such as a screen shows (got"),
+        ("attempt", {"flips_us": [5, 5, 5]}, "flips must be such as a screen shows (got 3 of them"),
+        ("block-start", {"block": 0}, "must be what comes next, the start of block"),
+        ("start", {"seed": 1}, "must be"),
+        ("start", {"slot": 1}, "must be"),
+        ("start", {"protocol_sha256": "0" * 64}, "the study file must be the one that was"),
+        ("start", {"manifest_sha256": "0" * 64}, "the manifest of the stimuli must be the one"),
+    ],
+    ids=str,
+)
+def test_a_line_that_does_not_follow_is_named_and_nothing_is_written(
+    kernel, case, tmp_path, kind, fields, message
+):
+    of = case("yes-no")
+    results = changed(of.session(kernel)["results"], kind, **fields)
+
+    (refused,) = brought_home(of, results, tmp_path / "sessions")
+
+    assert refused.state == "refused"
+    assert message in refused.message
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_a_missing_line_and_a_line_that_says_two_things_are_named(kernel, case, tmp_path):
+    of = case("yes-no")
+    results = of.session(kernel)["results"]
+    (lacking,) = brought_home(of, results[:5] + results[6:], tmp_path)
+    assert lacking.message.startswith(f"1 of {len(results)} lines have not come (numbers 5)")
+    twice = [*results, results[5].replace('"t_s":', '"t_s":1')]
+    (torn,) = brought_home(of, twice, tmp_path)
+    assert "line number 5 says two different things" in torn.message
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_imported_again_is_there_and_what_came_later_is_added(kernel, case, tmp_path):
+    of = case("yes-no")
+    results = of.session(kernel, **FAULTS)["results"]
+    half = len(results) // 2
+    assert brought_home(of, results[:half], tmp_path)[0].state == "imported"
+    before = (tmp_path / "short/W-1/journal.jsonl").read_bytes()
+    assert brought_home(of, results, tmp_path)[0].state == "continued"
+    after = (tmp_path / "short/W-1/journal.jsonl").read_bytes()
+    assert after.startswith(before)
+    assert brought_home(of, results, tmp_path / "at once")[0].state == "imported"
+    for path in (tmp_path / "at once/short/W-1").rglob("*"):
+        if path.is_file():
+            there = tmp_path / path.relative_to(tmp_path / "at once")
+            assert there.read_bytes() == path.read_bytes()
+    for lines in (results, results[:half]):
+        assert brought_home(of, lines, tmp_path)[0].state == "already there"
+    other = of.session(kernel, luck=9)["results"]
+    (refused,) = brought_home(of, other, tmp_path)
+    assert refused.message.startswith("the code is that of another session")
+    assert (tmp_path / "short/W-1/journal.jsonl").read_bytes() == after
