@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm
+from analysis.clustered import holm, least_p
 from analysis.pairs import Floats, Model, fit_scores, pair_index
 from protocols.prose import count_of
 
@@ -75,17 +75,26 @@ def bootstrap_scores(
     -----
     The two-way ("pigeonhole") bootstrap of Owen 2007, Annals of Applied Statistics 1(2).
     """
+    people = draws(wins.shape[0], samples, rng)
+    places = draws(wins.shape[1] if scenes else 1, samples, rng)
+    return drawn_scores(wins, people, np.broadcast_to(places, (samples, wins.shape[1])), model)
+
+
+def draws(count: int, samples: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Return how often each of so many is drawn with replacement (samples, count)."""
+    return rng.multinomial(count, np.full(count, 1 / count), samples)
+
+
+def drawn_scores(
+    wins: Floats, people: NDArray[np.int64], scenes: NDArray[np.int64], model: Model = "thurstone"
+) -> Floats:
+    """Fit each draw: how often (samples, participants) and (samples, scenes) were drawn."""
     participants, scene_count, count, _ = wins.shape
     first, second = pair_index(count)
     votes = np.concatenate([wins[..., first, second], wins[..., second, first]], axis=-1)
-    weight_p = rng.multinomial(participants, np.full(participants, 1 / participants), samples)
-    if scenes and scene_count > 1:
-        weight_s = rng.multinomial(scene_count, np.full(scene_count, 1 / scene_count), samples)
-    else:
-        weight_s = np.ones((samples, scene_count), dtype=np.int64)
-    by_person = weight_p @ votes.reshape(participants, -1)
+    by_person = people @ votes.reshape(participants, -1)
     drawn = np.einsum(
-        "bs,bsv->bv", weight_s.astype(np.float64), by_person.reshape(samples, scene_count, -1)
+        "bs,bsv->bv", scenes.astype(np.float64), by_person.reshape(len(people), scene_count, -1)
     )
     won, lost = drawn[:, : first.size], drawn[:, first.size :]
     return fit_scores(won, lost, count, model)
@@ -97,6 +106,7 @@ def bootstrap_scale(
     rng: np.random.Generator,
     samples: int = 1000,
     level: float = 0.95,
+    model: Model = "thurstone",
     scenes: bool = True,
 ) -> ScaleIntervals:
     """Bootstrap intervals of scores that respect participants and scenes.
@@ -115,7 +125,7 @@ def bootstrap_scale(
     participants, scene_count = wins.shape[:2]
     if participants < 2:
         raise ValueError(f"wins must hold at least two participants (got {participants})")
-    scores = bootstrap_scores(wins, rng=rng, samples=samples, model="thurstone", scenes=scenes)
+    scores = bootstrap_scores(wins, rng=rng, samples=samples, model=model, scenes=scenes)
     whole = np.isfinite(scores).all(axis=1)
     scores = scores[whole]
     if scores.shape[0] < 20:
@@ -126,15 +136,11 @@ def bootstrap_scale(
     two_way = scenes and scene_count > 1
     tail = expanded_tail(level, participants)
     lower, upper = np.quantile(scores, [tail, 1.0 - tail], axis=0)
-    between = scores[:, :, None] - scores[:, None, :]
-    diff_lower, diff_upper = np.quantile(between, [tail, 1.0 - tail], axis=0)
     first, second = np.triu_indices(scores.shape[1], 1)
-    drawn = between[:, first, second]
-    p = _difference_p(drawn, participants)
-    # Limits hold 0 exactly where p does not reach 1 - level.
-    holds = _square(p >= 1.0 - level, first, second).astype(bool)
-    diff_lower = np.where(holds, np.minimum(diff_lower, 0.0), diff_lower)
-    diff_upper = np.where(holds, np.maximum(diff_upper, 0.0), diff_upper)
+    ends = difference_limits(scores[:, first] - scores[:, second], participants, level)
+    diff_lower, diff_upper = np.zeros((2, scores.shape[1], scores.shape[1]))
+    diff_lower[first, second], diff_upper[first, second], p = ends
+    diff_lower[second, first], diff_upper[second, first] = -ends[1], -ends[0]
     warnings = []
     if participants < FEW_CLUSTERS:
         warnings.append(
@@ -161,6 +167,22 @@ def bootstrap_scale(
     )
 
 
+def difference_limits(drawn: Floats, clusters: int, level: float) -> tuple[Floats, Floats, Floats]:
+    """Return expanded percentile limits and p of drawn differences (samples, differences).
+
+    Limits hold 0 exactly where p does not reach 1 - level.
+    """
+    tail = expanded_tail(level, clusters)
+    lower, upper = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
+    p = _difference_p(drawn, clusters)
+    holds = p >= 1.0 - level
+    return (
+        np.where(holds, np.minimum(lower, 0.0), lower),
+        np.where(holds, np.maximum(upper, 0.0), upper),
+        p,
+    )
+
+
 def _difference_p(drawn: Floats, participants: int) -> Floats:
     """Return the two-sided p at which the expanded percentile limits of draws just hold 0.
 
@@ -177,7 +199,7 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
     """
     samples = drawn.shape[0]
     place = np.arange(samples) / (samples - 1.0)
-    floor = min(1.0, 2.0 * 0.5**participants)
+    floor = float(least_p(participants))
     widened = np.sqrt(participants / (participants - 1.0))
     edge = float(stats.norm.ppf(1.0 / samples))
     found = np.ones(drawn.shape[1])

@@ -7,7 +7,7 @@ the simulation of ten thousand studies is one call.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -83,7 +83,7 @@ class ClusteredShare:
         return (
             np.asarray(2.0 * stats.t.sf(np.abs(self.score_t(null)), self.df)),
             np.asarray(2.0 * stats.norm.sf(z)),
-            np.asarray(np.minimum(1.0, 2.0 * toward**self.persons)),
+            least_p(self.persons, toward),
         )
 
     def p_value(self, null: float = 0.5) -> Floats:
@@ -179,7 +179,15 @@ class ClusteredEstimate:
         return np.asarray(lower), np.asarray(np.where(few, np.maximum(upper, null), upper))
 
     def _floor(self) -> Floats:
-        return np.minimum(1.0, 2.0 * 0.5**self.persons)
+        return least_p(self.persons)
+
+
+def least_p(people: Floats | float, toward: Floats | float = 0.5) -> Floats:
+    """Return the least two-sided p that so many participants can show, if all agree.
+
+    `toward` is the chance that one of them answers so where there is nothing to find.
+    """
+    return np.asarray(np.minimum(1.0, 2.0 * np.asarray(toward) ** people))
 
 
 def held_p(t: float, df: float, p: float) -> str:
@@ -217,7 +225,57 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     total = shown.sum(axis=(-2, -1))
     share = chosen.sum(axis=(-2, -1)) / total
     residual = chosen - shown * share[..., None, None]
-    return combine(share, total, _variances(residual, shown, total**2))
+    return _combined(share, total, _variances(residual, shown, total**2))
+
+
+def two_way_of_first(chosen: Floats, shown: Floats, people: Sequence[int]) -> ClusteredShare:
+    """Return `two_way` of the first n participants of simulated studies, for every n.
+
+    Parameters
+    ----------
+    chosen : ndarray (studies, participants, scenes)
+    shown : ndarray (scenes,)
+        Trials of each participant, above 0 in every scene.
+    people : sequence of int
+        Every n.
+
+    Returns
+    -------
+    ClusteredShare
+        Of shape (studies, numbers of participants); where scenes are shown equally often, from
+        running sums.
+    """
+    if np.ptp(shown) > 0.0:
+        each = [two_way(chosen[:, :count], shown) for count in people]
+        return ClusteredShare(
+            **{name: np.stack([vars(one)[name] for one in each], axis=-1) for name in vars(each[0])}
+        )
+    picks, scenes = np.array(people, dtype=np.intp) - 1, chosen.shape[-1]
+    rows = chosen.sum(axis=-1)
+    total = np.cumsum(rows, axis=-1)[:, picks]
+    row_squares = np.cumsum(rows**2, axis=-1)[:, picks]
+    cell_squares = np.cumsum(np.einsum("ijk,ijk->ij", chosen, chosen), axis=-1)[:, picks]
+    columns = np.cumsum(chosen, axis=1)[:, picks]
+    column_squares = np.einsum("ijk,ijk->ij", columns, columns)
+    persons = (picks + 1).astype(np.float64)
+    trials = persons * float(shown.sum())
+    mean_square = total**2 / persons
+    var_person = (row_squares - mean_square) / trials**2 * persons / (persons - 1.0)
+    var_scene = var_cell = np.zeros_like(var_person)
+    if scenes > 1:
+        var_scene = (column_squares - total**2 / scenes) / trials**2 * scenes / (scenes - 1.0)
+        residual = cell_squares - row_squares / scenes - column_squares / persons
+        residual += mean_square / scenes
+        var_cell = residual / trials**2 * persons * scenes / ((persons - 1.0) * (scenes - 1.0))
+    parts = Variances(
+        person=np.maximum(var_person, 0.0),
+        scene=np.maximum(var_scene, 0.0),
+        cell=np.maximum(var_cell, 0.0),
+        persons=persons,
+        person_df=persons - 1.0,
+        scene_df=np.full_like(persons, scenes - 1.0),
+    )
+    return _combined(total / trials, trials, parts)
 
 
 def two_way_influence(
@@ -243,7 +301,50 @@ def two_way_influence(
     """
     influence = np.array(influence, dtype=np.float64)
     shown = np.broadcast_to(np.asarray(shown, dtype=np.float64), influence.shape)
-    parts = _variances(influence, shown, np.asarray(1.0))
+    return _estimated(estimate, _variances(influence, shown, np.asarray(1.0)), least)
+
+
+def two_way_difference(
+    estimate: Floats,
+    influences: tuple[Floats, Floats],
+    shown: tuple[Floats, Floats],
+    least: Floats | float = 0.0,
+) -> ClusteredEstimate:
+    """Give a difference of two statistics an error, whoever and whatever was seen for which.
+
+    Parameters
+    ----------
+    influences, shown : two of ndarray (..., participants, scenes)
+        As of `two_way_influence`, of each statistic on one grid.
+
+    Notes
+    -----
+    Participants, or scenes, that no two share are two samples: their variances add up, each about
+    its own mean, with the degrees of freedom of Welch and Satterthwaite.
+    """
+    first, second = (np.array(one, dtype=np.float64) for one in influences)
+    parts = _variances(first - second, shown[0] + shown[1], np.asarray(1.0))
+    apart = [
+        way
+        for axis, way in ((-1, "person"), (-2, "scene"))
+        if not np.any((shown[0].sum(axis=axis) > 0) & (shown[1].sum(axis=axis) > 0))
+    ]
+    if apart:
+        ones = zip((first, second), shown, strict=True)
+        own = [vars(_variances(*one, np.asarray(1.0))) for one in ones]
+        changed = {"cell": own[0]["cell"] + own[1]["cell"]}
+        for way in apart:
+            each = [(one[way], one[f"{way}_df"]) for one in own]
+            variance, df = (np.asarray(sum(values)) for values in zip(*each, strict=True))
+            spread = sum(known**2 / np.maximum(free, 1e-9) for known, free in each)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                welch = np.where(spread > 0, variance**2 / spread, df)
+            changed |= {way: variance, f"{way}_df": welch}
+        parts = replace(parts, **changed)
+    return _estimated(estimate, parts, least)
+
+
+def _estimated(estimate: Floats, parts: "Variances", least: Floats | float) -> ClusteredEstimate:
     variance, df = _two_way_variance(parts)
     return ClusteredEstimate(
         value=np.asarray(estimate, dtype=np.float64),
@@ -333,8 +434,8 @@ def _variances(residual: Floats, shown: Floats, squared: Floats) -> Variances:
     )
 
 
-def combine(share: Floats, total: Floats, parts: Variances) -> ClusteredShare:
-    """Put the three variances of `two_way` together (also used by the power simulation)."""
+def _combined(share: Floats, total: Floats, parts: Variances) -> ClusteredShare:
+    """Put the three variances of `two_way` together."""
     variance, df = _two_way_variance(parts)
     with np.errstate(divide="ignore", invalid="ignore"):
         effective = np.where(variance > 0, share * (1.0 - share) / variance, parts.persons)
@@ -375,13 +476,6 @@ def two_way_df(weights: Sequence[Floats], degrees: Sequence[Floats]) -> Floats:
             for square, df in zip(squares, degrees, strict=True)
         ]
         return np.asarray(sum(squares) / sum(spread))
-
-
-def two_sided_p(estimate: Floats, standard_error: Floats, df: Floats) -> Floats:
-    """Return the two-sided p of a t statistic; NaN where the standard error is 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(standard_error > 0, np.abs(estimate) / standard_error, np.nan)
-    return np.asarray(2.0 * stats.t.sf(ratio, df))
 
 
 def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: float) -> Floats:

@@ -1,27 +1,161 @@
-"""What simulations of power share: the numbers to try, what was found, and how it is told."""
+"""How many participants does a study need? Its answers are drawn, and its planned tests made."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise, product
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import optimize
-from scipy.special import expit
 
-from analysis.plots import power_plot, sized
-from analysis.tasks.base import PowerReport
+from analysis.answers import Answers
+from analysis.parts import EQUIVALENCE, AnyPart, Part, Plan, Tests, computed
+from analysis.parts.added import with_added
+from analysis.plots import power_plot
+from analysis.seed import SEED
+from analysis.showable import two_scenes
+from protocols.errors import StudyError
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
+Counted = Callable[[int, int], None]
+S = TypeVar("S", bound=Plan)
 
 FEW_SCENES = 5
-FEW_IN_PILOT = 12
-"""Participants, or scenes, below which a deviation is a rough guess."""
-NO_SPREAD = (
-    "--from: deviations cannot be taken from this pilot (nearly everyone always answers alike, so"
-    " that they have no finite estimate); give them by --set"
-)
+SIZES = 6
+"""How many numbers of participants a curve shows where each costs as much as the others."""
+BY_TABLE = 100
+"""Studies that are simulated where a part is asked about the table of each."""
+CANNOT_SHOW = 0.5
+"""Below this chance of showing what is true, a study had better not promise it."""
+
+DESIGN_STUDIES = 1000
+SCENES_SHOWN = (2, 4, 6, 8, 12, 16, 24)
+REPEATS_SHOWN = (1, 2, 4)
+"""What is simulated beside the study's own scenes and repeats."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A number that a simulation of power takes for true, within limits."""
+
+    name: str
+    value: float
+    """Not a number: left out, unless it is asked for."""
+    meaning: str
+    lowest: float = 0.0
+    highest: float = float("inf")
+
+
+class Simulation(ABC, Generic[S]):
+    """A study's design, how participants answer in it, and the parts that test the answers.
+
+    `cells` has a row for each cell that a participant meets `repeats` times. `planned` is the
+    study's number of participants.
+    """
+
+    studies: ClassVar[int] = 400
+    """How many take seconds."""
+    at_once: ClassVar[int] = 20
+    """Studies drawn together; bounds memory."""
+    against = ""
+    """What conditions are compared with."""
+    chance_alone = False
+    """A single condition is tested against chance."""
+    assumptions: tuple[Assumption, ...]
+    """What is taken for true, with values that fit the study."""
+
+    def __init__(
+        self,
+        plan: S,
+        parts: Sequence[AnyPart],
+        cells: pd.DataFrame,
+        repeats: int,
+        planned: int | None,
+    ) -> None:
+        self.plan, self.parts, self.cells = plan, tuple(parts), cells
+        self.repeats, self.planned = repeats, planned
+
+    @abstractmethod
+    def draw(
+        self, assumed: Mapping[str, float], studies: int, people: int, rng: np.random.Generator
+    ) -> Answers:
+        """Draw the answers of participants who differ, about scenes that differ."""
+
+    @abstractmethod
+    def nothing(self, assumed: Mapping[str, float]) -> dict[str, float]:
+        """Return the same assumptions with nothing to find."""
+
+    @abstractmethod
+    def table(self, answers: Answers) -> pd.DataFrame:
+        """Return the answers of the first study as the parts take them.
+
+        Raises
+        ------
+        StudyError
+            If answers were not drawn trial by trial.
+        """
+
+    @abstractmethod
+    def from_pilot(
+        self, decisions: pd.DataFrame, settings: S
+    ) -> tuple[Mapping[str, float], Sequence[str]]:
+        """Return assumptions by name, as a pilot's decisions have them, and notes on them.
+
+        Parameters
+        ----------
+        settings
+            Of the pilot, which may be a table of another study.
+
+        Raises
+        ------
+        StudyError
+            If they cannot be had from such decisions.
+        """
+
+    def participants(self) -> tuple[int, ...]:
+        """Return the numbers of participants that a curve shows."""
+        return thinned(default_participants(self.planned), self.planned)
+
+    def deciding(self) -> "Simulation[S]":
+        """Return the simulation of what the planned test is about alone."""
+        return self
+
+    def resized(self, _scenes: int, _repeats: int) -> "Simulation[S] | None":
+        """Return that with other numbers of scenes and repeats, where they can be changed."""
+        return None
+
+    def singled_out(self, _assumed: Mapping[str, float]) -> Sequence[str]:
+        """Return names of the comparisons, where what is assumed differs between them."""
+        return ()
+
+    def taken(self, assumed: Mapping[str, float]) -> str:
+        """Return what was assumed, in words."""
+        return ", ".join(f"{name} {value:g}" for name, value in assumed.items())
+
+    def notes(self, assumed: Mapping[str, float]) -> list[str]:
+        """Return what to know of such a simulation."""
+        scenes = self.cells["scene"].nunique()
+        if scenes == 2 and getattr(self.plan, "test", "participant-scene") == "participant-scene":
+            return two_scenes(scenes)
+        if scenes >= FEW_SCENES or assumed.get("scene_sd", 0.0) <= 0.0:
+            return []
+        number = count_of(scenes, "scene")
+        return [f"{number} only: more participants cannot make up for scenes that differ"]
+
+
+@dataclass(frozen=True)
+class DesignPower:
+    """Power of the primary comparison with other numbers of scenes and repeats."""
+
+    scenes: int
+    repeats: int
+    primary: float
 
 
 @dataclass(frozen=True)
@@ -30,110 +164,203 @@ class Power:
 
     Attributes
     ----------
-    participants : tuple of int
-    each : ndarray
-        Mean chance of a comparison after correction.
-    every : ndarray
-        Chance that all of them are significant after correction.
-    false_positives : ndarray
-        Chance that what decides is significant where there is nothing to find.
-    comparisons : int
-        0: a single condition is tested against chance.
+    curves, wrong : mapping of a title to ndarray (numbers of participants,)
+        Power, and false positives.
     needed : tuple of (which power, goal, participants or None)
         Empty where the test errs too often to plan by it.
-    studies : int
-    assumptions : mapping
-        What was taken for true, by name.
+    numbers : mapping
+        All of it, for `power.json`. ``each`` and ``every``: the mean chance of a comparison, and
+        that of all of them, after correction; ``comparisons``, 0: a single condition was tested
+        against chance; ``also``: every column of the table.
     """
 
     participants: tuple[int, ...]
-    each: Floats
-    every: Floats
-    false_positives: Floats
-    comparisons: int
-    needed: tuple[tuple[str, float, int | None], ...]
-    studies: int
-    assumptions: Mapping[str, float]
-    alpha: float
     planned: int | None
+    curves: Mapping[str, Floats]
+    wrong: Mapping[str, Floats]
+    needed: tuple[tuple[str, float, int | None], ...]
+    designs: tuple[DesignPower, ...]
+    lead: str
+    legend: str
     warnings: tuple[str, ...]
+    numbers: Mapping[str, Any] = field(repr=False)
 
-    def report(
-        self,
-        columns: Mapping[str, Floats],
-        drawn: Mapping[str, Floats],
-        *,
-        taken: str,
-        tested: str,
-        legend: str,
-        draw_designs: Callable[[float], Figure] | None = None,
-    ) -> PowerReport:
-        """Return it ready to print and to draw.
-
-        Parameters
-        ----------
-        columns, drawn : mapping of a title to (numbers of participants,)
-            Of the table, and of the figure.
-        taken, tested : str
-            What was taken for true, and which tests were made.
-        """
+    def rows(self) -> Iterator[dict[str, str]]:
+        """Yield the rows of a table: a dozen numbers of participants, and the planned one."""
         people = self.participants
-        thinned = {*range(0, len(people), max(1, len(people) // 12))}
-        shown = sorted(thinned | {i for i, n in enumerate(people) if n == self.planned})
-        return PowerReport(
-            result=self,
-            lead=f"{self.studies} simulated studies; {taken}; alpha {self.alpha:g}, {tested}",
-            columns=("participants", *columns),
-            rows=tuple(
-                (
-                    f"{people[i]}{' (planned)' * (people[i] == self.planned)}",
-                    *(
-                        f"{values[i]:.{3 if 'false positives' in name else 2}f}"
-                        for name, values in columns.items()
-                    ),
-                )
-                for i in shown
-            ),
-            legend=legend,
-            needed=tuple(
-                f"{name}, power {goal:.0%}:"
-                f" {f'more than {people[-1]}' if number is None else number} participants"
-                for name, goal, number in self.needed
-            ),
-            warnings=self.warnings,
-            draw=sized(power_plot, people, drawn, planned=self.planned),
-            draw_designs=draw_designs,
+        shown = {*range(0, len(people), max(1, len(people) // 12))}
+        for i in sorted(shown | {i for i, n in enumerate(people) if n == self.planned}):
+            yield {
+                "participants": f"{people[i]}{' (planned)' * (people[i] == self.planned)}",
+                **{name: f"{values[i]:.2f}" for name, values in self.curves.items()},
+                **{name: f"{values[i]:.3f}" for name, values in self.wrong.items()},
+            }
+
+    def needs(self) -> Iterator[str]:
+        """Yield how many participants give which power, in words."""
+        most = f"more than {self.participants[-1]}"
+        for name, goal, number in self.needed:
+            yield f"{name}, power {goal:.0%}: {number or most} participants"
+
+    def draw(self, width_in: float) -> Figure:
+        """Draw the curves."""
+        return power_plot(self.participants, self.curves, planned=self.planned, width_in=width_in)
+
+    def draw_designs(self, width_in: float) -> Figure:
+        """Draw power over numbers of scenes and repeats."""
+        lines: dict[str, list[float]] = {}
+        for one in self.designs:
+            lines.setdefault(count_of(one.repeats, "repeat"), []).append(one.primary)
+        return power_plot(
+            sorted({one.scenes for one in self.designs}),
+            {name: np.array(line) for name, line in lines.items()},
+            x_label=f"Scenes, with {self.planned or self.participants[-1]} participants",
+            width_in=width_in,
         )
 
 
-def numbers_needed(
-    participants: Sequence[int], curves: Mapping[str, Floats], *, errs: Sequence[str]
-) -> tuple[tuple[str, float, int | None], ...]:
-    """Return which number reaches power .8 and .9 of each test; none where the test errs."""
-    return tuple(
-        (name, goal, first_reaching(participants, curve, goal))
+def power(
+    simulation: Simulation[Any],
+    assumed: Mapping[str, float],
+    *,
+    rng: np.random.Generator,
+    participants: Sequence[int] | None = None,
+    studies: int | None = None,
+    designs: bool = False,
+    progress: Counted | None = None,
+) -> Power:
+    """Simulate a study's own design and planned tests for growing numbers of participants.
+
+    Every simulated study is analysed at all numbers of participants: its first n people are a
+    study of n. With `designs` other numbers of scenes and repeats are simulated too.
+
+    Parameters
+    ----------
+    assumed : mapping
+        Values of assumptions; of others their own.
+    studies : int, optional
+        How many to simulate; left out, as many as take seconds.
+
+    Raises
+    ------
+    ValueError
+        If an assumption is beyond its limits, or a number of participants below 2.
+    """
+    taken, plan, planned = _checked(simulation, assumed), simulation.plan, simulation.planned
+    nothing = simulation.nothing(taken)
+    # A statistic of a lab may be about all that is shown, not the planned test's part of it.
+    lab = len(with_added(simulation.parts)) > len(simulation.parts)
+    deciding = simulation if lab else simulation.deciding()
+    tables, notes = _by_table(simulation, taken)
+    people = tuple(participants or simulation.participants())
+    people = thinned(people, planned) if tables and participants is None else people
+    if min(people) < 2:
+        raise ValueError(f"participants must be at least 2 (got {min(people)})")
+    count = studies or (BY_TABLE if tables else simulation.studies)
+    yes: dict[str, list[NDArray[np.bool_]]] = {}
+    no: dict[str, list[NDArray[np.bool_]]] = {}
+    for batch in _batches(simulation, count, progress):
+        true = _tests(simulation, taken, batch, people, rng, tables)
+        null = _tests(deciding, nothing, batch, people, rng, tables)
+        first = next(iter(true))
+        for name in true:
+            test = null[name] if name == EQUIVALENCE else true[name]
+            yes.setdefault(name, []).append(test() < plan.alpha)
+            if name == first or name not in ("", EQUIVALENCE):
+                no.setdefault(name, []).append(null[name]() < plan.alpha)
+    found = {name: np.concatenate(batches) for name, batches in yes.items()}
+    wrong = {name: np.concatenate(some).any(axis=-1).mean(axis=0) for name, some in no.items()}
+    each = {name: one.mean(axis=(0, -1)) for name, one in found.items()}
+    every = {name: one.all(axis=-1).mean(axis=0) for name, one in found.items()}
+    family = found.get("", found[first])
+    curves: dict[str, Floats] = {}
+    for name, one in found.items():
+        title = _title(name)
+        if one.shape[-1] > 1:
+            singled = () if name else simulation.singled_out(taken)
+            curves |= dict(zip(singled, one.mean(axis=0).T, strict=False))
+            before = f"{title}: " * bool(name)
+            curves |= {
+                f"{before}a comparison": each[name],
+                f"{before}every comparison": every[name],
+            }
+        elif name == first or name:
+            alone = "better than chance" if simulation.chance_alone else "the comparison"
+            curves[title or alone] = each[name]
+    titled = {
+        f"{f'{_title(name)}: ' * (name != first)}false positives": one
+        for name, one in wrong.items()
+    }
+    errs = _errs_too_often(people, wrong[first], plan.alpha, count)
+    notes = [*simulation.notes(taken), *errs, *notes]
+    if EQUIVALENCE in each:
+        equal = each[EQUIVALENCE]
+        shown = equal[people.index(planned)] if planned in people else equal.max()
+        notes += [
+            f"equivalence within ±{plan.margin:g} would be shown in {shown:.2f} of such studies"
+            " even if the share were one half: do not plan to claim it"
+        ] * bool(shown < CANNOT_SHOW)
+    needed = tuple(
+        (name, goal, first_reaching(people, curve, goal))
         for name, curve in curves.items()
         for goal in (() if errs else (0.8, 0.9))
     )
-
-
-def few_scenes(scenes: int, scene_sd: float) -> list[str]:
-    """Say if scenes that differ are so few that they limit what people can show."""
-    if scenes >= FEW_SCENES or scene_sd <= 0:
-        return []
-    return [
-        f"{count_of(scenes, 'scene')} only: more participants cannot make up for scenes that differ"
-    ]
-
-
-def rough_guesses(people: int, scenes: int) -> tuple[str, ...]:
-    """Say of which deviation a pilot has too few participants, or scenes."""
-    return tuple(
-        f"only {count} {kind} in the pilot: their deviation is a rough guess, and too small rather"
-        " than too large; try larger ones by --set"
-        for kind, count in (("participants", people), ("scenes", scenes))
-        if 1 < count < FEW_IN_PILOT
+    changed = _designs(simulation, taken, max(people), count, rng) if designs else ()
+    comparisons = 0 if simulation.chance_alone else family.shape[-1]
+    tested = f"{count_of(comparisons, 'comparison')}{simulation.against}"
+    return Power(
+        participants=people,
+        planned=planned,
+        curves=curves,
+        wrong=titled,
+        needed=needed,
+        designs=changed,
+        lead=f"{count} simulated studies; {simulation.taken(taken)}; alpha {plan.alpha:g},"
+        f" {tested if comparisons else 'one condition against chance'}",
+        legend=_legend(simulation, found, people),
+        warnings=tuple(notes),
+        numbers={
+            "participants": people,
+            "planned": planned,
+            "studies": count,
+            "alpha": plan.alpha,
+            **({"margin": plan.margin} if EQUIVALENCE in each else {}),
+            "assumptions": taken,
+            "comparisons": comparisons,
+            "each": each.get("", each[first]),
+            "every": every.get("", every[first]),
+            "false_positives": wrong[first],
+            **{name: each[name] for name in ("primary", EQUIVALENCE) if name in each},
+            "also": {**curves, **titled},
+            "designs": changed,
+            "needed": needed,
+            "warnings": notes,
+        },
     )
+
+
+def planned_p_values(
+    simulation: Simulation[Any],
+    assumed: Mapping[str, float],
+    participants: Sequence[int],
+    *,
+    null: bool,
+    rng: np.random.Generator,
+    studies: int,
+    progress: Counted | None = None,
+) -> Floats:
+    """Return p of the planned test (studies, numbers of participants); of several the least.
+
+    With `null` there is nothing to find. The first n people of a study are a study of n.
+    """
+    taken, deciding = _checked(simulation, assumed), simulation.deciding()
+    taken = simulation.nothing(taken) if null else taken
+    tables = _by_table(simulation, taken)[0]
+    first = (
+        next(iter(_tests(deciding, taken, batch, participants, rng, tables).values()))
+        for batch in _batches(simulation, studies, progress)
+    )
+    return np.concatenate([test().min(axis=-1) for test in first])
 
 
 def default_participants(planned: int | None) -> tuple[int, ...]:
@@ -144,6 +371,13 @@ def default_participants(planned: int | None) -> tuple[int, ...]:
     return tuple(sorted(people for people in wanted if people > 1))
 
 
+def thinned(people: Sequence[int], planned: int | None) -> tuple[int, ...]:
+    """Return a few of the numbers of participants, the planned one among them."""
+    places = np.unique(np.linspace(0, len(people) - 1, SIZES).round().astype(int))
+    wanted = {people[place] for place in places} | ({planned} if planned and planned > 1 else set())
+    return tuple(sorted(wanted))
+
+
 def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> int | None:
     """Return the smallest number from which the smoothed, rising curve stays above `goal`."""
     rising = optimize.isotonic_regression(curve).x
@@ -151,7 +385,118 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
     return int(participants[above[0]]) if above.size else None
 
 
-def errs_too_often(
+def _checked(simulation: Simulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+    """Return a value for every assumption that is made."""
+    values = {one.name: assumed.get(one.name, one.value) for one in simulation.assumptions}
+    for one in simulation.assumptions:
+        if values[one.name] < one.lowest or values[one.name] > one.highest:
+            raise ValueError(
+                f"{one.name} must lie between {one.lowest:g} and {one.highest:g}"
+                f" (got {values[one.name]:g})"
+            )
+    return {name: value for name, value in values.items() if not np.isnan(value)}
+
+
+def _batches(simulation: Simulation[Any], studies: int, progress: Counted | None) -> Iterator[int]:
+    for start, end in pairwise([*range(0, studies, simulation.at_once), studies]):
+        yield end - start
+        if progress:
+            progress(end, studies)
+
+
+def _tests(
+    simulation: Simulation[Any],
+    assumed: Mapping[str, float],
+    studies: int,
+    people: Sequence[int],
+    rng: np.random.Generator,
+    tables: Sequence[AnyPart],
+) -> Tests:
+    """Draw studies; return their tests, the planned one first."""
+    answers = simulation.draw(assumed, studies, max(people), rng)
+    found: dict[str, Callable[[], Floats]] = {}
+    for part in with_added(simulation.parts):
+        found |= part.planned_over(answers, people, simulation.plan)
+    found |= {part.name: partial(_by_tables, simulation, answers, people, part) for part in tables}
+    if not found:
+        raise StudyError(f"{simulation.plan.study}: no statistic of its analysis plans a test")
+    return found
+
+
+def _by_tables(
+    simulation: Simulation[Any], answers: Answers, people: Sequence[int], part: AnyPart
+) -> Floats:
+    """Return `planned_p` of a part (studies, numbers of participants, 1); NaN where it has none."""
+    every = {one.name: one for one in with_added(simulation.parts)}
+    wanted = [part.name]
+    for name in wanted:
+        wanted += [needed for needed in every[name].needs if needed in every]
+    parts = [one for one in every.values() if one.name in wanted]
+
+    def p_of(study: int, count: int) -> float:
+        table = simulation.table(answers.of(study, count))
+        try:
+            numbers = computed(parts, table, simulation.plan)[0].get(part.name)
+        except StudyError:  # such as answers that are all alike: nothing is found
+            return np.nan
+        p = None if numbers is None else part.planned_p(numbers)
+        return np.nan if p is None else p
+
+    studies = range(answers.given.shape[1])
+    return np.array([[[p_of(study, count)] for count in people] for study in studies])
+
+
+def _by_table(
+    simulation: Simulation[Any], assumed: Mapping[str, float]
+) -> tuple[list[AnyPart], list[str]]:
+    """Return the parts that are asked about tables, and why others are not."""
+    every, own = with_added(simulation.parts), {part.name for part in simulation.parts}
+    asked = [part for part in every if _has(part, "planned_p") and not _has(part, "planned_over")]
+    if any(_has(part, "planned_over") for part in simulation.parts):
+        asked = [part for part in asked if part.name not in own]
+    kept, notes = [], []
+    for part in asked:
+        why = "answers are drawn without what it is about, such as reaction times"
+        try:
+            drawn = simulation.draw(assumed, 1, 2, np.random.default_rng(SEED))
+            if part.wanted(simulation.table(drawn), simulation.plan):
+                kept.append(part)
+                continue
+        except StudyError as problem:
+            why = str(problem)
+        notes.append(f"the test of {_title(part.name)} is not simulated: {why}")
+    return kept, notes
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _has(part: AnyPart, method: str) -> bool:
+    return getattr(type(part), method) is not getattr(Part, method)
+
+
+def _legend(
+    simulation: Simulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
+) -> str:
+    """Return what the columns of the table mean."""
+    primary = "primary" in found
+    said = ["primary: the primary comparison is significant, tested alone"] * primary
+    which = "the primary comparison" if primary else "any test"
+    if any(one.shape[-1] > 1 for one in found.values()):
+        said.append(
+            f"a comparison: one{simulation.against} is significant, on average, after correction;"
+            " every comparison: all are"
+        )
+    if EQUIVALENCE in found:
+        margin = simulation.plan.margin
+        said.append(f"equivalence: were the share one half, it is shown within ±{margin:.2f} of it")
+    said.append(f"false positives: were there nothing to find, {which} is significant all the same")
+    fewer = ". Other numbers of participants were not tried" * (len(people) <= SIZES + 1)
+    return "; ".join(said) + fewer
+
+
+def _errs_too_often(
     participants: Sequence[int], false_positives: Floats, alpha: float, studies: int
 ) -> list[str]:
     """Say if the test errs more than twice as often as alpha allows, beyond chance of `studies`."""
@@ -165,12 +510,21 @@ def errs_too_often(
     ]
 
 
-def mean_logit(rate: float, spread: float) -> float:
-    """Return the logit whose mean response over normal effects of sd `spread` is `rate`."""
-    if spread == 0:
-        return float(np.log(rate / (1.0 - rate)))
-    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
-    weights = weights / weights.sum()
-    return float(
-        optimize.brentq(lambda mu: weights @ expit(mu + spread * nodes) - rate, -60.0, 60.0)
-    )
+def _designs(
+    simulation: Simulation[Any],
+    assumed: Mapping[str, float],
+    most: int,
+    studies: int,
+    rng: np.random.Generator,
+) -> tuple[DesignPower, ...]:
+    """Simulate the planned test over numbers of scenes and repeats, where they can be changed."""
+    deciding, found = simulation.deciding(), []
+    people, studies = [simulation.planned or most], min(studies, DESIGN_STUDIES)
+    scenes = {*SCENES_SHOWN, deciding.cells["scene"].nunique()}
+    for count, times in product(sorted(scenes), sorted({*REPEATS_SHOWN, deciding.repeats})):
+        changed = deciding.resized(count, times)
+        if changed is None:
+            return ()
+        p = planned_p_values(changed, assumed, people, null=False, rng=rng, studies=studies)
+        found.append(DesignPower(count, times, float((p < simulation.plan.alpha).mean())))
+    return tuple(found)

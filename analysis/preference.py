@@ -14,11 +14,13 @@ from analysis.clustered import (
     FEW_SCENES,
     ClusteredShare,
     holm,
+    least_p,
     sign_flip_floor,
     sign_flip_p,
     two_way,
 )
 from analysis.pairings import ALL_SIZES, Comparisons, counts, found_pairings
+from analysis.showable import hopeless, two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -280,7 +282,9 @@ def preferences(
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
     if correction == "holm":
-        notes += _hopeless(max(cell.answers.participants for cell in cells), len(cells), alpha)
+        people = max(cell.answers.participants for cell in cells)
+        if len(cells) > 1 and least_p(people) < alpha:
+            notes += hopeless(people, len(cells), alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,
@@ -321,7 +325,8 @@ def preference(
     flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
     exact = stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
-    notes = list(_notes(shown, wins, len(people), len(scenes), by_person, by_scene))
+    claimed = test == "participant-scene"
+    notes = _notes(shown, wins, len(people), len(scenes), by_person, by_scene, claimed=claimed)
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
@@ -441,19 +446,6 @@ def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tup
     )
 
 
-def _hopeless(people: int, count: int, alpha: float) -> list[str]:
-    """Say that a family of comparisons is too large for so few participants."""
-    least = 2.0 * 0.5**people
-    if count < 2 or least >= alpha or count * least < alpha:
-        return []
-    needed = int(np.floor(np.log2(2.0 * count / alpha))) + 1
-    return [
-        f"none of {count} comparisons can be significant after Holm's adjustment: {people}"
-        f" participants show no p below {least:.2g}; that takes {needed} participants, or fewer"
-        " comparisons"
-    ]
-
-
 def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdict:
     if p < alpha:
         return "preferred" if share > 0.5 else "rejected"
@@ -468,8 +460,15 @@ def _odds(share: float, trials: int) -> float:
 
 
 def _notes(
-    shown: Floats, wins: int, people: int, scenes: int, by_person: Floats, by_scene: Floats
-) -> tuple[str, ...]:
+    shown: Floats,
+    wins: int,
+    people: int,
+    scenes: int,
+    by_person: Floats,
+    by_scene: Floats,
+    *,
+    claimed: bool,
+) -> list[str]:
     trials = int(shown.sum())
     notes = []
     if people < 2:
@@ -481,6 +480,8 @@ def _notes(
         )
     if scenes == 1:
         notes.append("one scene only: the result is about that scene")
+    elif scenes == 2 and claimed:
+        notes += two_scenes(scenes)
     elif scenes < FEW_SCENES:
         notes.append(
             f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
@@ -500,7 +501,7 @@ def _notes(
         notes.append(
             f"{few} participant{'s have' if few != 1 else ' has'} fewer than 4 trials here"
         )
-    return tuple(notes)
+    return notes
 
 
 def _require(table: pd.DataFrame, columns: Sequence[str]) -> None:

@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import ClusteredEstimate, holm, two_way, two_way_influence
+from analysis.clustered import (
+    ClusteredEstimate,
+    holm,
+    two_way,
+    two_way_difference,
+    two_way_influence,
+)
 from analysis.contrasts import Difference, pairs_of
+from analysis.showable import two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -89,8 +96,8 @@ def rate(
     happened, shown = places.count(event), places.count(event * 0 + 1)
     count, total = int(happened.sum()), int(shown.sum())
     exact = stats.binomtest(count, total, chance)
-    people = int((shown.sum(axis=1) > 0).sum())
-    notes = []
+    people, scenes = (int((shown.sum(axis=axis) > 0).sum()) for axis in (1, 0))
+    notes = two_scenes(scenes)
     if people < 2:
         interval = exact.proportion_ci(level, method="exact")
         lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
@@ -115,28 +122,9 @@ def rate(
         p=p,
         exact_p=float(exact.pvalue),
         participants=people,
-        scenes=int((shown.sum(axis=0) > 0).sum()),
+        scenes=scenes,
         warnings=tuple(notes),
     )
-
-
-def share_limits(
-    chosen: Floats, shown: Floats, *, chance: float, level: float = 0.95
-) -> tuple[Floats, Floats, Floats]:
-    """Return lower and upper limits of shares, and p against chance, from one procedure.
-
-    Parameters
-    ----------
-    chosen, shown : ndarray (..., participants, scenes)
-        At least two participants.
-
-    Notes
-    -----
-    `ClusteredShare.p_value` and `limits`.
-    """
-    estimate = two_way(chosen, shown)
-    lower, upper = estimate.limits(level, chance)
-    return lower, upper, estimate.p_value(chance)
 
 
 def rate_contrasts(
@@ -158,24 +146,42 @@ def rate_contrasts(
 
 @dataclass(frozen=True)
 class Influence:
-    """An estimate, what each cell (participants, scenes) moves it, and its least variance."""
+    """An estimate (...), what cells (..., participants, scenes) move it, and its least variance."""
 
-    value: float
+    value: Floats
     cells: Floats
     shown: Floats
-    least: float
+    least: Floats
 
     def estimate(self) -> ClusteredEstimate:
         """Return the estimate with its clustered error."""
-        return two_way_influence(np.asarray(self.value), self.cells, self.shown, self.least)
+        return two_way_influence(self.value, self.cells, self.shown, self.least)
+
+    def minus(self, other: "Influence") -> "Influence":
+        """Return the difference to another on the same grid."""
+        return Influence(
+            self.value - other.value,
+            self.cells - other.cells,
+            self.shown + other.shown,
+            # Trials of one person rise and fall together: a difference can vary less than
+            # independent trials would, but half of that is the least to believe.
+            0.5 * (self.least + other.least),
+        )
+
+    def less(self, other: "Influence") -> ClusteredEstimate:
+        """Return what it has more than another on the same grid, each participant's own control."""
+        gap = self.minus(other)
+        return two_way_difference(
+            gap.value, (self.cells, other.cells), (self.shown, other.shown), gap.least
+        )
 
 
 def share_influence(happened: Floats, shown: Floats) -> Influence:
     """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
-    total = float(shown.sum())
-    share = float(happened.sum()) / total
-    mild = (float(happened.sum()) + 0.5) / (total + 1.0)
-    return Influence(share, (happened - shown * share) / total, shown, mild * (1.0 - mild) / total)
+    count, total = happened.sum(axis=(-2, -1)), shown.sum(axis=(-2, -1))
+    share, mild = count / total, (count + 0.5) / (total + 1.0)
+    cells = (happened - shown * share[..., None, None]) / total[..., None, None]
+    return Influence(share, cells, shown, mild * (1.0 - mild) / total)
 
 
 def contrasts(
@@ -185,18 +191,10 @@ def contrasts(
     reference: str | None = None,
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
-    """Compare conditions counted on one grid; each participant is their own control."""
+    """Compare conditions counted on one grid."""
     found = []
     for first, second in pairs_of(moved, reference):
-        one, other = moved[first], moved[second]
-        gap = two_way_influence(
-            np.asarray(one.value - other.value),
-            one.cells - other.cells,
-            one.shown + other.shown,
-            # Trials of one person rise and fall together: a difference can vary less than
-            # independent trials would, but half of that is the least to believe.
-            0.5 * (one.least + other.least),
-        )
+        gap = moved[first].less(moved[second])
         lower, upper = gap.limits(level)
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))
     adjusted = holm(np.array([p for *_, p in found])) if found else np.zeros(0)

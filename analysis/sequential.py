@@ -187,6 +187,11 @@ def plan_of(section: Sequential, alpha: float) -> SequentialPlan:
     )
 
 
+def never_stops(plan: SequentialPlan, look: int, least: float) -> bool:
+    """Say whether a look, counted from 0, cannot stop where no p is below `least`."""
+    return plan.reject_p[look] < least and plan.accept_p[look] is None
+
+
 def _p_at_factor(people: int, factor: float) -> float | None:
     """Return the p at which the default Bayes factor has this value; None where it never has.
 
@@ -203,8 +208,11 @@ def _p_at_factor(people: int, factor: float) -> float | None:
     return float(np.exp(optimize.brentq(excess, low, high, xtol=1e-9)))
 
 
-def standing(plan: SequentialPlan, people: int, p: float | None) -> Standing:
-    """Say at which look a study with so many participants stands, and what p means there."""
+def standing(plan: SequentialPlan, people: int, p: float | None, least: float = 0.0) -> Standing:
+    """Say at which look a study with so many participants stands, and what p means there.
+
+    They can show no p below `least`.
+    """
     look = sum(people >= planned for planned in plan.looks)
     last = look == len(plan.looks)
     planned = people in plan.looks or people > plan.looks[-1]
@@ -235,6 +243,8 @@ def standing(plan: SequentialPlan, people: int, p: float | None) -> Standing:
         verdict = "end: not significant" if last else "go on"
         end = "not significant; the study ends here." if last else "not yet; go on."
         said = f"p = {p:.4g} is above {bound:.4g}, the {rule}: {end}{upcoming}"
+        if never_stops(plan, look - 1, least):
+            said += f" This look could never stop the study: {count} show no p below {least:.2g}."
     return Standing(look, len(plan.looks), people, planned, p, bound, verdict, f"{here}: {said}")
 
 

@@ -28,7 +28,7 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.bootstrap import bootstrap_scale, bootstrap_scores
-from analysis.clustered import two_sided_p, two_way
+from analysis.clustered import two_way
 from analysis.learning import trend
 from analysis.metacognition import (
     fit_meta,
@@ -40,10 +40,11 @@ from analysis.metacognition import (
 from analysis.observers import check_observers
 from analysis.paired_model import paired_model
 from analysis.pairs import Model, pair_index, probability
+from analysis.parts.preferences import PreferencesPart
 from analysis.plans.preference import from_protocol
-from analysis.power import mean_logit
+from analysis.power import power
 from analysis.scaling import scale
-from analysis.tasks.preference.power import Assumptions, power_curve
+from analysis.simulations import Choices, mean_logit
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record
 from protocols.load import load_protocol
@@ -211,21 +212,22 @@ def timings() -> list[Timing]:
     """Time what has an aim."""
     rng = np.random.default_rng(0)
     votes = simulate_votes(rng, np.linspace(1.0, -1.0, 6), 0.5, 0.3)
-    settings = from_protocol(load_protocol(Path("inpainting-2afc")))
+    simulation = Choices(
+        from_protocol(load_protocol(Path("inpainting-2afc"))), (PreferencesPart(),)
+    )
 
     def bootstrap(model: Model) -> Callable[[], object]:
         return lambda: bootstrap_scores(votes, rng=rng, samples=1000, model=model)
 
-    def power(participants: list[int] | None, studies: int) -> Callable[[], object]:
-        return lambda: power_curve(
-            settings, Assumptions(0.65), rng=rng, participants=participants, studies=studies
-        )
+    def simulated(participants: list[int] | None, studies: int) -> Callable[[], object]:
+        given = {"participants": participants, "studies": studies}
+        return lambda: power(simulation, {"rate": 0.65}, rng=rng, **given)
 
     return [
         time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap("thurstone"), 30),
         time_it("the same, Bradley-Terry", bootstrap("bradley-terry"), 30),
-        time_it("power: 10,000 studies of 11 participants", power([11], 10_000), 5),
-        time_it("power: 10,000 studies, whole curve to 40", power(None, 10_000), 3),
+        time_it("power: 10,000 studies of 11 participants", simulated([11], 10_000), 5),
+        time_it("power: 10,000 studies, whole curve to 40", simulated(None, 10_000), 3),
     ]
 
 
@@ -277,7 +279,9 @@ def _rates(
         studies,
         pooled=float(np.mean(exact[counts.sum(axis=(1, 2)).astype(int)] < 0.05)),
         participant_t=float(
-            np.mean(two_sided_p(alone.share - 0.5, alone.standard_error, alone.df) < 0.05)
+            np.mean(
+                2 * stats.t.sf(np.abs(alone.share - 0.5) / alone.standard_error, alone.df) < 0.05
+            )
         ),
         sign_flip=float(np.mean(_sign_flip_p(rng, deviation) < 0.05)),
         two_way=float(np.mean(found.p_value() < 0.05)),

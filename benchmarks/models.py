@@ -17,7 +17,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from analysis.cells import checked, grid
 from analysis.clustered import two_way
+from analysis.interaction import jod_interactions, share_interactions
 from analysis.models import models_beside
 from analysis.ordinal import paired_ratings, rating_model
 from analysis.psychometric import sigmoid
@@ -159,6 +161,38 @@ def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
     return one.p, one.lower <= 0.0 <= one.upper
 
 
+def interaction(measure: str, apart: bool) -> Callable[..., Outcome]:
+    """Return what simulates and judges whether a preference differs between two sizes.
+
+    `apart`: each scene is shown at one size; else at both.
+    """
+
+    def judged(design: Design, rng: np.random.Generator) -> Outcome:
+        table, shift = _crossed(design, rng)
+        large = table["method"] == "b"
+        if apart:
+            kept = large == (table["scene"].astype(int) % 2 == 0)
+            table, shift, large = table[kept], shift[kept], large[kept]
+        preferred = rng.random(shift.size) < expit(0.5 + shift)
+        rows = checked(table.assign(preferred=preferred.astype(int)), ())
+        places, at = grid(rows), rows["method"].map({"a": "small", "b": "large"})
+        events = {size: rows.loc[at == size, "preferred"] for size in ("small", "large")}
+        if measure == "share":
+            moved = {size: {"ours": event} for size, event in events.items()}
+            (one,) = share_interactions(moved, places, "share", 0.95)
+            return one.p, one.lower <= 0.0 <= one.upper
+        votes = {}
+        for size, event in events.items():
+            won, lost = places.count(event), places.count(1 - event)
+            nothing = np.zeros_like(won)
+            votes[size] = np.stack([nothing, won, lost, nothing], -1).reshape(*won.shape, 2, 2)
+        ((one,),) = jod_interactions(votes, ("ours", "blur"), [("ours", "blur")], level=0.95,
+                                     samples=1000, rng=rng).values()  # fmt: skip
+        return one.p, one.lower <= 0.0 <= one.upper
+
+    return judged
+
+
 def share(seen: Callable[[np.random.Generator], Floats]) -> Callable[..., Outcome]:
     """Return what simulates and judges a share of cells (participants, scenes) so often seen."""
 
@@ -221,6 +255,14 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 scene = (own, 0.0) if judge is graded else (0.3, own)
                 design = Design(people, scenes, repeats, person, scene)
                 found.append((judge.__name__, f"{size}, scene x condition {own:g}", design, judge))
+    for size, (people, scenes, repeats) in SIZES.items():
+        design = Design(people, scenes, repeats, (0.6, 0.3), (0.4, 0.3))
+        for apart in (False, True):
+            told = f"{size}, each scene at {'one size' if apart else 'both sizes'}"
+            found += [
+                ("interaction", f"{told}, {measure}", design, interaction(measure, apart))
+                for measure in ("share", "JOD")
+            ]
     return found
 
 

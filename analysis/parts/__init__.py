@@ -12,13 +12,21 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from analysis.answers import Answers
 from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 
 T = TypeVar("T")
+
+EQUIVALENCE = "equivalence"
+"""Name of a test that is to show that there is nothing; its power is that without an effect."""
+Tests: TypeAlias = Mapping[str, Callable[[], NDArray[np.float64]]]
+"""Planned tests of simulated studies by name; each gives p (studies, numbers of participants,
+comparisons), adjusted."""
 
 
 class Plan(Analysis):
@@ -213,6 +221,23 @@ class Part(ABC, Generic[P, R]):
         Of several planned comparisons it is the least, adjusted.
         """
         return None
+
+    def planned_over(self, _answers: Answers, _people: Sequence[int], _plan: P) -> Tests:
+        """Return the planned tests of many simulated studies, for `analysis power`.
+
+        Without it, `planned_p` is asked about a table of each, which takes far longer.
+
+        Parameters
+        ----------
+        people : sequence of int
+            The first n participants of a study are a study of n.
+
+        Returns
+        -------
+        mapping of a test to a function that makes it
+            The planned one first, then others by name; ``""`` is the family of comparisons.
+        """
+        return {}
 
     def estimates(self, _found: R, _plan: P) -> Sequence[Estimate]:
         """Return the main numbers, which a report gives without exclusions too."""

@@ -16,12 +16,13 @@ from analysis.report.blocks import Box
 from analysis.report.wording import (
     leading,
     level_text,
-    number,
     number_range,
     p_text,
+    placed,
     share,
     share_range,
 )
+from analysis.showable import hopeless
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class ComparisonsPart(Part[RateSettings, Planned]):
 
     def compute(
         self,
-        _table: pd.DataFrame,
+        table: pd.DataFrame,
         plan: RateSettings,
         found: Mapping[str, Any],
         _chance: np.random.Generator,
@@ -67,6 +68,8 @@ class ComparisonsPart(Part[RateSettings, Planned]):
             )
         elif "sensitivity" in found:
             differences = found["sensitivity"].planned
+            family = len(differences) if plan.correction == "holm" else min(len(differences), 1)
+            notes += hopeless(table["participant"].nunique(), family, plan.alpha)
         return Planned(differences, () if differences else found["rates"].conditions, tuple(notes))
 
     def planned_p(self, found: Planned) -> float | None:
@@ -108,4 +111,6 @@ def _said(one: Difference, plan: RateSettings) -> str:
     between = f"{plan.label(one.first)} against {plan.label(one.second)}"
     level = f"{level_text(one.level)} {number_range(one.lower, one.upper)}"
     word = "they differ" if p < plan.alpha else "no difference is shown"
-    return f"{between}: {number(one.difference)} in {one.measure}, {level}, {p_text(p)}: {word}"
+    return (
+        f"{between}: {placed(one, one.difference)} in {one.measure}, {level}, {p_text(p)}: {word}"
+    )

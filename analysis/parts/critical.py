@@ -68,7 +68,8 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
         lead = Box(
             f"Critical {plan.level}",
             " ".join(
-                f"{label(one.condition)}: {size(one.critical)} {size_range(one.critical_limits)}."
+                f"{label(one.condition)}: {size(one.critical, within=one.critical_limits)}"
+                f" {size_range(one.critical_limits)}."
                 for one in placed
             ),
             f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)}.",
@@ -153,14 +154,15 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
 
 
 def _cells(known: bool, value: float, ends: tuple[float, float] | None) -> tuple[str, str]:
-    return (size(value), size_range(ends)) if known else (NOT_IDENTIFIED, NONE)
+    return (size(value, within=ends), size_range(ends)) if known else (NOT_IDENTIFIED, NONE)
 
 
 def _own(one: CriticalScaling, who: str) -> str:
     if who not in one.individual or not one.critical_identified:
         return NONE
-    alone = f" ({size(one.alone[who])})" if who in one.alone else ""
-    return f"{size(one.individual[who][0])}{alone}"
+    ends = one.critical_limits
+    alone = f" ({size(one.alone[who], within=ends)})" if who in one.alone else ""
+    return f"{size(one.individual[who][0], within=ends)}{alone}"
 
 
 def apa_critical(fit: CriticalScaling) -> str:
@@ -171,7 +173,7 @@ def apa_critical(fit: CriticalScaling) -> str:
     ) -> str:
         if not identified or ends is None:
             return f"{name} {NOT_IDENTIFIED}"
-        return f"{name} = {size(value)}, {level_text(fit.level)} {size_range(ends)}"
+        return f"{name} = {size(value, within=ends)}, {level_text(fit.level)} {size_range(ends)}"
 
     who = "one participant" if fit.participants == 1 else count_of(fit.participants, "participant")
     laws = {

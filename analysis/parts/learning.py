@@ -21,7 +21,15 @@ from analysis.plans.ratings import RatingSettings
 from analysis.plots import learning_plot
 from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.values import flat_table
-from analysis.report.wording import NOT_IDENTIFIED, number, number_range, p_number, p_text, t_text
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    placed,
+    t_text,
+)
 
 
 @dataclass(frozen=True)
@@ -103,7 +111,7 @@ class LearningPart(Part[P, Learning]):
                     " papers' pooled rank correlation",
                     trends,
                     ("Outcome", "l", lambda one: one.outcome),
-                    ("Change", "", lambda one: number(one.change)),
+                    ("Change", "", lambda one: placed(one, one.change)),
                     limits(),
                     *TESTED[:2],
                     ("Sign-flip p", "n", lambda one: p_number(one.sign_flip_p)),
@@ -138,10 +146,10 @@ def apa_trend(found: Trend) -> str:
         return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
     test = "sign-flip test" if math.isnan(found.t) else t_text(found.t, found.df)
     return (
-        f"From the first to the last trial {found.outcome} changed by {number(found.change)},"
-        f" {number_range(found.lower, found.upper)}, over {found.participants} participants,"
-        f" {test}, {p_text(found.p)}; all trials pooled: Spearman's rho ="
-        f" {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
+        f"From the first to the last trial {found.outcome} changed by"
+        f" {placed(found, found.change)}, {number_range(found.lower, found.upper)}, over"
+        f" {found.participants} participants, {test}, {p_text(found.p)}; all trials pooled:"
+        f" Spearman's rho = {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
     )
 
 

@@ -9,11 +9,14 @@ from typing import ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
+from analysis.answers import Answers
 from analysis.cells import conditions
+from analysis.clustered import holm
 from analysis.columns import frame_of
 from analysis.contrasts import Difference
-from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, tried
+from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
     deviations,
@@ -36,6 +39,7 @@ from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
+    Ends,
     column_in_words,
     grouped,
     leading,
@@ -50,7 +54,6 @@ from analysis.thresholds import ThresholdModel, fit_thresholds
 from protocols.adaptive.levels import Shape
 
 Floats = NDArray[np.float64]
-Ends = tuple[float | None, float | None]
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
@@ -125,7 +128,9 @@ def curves_figure(
 
 def _cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
     """Return threshold, limits and width as text; none where the answers do not place them."""
-    return (size(value), size_range(ends), size(width)) if known else (NOT_IDENTIFIED, NONE, NONE)
+    if not known:
+        return NOT_IDENTIFIED, NONE, NONE
+    return size(value, within=ends), size_range(ends), size(width)
 
 
 def _width_title(logarithmic: bool) -> str:
@@ -223,7 +228,8 @@ class CurvesPart(LevelsPart[Curves]):
                 Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
             sentences=tuple(
-                f"All answers to {name} together have their threshold at {size(fit.threshold)}"
+                f"All answers to {name} together have their threshold at"
+                f" {size(fit.threshold, within=fit.threshold_limits)}"
                 + (
                     f", {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not"
                     " of people."
@@ -289,6 +295,17 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         )
         return Thresholds(**vars(ordered), counts=counts_in(table, plan))
 
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test thresholds that levels chosen from the answers gave, by paired t tests."""
+
+        def tested() -> Floats:
+            gaps = answers.counts[..., 1:] - answers.counts[..., :1]
+            each = [stats.ttest_1samp(gaps[:, :count], 0.0, axis=1).pvalue for count in people]
+            p = np.stack(each, axis=1)
+            return holm(p) if plan.correction == "holm" else p
+
+        return {"": tested} if plan.adaptive else {}
+
     def estimates(self, found: Thresholds, plan: RateSettings) -> Sequence[Estimate]:
         """Return differences of thresholds, where levels adapt and so these are the result."""
         trials = {name: sum(one.trials) for name, one in found.counts.items()}
@@ -311,7 +328,10 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     (
                         who,
                         *(
-                            size(one.individual.get(who) if placed[one.condition] else None)
+                            size(
+                                one.individual.get(who) if placed[one.condition] else None,
+                                within=(one.lower, one.upper),
+                            )
                             for one in each
                         ),
                     )
@@ -393,8 +413,8 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
     """Return the thresholds of all conditions as a sentence; `levels` are those shown."""
     after = f" {unit}" if unit else ""
     parts = [
-        f"{one.condition} {size(one.value)}{after}, {level_text(model.level)}"
-        f" {size_range((one.lower, one.upper))}"
+        f"{one.condition} {size(one.value, within=(one.lower, one.upper))}{after},"
+        f" {level_text(model.level)} {size_range((one.lower, one.upper))}"
         if one.identified(levels)
         else f"{one.condition} {NOT_IDENTIFIED}"
         for one in model.thresholds
@@ -537,7 +557,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 ),
             ),
             sentences=tuple(
-                f"{who}: {label(one.first)} minus {label(one.second)} {one.difference:.3g},"
+                f"{who}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
                 f" {100 * one.level:g}% limits {size_range((one.lower, one.upper))}, posterior p"
                 f" {p_number(one.p_adjusted)} Holm-adjusted."
                 for who, several in found.within.items()
@@ -555,6 +575,10 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 ),
             },
         )
+
+
+def _gap(one: ThresholdDifference) -> str:
+    return size(one.difference, within=(one.lower, one.upper))
 
 
 def _compared(

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from analysis.parts import AnyPart, Estimate, Part, PartFigure, Plan, Shown, estimates_of
 from analysis.plots.sequential import bounds_plot
 from analysis.report.blocks import Block, Box, Paragraph, Picture, Table
-from analysis.report.wording import NONE, number, number_range
+from analysis.report.wording import NONE, number_range, placed
 from analysis.sequential import SequentialPlan, Standing, plan_of, standing
 from protocols.sequential import Sequential
 
@@ -41,8 +41,10 @@ class LooksPart(Part[Plan, Looks]):
     name: ClassVar[str] = "looks"
     section: ClassVar[tuple[str, str]] = ("looks", "Planned looks")
 
-    def __init__(self, planned: Sequential, parts: Sequence[AnyPart]) -> None:
-        self._planned, self._parts = planned, parts
+    def __init__(
+        self, planned: Sequential, parts: Sequence[AnyPart], least_p: Callable[[int], float]
+    ) -> None:
+        self._planned, self._parts, self._least_p = planned, parts, least_p
         self.needs = tuple(one.name for one in parts)  # type: ignore[misc]
 
     def compute(
@@ -52,7 +54,8 @@ class LooksPart(Part[Plan, Looks]):
         bounds = plan_of(self._planned, plan.alpha)
         known = (one.planned_p(found[one.name]) for one in self._parts if one.name in found)
         p = next((p for p in known if p is not None), None)
-        now = standing(bounds, int(table["participant"].nunique()), p)
+        people = int(table["participant"].nunique())
+        now = standing(bounds, people, p, self._least_p(people))
         if now.reject_p is None or now.reject_p < LEAST or bounds.rule == "bayes-factor":
             return Looks(bounds, now, ())
         at_bound = plan.but(alpha=now.reject_p)
@@ -80,7 +83,7 @@ class LooksPart(Part[Plan, Looks]):
                     "Limits that take account of the looks",
                     found.limits,
                     ("Of", "l c", lambda one: one.what),
-                    ("Value", "strong", lambda one: number(one.value)),
+                    ("Value", "strong", lambda one: placed(one, one.value)),
                     ("Limits", "n", lambda one: number_range(one.lower, one.upper)),
                 ),
                 Paragraph(

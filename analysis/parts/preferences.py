@@ -5,11 +5,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
+from numpy.typing import NDArray
+from scipy import stats
 
-from analysis.pairings import Comparisons, counts
-from analysis.parts import Estimate, PartFigure, Shown, SimplePart
+from analysis.answers import Answers
+from analysis.clustered import ClusteredShare, holm, two_way_of_first
+from analysis.pairings import ALL_SIZES, Comparisons, counts
+from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.people import shares_figure
 from analysis.plans.preference import Settings
 from analysis.plots import forest_plot, preference_bars
@@ -48,6 +53,7 @@ TESTS = {
 }
 """Tests of a protocol: what a table calls them, and what they are."""
 
+Floats = NDArray[np.float64]
 _BF10 = Markup("BF<sub>10</sub>")
 Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
 
@@ -110,6 +116,37 @@ class PreferencesPart(SimplePart[Settings, Preferences]):
     def planned_p(self, found: Preferences) -> float | None:
         """Return p of the primary comparison."""
         return None if found.primary is None else found.primary.test.p
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: Settings) -> Tests:
+        """Test the primary comparison, all comparisons together, and equivalence of the primary."""
+        cells = answers.cells
+
+        def share(method: str, against: str, size: str) -> ClusteredShare:
+            chosen = (cells["method"] == method) & (cells["against"] == against)
+            if size != ALL_SIZES:
+                chosen &= cells["size"] == size
+            counts, shown = answers.grid(chosen.to_numpy(), by_scene=plan.test != "participant")
+            held = shown > 0
+            return two_way_of_first(counts[..., held], shown[held], people)
+
+        def p_of(found: ClusteredShare) -> Floats:
+            if plan.test != "pooled":
+                return found.p_value()
+            fewer = np.round(np.minimum(found.share, 1.0 - found.share) * found.trials)
+            return np.asarray(np.minimum(1.0, 2.0 * stats.binom.cdf(fewer, found.trials, 0.5)))
+
+        def family() -> Floats:
+            kinds = [(one.method, one.against, one.size) for one in plan.comparisons]
+            p = np.stack([p_of(share(*kind)) for kind in kinds], axis=-1)
+            return holm(p) if plan.correction == "holm" else p
+
+        assert plan.primary is not None, "every study declares it"
+        primary = share(*plan.primary)
+        return {
+            "primary": lambda: p_of(primary)[..., None],
+            "": family,
+            EQUIVALENCE: lambda: primary.equivalence_p(plan.margin)[..., None],
+        }
 
     def estimates(self, found: Preferences, plan: Settings) -> Sequence[Estimate]:
         """Return the share of choices in every comparison."""

@@ -1,16 +1,23 @@
 """Ordered ratings, or graded comparisons of pairs: a cumulative-link mixed model."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.special import ndtri
 
+from analysis.answers import Answers
+from analysis.clustered import holm, two_way_df
 from analysis.columns import frame_of
+from analysis.contrasts import pairs_of
 from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
-from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts import PartFigure, Shown, SimplePart, Tests
 from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
@@ -22,6 +29,7 @@ from analysis.report.wording import (
     level_text,
     number,
     number_range,
+    placed,
     share,
 )
 
@@ -70,6 +78,30 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
         known = [one.p_adjusted for one in found.model.contrasts if one.p_adjusted >= 0]
         return min(known, default=None)
 
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingSettings) -> Tests:
+        """Test differences of mean normal scores of ratings, near those of the model."""
+        steps, counts = np.unique(answers.given, return_counts=True)
+        scores = ndtri((np.cumsum(counts) - 0.5 * counts) / counts.sum())
+        scores -= np.average(scores, weights=counts)
+        scores /= np.sqrt(np.average(scores**2, weights=counts))
+        scored = replace(answers, given=scores[np.searchsorted(steps, answers.given)])
+        names = answers.cells["condition"]
+        means = {}
+        for name in dict.fromkeys(names):
+            total, shown = scored.grid((names == name).to_numpy(), by_scene=True)
+            means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
+        pairs = pairs_of(means, plan.reference_in(()))
+
+        def family() -> NDArray[np.float64]:
+            each = [
+                [_difference_p((means[one] - means[other])[:, :count]) for one, other in pairs]
+                for count in people
+            ]
+            p = np.moveaxis(np.array(each), -1, 0)
+            return holm(p) if plan.correction == "holm" else p
+
+        return {"": family}
+
     def show(self, found: Ratings, plan: RatingSettings) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
@@ -101,6 +133,30 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
         )
 
 
+def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return p of mean differences (studies, participants, scenes), both of them random.
+
+    Variances as maximum likelihood has them, so as the mixed model, in closed form; degrees of
+    freedom as `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
+    """
+    both = ~np.isnan(gap).any(axis=(0, 1))
+    gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
+    people, scenes = gap.shape[1:]
+    mean = gap.mean(axis=(1, 2), keepdims=True)
+    person, scene = gap.mean(axis=2, keepdims=True) - mean, gap.mean(axis=1, keepdims=True) - mean
+    free = people - 1.0, max(scenes - 1.0, 1.0)
+    rest = ((gap - mean - person - scene) ** 2).mean(axis=(1, 2)) / np.prod(free)
+    own = [
+        np.maximum((one**2).mean(axis=(1, 2)) / count - rest, 0.0)
+        for one, count in zip((person, scene), (people, scenes), strict=True)
+    ]
+    df = two_way_df(
+        [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
+    )
+    error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
+    return np.asarray(2.0 * stats.t.sf(np.abs(mean[:, 0, 0]) / error, df))
+
+
 def category(value: object) -> str:
     """Return a rating as the model names it."""
     return f"{value:g}" if isinstance(value, int | float) else str(value)
@@ -111,7 +167,7 @@ def apa_rating(one: RatingDifference, model: RatingModel) -> str:
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
-        f"{one.first} was rated {number(one.difference)} {_unit(model)} above {one.second},"
+        f"{one.first} was rated {placed(one, one.difference)} {_unit(model)} above {one.second},"
         f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {apa_test(one, f'cumulative {model.link} mixed model')}; one showing of it is rated"
         f" higher with a chance of {leading(f'{one.superiority:.2f}')}."
@@ -159,7 +215,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
             (
                 one.condition,
                 str(one.ratings),
-                number(one.place),
+                placed(one, one.place),
                 number_range(one.lower, one.upper),
                 *([] if pairs else [number(one.mean_rating)]),
                 *([] if pairs else map(share, one.shares)),
@@ -171,7 +227,7 @@ def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
         "Comparisons",
         model.contrasts,
         compared(plan),
-        (f"Difference, {unit}", "strong", lambda one: number(one.difference)),
+        (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
         limits(plan.limits),
         ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
         *TESTED[1:],

@@ -1,9 +1,9 @@
 """Quality in JOD: Thurstone's scale of the methods, and whether answers fit on one axis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -37,6 +37,7 @@ from analysis.report.wording import (
 )
 from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
+from analysis.showable import hopeless
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -141,11 +142,15 @@ def _sentences(found: Scales, plan: Settings) -> Iterator[str]:
         for one in size.differences().to_dict("records"):
             yield (
                 f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
-                f"{plan.at(size.size, ' ({})')}: {number(one['difference'])} {size.scale.unit},"
+                f"{plan.at(size.size, ' ({})')}: {_value(one, 'difference')} {size.scale.unit},"
                 f" {level} {number_range(one['lower'], one['upper'])},"
                 f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
                 " Holm-adjusted; two-way bootstrap)."
             )
+
+
+def _value(one: Mapping[Any, Any], name: str) -> str:
+    return number(one[name], within=(one["lower"], one["upper"]))
 
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -190,6 +195,8 @@ def _size_scale(decisions: pd.DataFrame, plan: Settings, size: str) -> SizeScale
             found.append("some participants were even on a pair: Kendall's u is approximate")
     elif len(methods) > 2:
         found.append("not everyone saw every pair: no triads, no agreement")
+    if intervals is not None and len(methods) > 2:
+        found += hopeless(len(people), len(contrasts(total, methods)), plan.alpha)
     triads = zip(people, answers, strict=True) if complete else ()
     return SizeScale(
         size=size,
@@ -229,7 +236,7 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
             "Thurstone Case V, mean zero",
             size.scores().to_dict("records"),
             ("Method", "l", lambda one: label(one["method"])),
-            ("JOD", "strong", lambda one: number(one["jod"])),
+            ("JOD", "strong", lambda one: _value(one, "jod")),
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
             ("bootstrap SE", "", lambda one: number(one["standard_error"])),
         )
@@ -237,7 +244,7 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
             "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
             size.differences().to_dict("records"),
             ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
-            ("JOD", "strong", lambda one: number(one["difference"])),
+            ("JOD", "strong", lambda one: _value(one, "difference")),
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
             ("p", "n", lambda one: p_number(one["clustered_p"])),
             ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),

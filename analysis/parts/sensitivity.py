@@ -1,26 +1,31 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from analysis.answers import Answers, Mask
 from analysis.cells import grid
+from analysis.clustered import holm, two_way_of_first
 from analysis.columns import frame_of
-from analysis.contrasts import Difference
+from analysis.contrasts import Difference, pairs_of
 from analysis.detection import (
     Discrimination,
     DiscriminationResults,
     Measure,
     YesNo,
     YesNoResults,
+    d_prime_influence,
     yes_no,
 )
 from analysis.models import ModelFit, glmm_probit
-from analysis.parts import Estimate, PartFigure, Shown, SimplePart, tried
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
     P,
@@ -38,7 +43,7 @@ from analysis.parts.shared import (
 )
 from analysis.plans.rates import RateSettings, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.rates import Rate, rate
+from analysis.rates import Influence, Rate, rate, share_influence
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -49,11 +54,13 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
     share_range,
     t_text,
 )
 
+Floats = NDArray[np.float64]
 TRUST = "When not to trust these sensitivities"
 
 
@@ -106,6 +113,27 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             found.correction,
             tuple(notes),
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test differences of d', and of bias where the baseline has a d' too."""
+        if plan.adaptive:
+            return {}
+        own = {name: _cells_of(answers, name) for name in plan.values}
+        there = (answers.cells["expected"] == plan.answers[0]).to_numpy()
+        lacking = [cells for cells in own.values() if not there[cells].any()]
+        shared = np.any(lacking, axis=0) if lacking else ~there
+        told = {
+            name: (cells & there, cells & ~there if not there[cells].all() else shared & ~there)
+            for name, cells in own.items()
+            if there[cells].any() and (lacking or not there[cells].all())
+        }
+        test = partial(_planned, answers, people, plan)
+        found: dict[str, Callable[[], Floats]] = {"": partial(test, told, _moved_d_prime)}
+        if len(own) > 1 and plan.values[0] in told:
+            every = {name: (cells,) for name, cells in own.items()}
+            held = [list(own).index(name) - 1 for name in list(told)[1:]]
+            found["bias"] = lambda: test(every, share_influence)[..., held]
+        return found
 
     def estimates(self, found: YesNoSensitivity, plan: RateSettings) -> Sequence[Estimate]:
         """Return d' and what they differ by, unless levels adapt."""
@@ -215,6 +243,58 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     return pd.concat([kept, *shared], ignore_index=True)
 
 
+def _planned(
+    answers: Answers,
+    people: Sequence[int],
+    plan: RateSettings,
+    cells: Mapping[str, Sequence[Mask]],
+    influence: Callable[..., Influence],
+) -> Floats:
+    """Return p of differences between conditions, or of a single one against 0, adjusted.
+
+    Parameters
+    ----------
+    cells : mapping of a condition to sets of its cells
+    influence : callable
+        From counts and trials (participants, scenes) of each set to what they move an estimate.
+
+    Returns
+    -------
+    ndarray (studies, numbers of participants, comparisons)
+    """
+    grids = {
+        name: [answers.grid(one, by_scene=plan.test == "participant-scene") for one in sets]
+        for name, sets in cells.items()
+    }
+
+    def tested(count: int) -> Floats:
+        moved = {
+            name: influence(
+                *(
+                    part
+                    for counts, shown in sets
+                    for part in (counts[:, :count], np.tile(shown, (count, 1)))
+                )
+            )
+            for name, sets in grids.items()
+        }
+        if len(moved) == 1:
+            return np.stack([one.estimate().p_value() for one in moved.values()], axis=-1)
+        pairs = pairs_of(moved, plan.reference_in(list(moved)))
+        return np.stack([moved[a].less(moved[b]).p_value() for a, b in pairs], axis=-1)
+
+    p = np.stack([tested(count) for count in people], axis=1)
+    return holm(p) if plan.correction == "holm" else p
+
+
+def _cells_of(answers: Answers, condition: str) -> Mask:
+    return np.asarray(answers.cells["condition"] == condition)
+
+
+def _moved_d_prime(hits: Floats, signal: Floats, alarms: Floats, noise: Floats) -> Influence:
+    return d_prime_influence(hits, signal, alarms, noise, "log-linear")[0]
+
+
 def _measured(
     title: str, of: Callable[[YesNo], Measure | None]
 ) -> tuple[TableColumn, TableColumn, TableColumn]:
@@ -224,7 +304,7 @@ def _measured(
         return lambda one: NONE if (measure := of(one)) is None else text(measure)
 
     return (
-        (title, "strong", known(lambda one: number(one.value))),
+        (title, "strong", known(lambda one: placed(one, one.value))),
         ("Limits", "n", known(limits()[2])),
         ("p", "n", known(P[2])),
     )
@@ -245,7 +325,7 @@ def apa_yes_no(one: YesNo, *, name: str = "") -> str:
 
 def _said(one: Measure) -> str:
     return (
-        f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f"{placed(one, one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {t_text(one.t, one.df)}, {p_text(one.p)}"
     )
 
@@ -404,6 +484,17 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
             alone(table, plan),
         )
 
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+        """Test differences of shares, or of a single condition's against chance."""
+        if plan.adaptive:
+            return {}
+        own = {name: (_cells_of(answers, name),) for name in plan.values}
+        if len(own) > 1:
+            return {"": partial(_planned, answers, people, plan, own, share_influence)}
+        by_scene = plan.test == "participant-scene"
+        alone = answers.grid(own[plan.values[0]][0], by_scene=by_scene)
+        return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
+
     def estimates(self, found: ChoiceSensitivity, plan: RateSettings) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by, unless levels adapt."""
         rates = [one.correct for one in found.conditions]
@@ -428,7 +519,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
                     cells,
                     condition(plan),
                     ("Share", "", lambda one: share(one.correct.share)),
-                    ("d'", "strong", lambda one: number(one.d_prime)),
+                    ("d'", "strong", lambda one: placed(one, one.d_prime)),
                     limits(plan.limits),
                     ("p", "n", lambda one: p_number(one.correct.p)),
                 ),
@@ -467,7 +558,7 @@ def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str
     """Return d' of one condition of an identification or ABX task as a sentence."""
     right = one.correct
     return (
-        f"In condition {name or one.condition}, d' = {number(one.d_prime)},"
+        f"In condition {name or one.condition}, d' = {placed(one, one.d_prime)},"
         f" {level_text(right.level)} {number_range(one.lower, one.upper)} ({rule}), from"
         f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
         f" ({share(right.chance)})."

@@ -22,6 +22,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     t_text,
 )
 from analysis.thresholds import ThresholdModel
@@ -125,7 +126,7 @@ def difference_tables(
             caption,
             found,
             compared(plan),
-            ("Difference", "strong", lambda one: number(one.difference)),
+            ("Difference", "strong", lambda one: placed(one, one.difference)),
             limits(plan.limits),
             ("SE", "", lambda one: number(one.standard_error)),
             *TESTED,
@@ -140,8 +141,8 @@ def difference_tables(
 def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
     """Return the difference of two conditions as a sentence."""
     text = (
-        f"{label(one.first)} minus {label(one.second)}: {number(one.difference)} in {one.measure},"
-        f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f"{label(one.first)} minus {label(one.second)}: {placed(one, one.difference)} in"
+        f" {one.measure}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
         f" {t_text(one.t, one.df)}, {p_text(one.p)}"
     )
     if abs(one.p_adjusted - one.p) > 1e-12:

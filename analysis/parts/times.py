@@ -28,7 +28,15 @@ from analysis.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.reaction_model import TimeModel, TimeRatio, time_model
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
-from analysis.report.wording import NOT_IDENTIFIED, level_text, number, number_range
+from analysis.report.wording import (
+    NOT_IDENTIFIED,
+    level_text,
+    number,
+    number_range,
+    placed,
+    size,
+    size_range,
+)
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
 
@@ -133,7 +141,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
         model.times,
         ("Condition", "l", lambda one: plan.label(one.condition)),
         ("Answers", "", lambda one: str(one.answers)),
-        ("Typical, s", "strong", lambda one: number(one.median_s)),
+        ("Typical, s", "strong", lambda one: placed(one, one.median_s)),
         limits(plan.limits),
     )
     if model.ratios:
@@ -141,7 +149,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             "How many times as long answers take",
             model.ratios,
             compared(plan, "/"),
-            ("Ratio", "strong", lambda one: number(one.ratio)),
+            ("Ratio", "strong", lambda one: placed(one, one.ratio)),
             limits(plan.limits),
             *TESTED,
         )
@@ -169,7 +177,7 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
             found.contrasts,
             compared(plan),
             ("Of", "l", lambda one: _measure(one.measure)),
-            ("Difference", "strong", lambda one: number(one.difference)),
+            ("Difference", "strong", lambda one: placed(one, one.difference)),
             limits(),
             *TESTED,
         )
@@ -184,7 +192,11 @@ def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
 
 def _columns(measure: str) -> tuple[TableColumn, TableColumn]:
     return (
-        (COLUMNS[measure], "n", lambda one: number(one.means[measure])),
+        (
+            COLUMNS[measure],
+            "n",
+            lambda one: number(one.means[measure], within=(one.lower[measure], one.upper[measure])),
+        ),
         ("limits", "n", lambda one: number_range(one.lower[measure], one.upper[measure])),
     )
 
@@ -204,7 +216,7 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         text = f"Answers{about} took {number(one.median)} s (median)"
         if not math.isnan(one.lower):
             text += (
-                f"; the participants' medians were {number(one.mean_of_medians)} s on average,"
+                f"; the participants' medians were {placed(one, one.mean_of_medians)} s on average,"
                 f" {level_text(plan.confidence)} {number_range(one.lower, one.upper)}"
             )
         yield f"{text}."
@@ -214,16 +226,16 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
             yield f"How long answers to {first} took against {second} is {NOT_IDENTIFIED}."
             continue
         yield (
-            f"Answers to {first} took {number(ratio.ratio)} times as long as those to {second},"
-            f" {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
+            f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
+            f" {second}, {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
             f" {apa_test(ratio, 'log-normal mixed model')}."
         )
     for gap in found.diffusion.contrasts if found.diffusion else ():
-        unit = " s" * (gap.measure == "nondecision_s")
+        unit, ends = " s" * (gap.measure == "nondecision_s"), (gap.lower, gap.upper)
         yield (
             f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
-            f" {gap.difference:.3g}{unit} in {_measure(gap.measure)}, {level_text(gap.level)}"
-            f" [{gap.lower:.3g}, {gap.upper:.3g}], {apa_test(gap)}."
+            f" {size(gap.difference, within=ends)}{unit} in {_measure(gap.measure)},"
+            f" {level_text(gap.level)} {size_range(ends)}, {apa_test(gap)}."
         )
 
 

@@ -25,6 +25,7 @@ class RateSettings(RatesAnalysis, Plan):
 
     by: str | tuple[str, ...] = ""
     level: str | None = None
+    interaction: str | None = None
     values: tuple[str, ...]
     """What `by` compares, in order, the baseline first."""
     adaptive: bool = False
@@ -167,6 +168,7 @@ def common_settings_of_table(
     columns = told.by_columns or (("method",) if "method" in decisions else ())
     by = BETWEEN.join(columns)
     named = [*(("by", column) for column in columns), ("level", told.level)]
+    named.append(("interaction", told.interaction))
     for key, column in named:
         if column is not None and column not in decisions:
             raise StudyError(

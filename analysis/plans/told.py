@@ -99,6 +99,9 @@ class RatesTold(RatesAnalysis, Named):
     Default: `method`, if there is one."""
     level: str | None = None
     """Column of numbers along which answers change."""
+    interaction: str | None = None
+    """A second column: tests whether the differences between values of `by` differ between its
+    values."""
     shape: Shape = "gauss"
     """Of the curve: gauss, logistic, or weibull where levels are above 0."""
 

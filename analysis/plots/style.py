@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
+from analysis.report.wording import size
+
 P = ParamSpec("P")
 Sized: TypeAlias = Callable[[float], Figure]
 """From a width in inches to a figure."""
@@ -152,11 +154,13 @@ def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
     low, high = float(np.min(levels)), float(np.max(levels))
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [m * 10.0**k for k in powers for m in (1, 2, 5) if low <= m * 10.0**k <= high]
+    ends = None
     if len(ticks) < 2:
         ticks = [low, high]
+        ends = low, high
     elif len(ticks) > 6:
         ticks = [10.0**k for k in powers if low <= 10.0**k <= high]
-    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.set_xticks(ticks, [size(tick, within=ends) for tick in ticks])
     axes.minorticks_off()
 
 

@@ -7,7 +7,7 @@ from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
 from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
-from analysis.report.wording import number, number_range, p_number
+from analysis.report.wording import number_range, p_number, placed
 from protocols.errors import StudyError
 
 
@@ -111,7 +111,7 @@ def _cells(one: Estimate | None) -> tuple[str, str, str, str]:
     if one is None:
         return "none", "none", "none", "0"
     return (
-        number(one.value),
+        placed(one, one.value),
         number_range(one.lower, one.upper),
         p_number(one.p),
         str(one.decisions),

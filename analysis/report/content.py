@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import pandas as pd
 
@@ -56,7 +57,8 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     every = with_added(analysis.parts_of(plan))
     parts = tuple(one for one in every if not source.only or one.name in source.only)
     if source.protocol is not None and (looks := source.protocol.analysis.sequential) is not None:
-        parts = (LooksPart(looks, parts), *parts)
+        least_p = partial(analysis.least_p, source.protocol)
+        parts = (LooksPart(looks, parts, least_p), *parts)
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     if not found:
         raise StudyError(

@@ -3,12 +3,16 @@
 import math
 import unicodedata
 from collections.abc import Sequence
+from typing import Protocol, TypeAlias
 
 from analysis.exclusions import FlowStep
 
 REPLACED = "\N{REPLACEMENT CHARACTER}"
 # Control, format (among them bidirectional overrides), surrogate, private use.
 _UNPRINTABLE = {"Cc", "Cf", "Cs", "Co"}
+
+Ends: TypeAlias = tuple[float | None, float | None]
+"""Limits of an estimate; None where it has none."""
 
 NOT_IDENTIFIED = "not identified by these data"
 NONE = "none"
@@ -62,19 +66,49 @@ def big(value: float) -> str:
     return f"{value:.2f}" if value >= 0.01 else f"{value:.1e}"
 
 
-def number(value: float, digits: int = 2) -> str:
-    """Return a number with so many digits, never ``-0.00``; ``none`` for NaN, or endless."""
+def needed(ends: Ends | None) -> int:
+    """Return how many decimals show two digits of the width of limits; 0 where there is none."""
+    lower, upper = ends or (None, None)
+    width = math.nan if lower is None or upper is None else abs(upper - lower)
+    if not (math.isfinite(width) and width > 0):
+        return 0
+    return max(0, 1 - math.floor(math.log10(width)))
+
+
+def number(value: float, digits: int = 2, *, within: Ends | None = None) -> str:
+    """Return a number with so many digits, never ``-0.00``; ``none`` for NaN, or endless.
+
+    `within` are limits, whose width may need more digits.
+    """
     if math.isnan(value):
         return NONE
     if math.isinf(value):
         return "\N{INFINITY}" if value > 0 else "-\N{INFINITY}"
-    text = f"{value:.{digits}f}"
+    text = f"{value:.{max(digits, needed(within))}f}"
     return text.lstrip("-") if float(text) == 0 else text
 
 
 def number_range(lower: float, upper: float) -> str:
     """Return limits of a number; ``none`` for NaN."""
-    return NONE if math.isnan(lower) else f"[{number(lower)}, {number(upper)}]"
+    ends = (lower, upper)
+    return NONE if math.isnan(lower) else f"[{', '.join(number(e, within=ends) for e in ends)}]"
+
+
+class Limited(Protocol):
+    """An estimate with limits."""
+
+    @property
+    def lower(self) -> float:
+        """The lower one."""
+
+    @property
+    def upper(self) -> float:
+        """The upper one."""
+
+
+def placed(one: Limited, value: float) -> str:
+    """Return the value of an estimate with as many digits as its limits have."""
+    return number(value, within=(one.lower, one.upper))
 
 
 def level_text(level: float) -> str:
@@ -97,14 +131,24 @@ def t_text(t: float, df: float | None) -> str:
     return f"{law(df)} = {number(t)}"
 
 
-def size(value: float | None, digits: int = 3) -> str:
-    """Return a level or the like in so many significant digits; ``none`` for None and NaN."""
-    return NONE if value is None or math.isnan(value) else f"{value:.{digits}g}"
+def size(value: float | None, digits: int = 3, *, within: Ends | None = None) -> str:
+    """Return a level or the like in so many significant digits; ``none`` for None and NaN.
+
+    `within` are limits, whose width may need more: 442.3 where they are 441.8 and 442.9.
+    """
+    if value is None or math.isnan(value):
+        return NONE
+    if value == 0:
+        return "0"
+    more, above = needed(within), math.floor(math.log10(abs(value)))
+    if -5 < above < 7 and (more or above >= digits):
+        return number(value, max(digits - 1 - above, more, 0))
+    return f"{value:.{max(digits, above + 1 + more) if more else digits}g}"
 
 
-def size_range(ends: tuple[float | None, float | None] | None) -> str:
+def size_range(ends: Ends | None) -> str:
     """Return limits of a level or the like; ``none`` for None and NaN."""
-    texts = [NONE] if ends is None else [size(end) for end in ends]
+    texts = [NONE] if ends is None else [size(end, within=ends) for end in ends]
     return NONE if NONE in texts else f"[{', '.join(texts)}]"
 
 

@@ -4,17 +4,14 @@ The report, the tables and the commands ask it, and know no task themselves.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
-import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from analysis.parts import AnyPart, Plan
+from analysis.power import Simulation
 from analysis.seed import SEED
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns
@@ -22,54 +19,6 @@ from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
-
-Counted = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Assumption:
-    """A number that a simulation of power takes for true, within limits."""
-
-    name: str
-    value: float
-    """Not a number: left out, unless it is asked for."""
-    meaning: str
-    lowest: float = 0.0
-    highest: float = float("inf")
-
-
-@dataclass(frozen=True)
-class PowerReport:
-    """What a simulation of power says, ready to print and to draw.
-
-    Attributes
-    ----------
-    result : dataclass
-        Every number, for `power.json`.
-    lead : str
-        What was simulated.
-    columns, rows
-        A table of texts.
-    legend : str
-        What the columns mean.
-    needed : tuple of str
-        How many participants for which power, in sentences.
-    draw : callable
-        From a width in inches to the curve.
-    draw_designs : callable, optional
-        The same to power over numbers of scenes and repeats.
-    """
-
-    result: object
-    lead: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    legend: str
-    needed: tuple[str, ...]
-    warnings: tuple[str, ...]
-    draw: Callable[[float], Figure]
-    draw_designs: Callable[[float], Figure] | None = None
-
 
 S = TypeVar("S", bound=Plan)
 
@@ -157,86 +106,27 @@ class TaskAnalysis(ABC, Generic[S]):
         """Return decisions as the parts take them."""
         return decisions
 
+    def least_p(self, _study: StudyProtocol, _people: int) -> float:
+        """Return the least p that the planned test of so many participants can show; 0: any."""
+        return 0.0
+
+    def family(self, _study: StudyProtocol) -> int:
+        """Return how many planned comparisons are corrected together and have such a least p."""
+        return 0
+
     def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the decisions in forms that other programs read, by file name."""
         return {}
 
     # Power.
 
-    def simulated_p(
-        self,
-        study: StudyProtocol,
-        _assumed: Mapping[str, float],
-        _participants: Sequence[int],
-        *,
-        null: bool,  # noqa: ARG002
-        rng: np.random.Generator,  # noqa: ARG002
-        studies: int,  # noqa: ARG002
-        progress: Counted | None = None,  # noqa: ARG002
-    ) -> NDArray[np.float64]:
-        """Return p of the planned test (studies, numbers of participants) of simulated studies.
-
-        With `null` there is nothing to find. The first n people of a study are a study of n.
+    def simulation(self, study: StudyProtocol) -> Simulation[S]:
+        """Return how such a study is simulated, for its power.
 
         Raises
         ------
         StudyError
-            If this analysis, or this study, cannot be simulated so.
-        """
-        raise StudyError(
-            f"analysis.kind: looks at {study.analysis.kind!r} cannot be simulated; bounds hold for"
-            " any p"
-        )
-
-    def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
-        """Return what a simulation of power takes for true, with values that fit the study."""
-        self.settings(study)
-        return ()
-
-    def from_pilot(
-        self,
-        _study: StudyProtocol,
-        _decisions: pd.DataFrame,
-        _settings: S,
-    ) -> tuple[Mapping[str, float], Sequence[str]]:
-        """Return assumptions by name, as a pilot's decisions have them, and notes on them.
-
-        Parameters
-        ----------
-        settings
-            Of the pilot, which may be a table of another study.
-
-        Raises
-        ------
-        StudyError
-            If they cannot be had from such decisions.
-        """
-        raise StudyError(
-            "--from: deviations cannot be taken from a pilot of this task; give them by --set"
-        )
-
-    def power(
-        self,
-        study: StudyProtocol,
-        _assumed: Mapping[str, float],
-        *,
-        rng: np.random.Generator,  # noqa: ARG002
-        studies: int | None = None,  # noqa: ARG002
-        progress: Counted | None = None,  # noqa: ARG002
-    ) -> PowerReport:
-        """Simulate the study's own design and test for growing numbers of participants.
-
-        Parameters
-        ----------
-        assumed : mapping
-            A value for every one of `assumptions`.
-        studies : int, optional
-            How many to simulate; left out, as many as take seconds.
-
-        Raises
-        ------
-        StudyError
-            If the study compares nothing, or this analysis simulates nothing.
+            If this analysis simulates nothing, or the study compares nothing.
         """
         raise StudyError(
             f"analysis.kind: the power of {study.analysis.kind!r} cannot be simulated; plan by a"

@@ -13,6 +13,7 @@ from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.ratings import RatingSettings, conditions_of, from_protocol, settings_of
 from analysis.plans.told import RatingsTold
+from analysis.simulations import RatedSteps
 from analysis.tables.ratings import read_ratings
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions
@@ -49,6 +50,11 @@ class Ratings(TaskAnalysis[RatingSettings]):
         return as_decisions(
             read_ratings(table, mapping, by=by, scale=told.scale, option="--set {}=")
         )
+
+    def simulation(self, study: StudyProtocol) -> RatedSteps:
+        """Return the simulation of the steps that are given."""
+        plan = self.settings(study)
+        return RatedSteps(study, plan, self.parts_of(plan))
 
     def lacks(self, decisions: pd.DataFrame, settings: RatingSettings) -> str:
         """Return what nothing can be compared without."""

@@ -75,7 +75,7 @@ class PrimaryComparison(Model):
 class Preferences(Analysis):
     """How preferences are tested, whatever is compared."""
 
-    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes")
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes", "interaction")
 
     smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
@@ -85,6 +85,9 @@ class Preferences(Analysis):
     """Over all pairings and sizes except the primary comparison."""
     bayes: bool = False
     """Also give posteriors of every pairing, which the extra `bayes` samples."""
+    interaction: Literal["size"] | None = None
+    """Tests whether preferences differ between sizes, that of the primary comparison by itself.
+    Default: not tested."""
 
 
 class PreferenceAnalysis(Preferences):
@@ -106,6 +109,11 @@ class PreferenceAnalysis(Preferences):
         sizes = [str(value) for value in pool.stimuli.values("size")]
         if primary.size is not None and primary.size not in sizes:
             yield _unknown("analysis.primary.size", primary.size, sizes, "size")
+        if self.interaction is not None and len(sizes) < 2:
+            yield Problem(
+                "analysis.interaction",
+                f"must have two sizes to compare (the stimuli have {len(sizes)}); leave it out",
+            )
         pairing = {primary.method, primary.against}
         if len(pairing) == 1:
             yield Problem(
@@ -138,6 +146,13 @@ class PreferenceAnalysis(Preferences):
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
             *["Posteriors of every pairing are given as well."] * self.bayes,
+            *[
+                f"Interaction: whether the preference of {primary.method} over {primary.against}"
+                " differs between sizes, as a difference of shares with clustered errors and as a"
+                f" difference of JOD, two-sided, alpha {self.alpha:g}; of other pairings"
+                " Holm-adjusted."
+            ]
+            * (self.interaction is not None),
         ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -49,6 +49,11 @@ class RatesAnalysis(Analysis):
     """Whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all comparisons with the baseline."""
+    interaction: Name | None = None
+    """A second column: tests whether the differences between values of `by` differ between its
+    values; of a single condition, whether right answers do. Default: not tested."""
+
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "interaction")
 
     def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield columns and values that the stimuli do not have."""
@@ -62,6 +67,13 @@ class RatesAnalysis(Analysis):
                 f"must be a value of {self.by_name!r} ({listed}) (got {self.baseline!r})"
                 f"{did_you_mean(str(self.baseline), map(str, known))}",
             )
+        if self.interaction is not None:
+            yield from task.check_shown(pool, "analysis.interaction", (self.interaction,))
+            if self.interaction in self.by_columns:
+                yield Problem(
+                    "analysis.interaction",
+                    f"must be another column than `by` compares (got {self.interaction!r})",
+                )
         adapted = getattr(task.adaptation, "column", None)
         if adapted is not None and self.level != adapted:
             yield Problem(
@@ -125,6 +137,12 @@ class RatesAnalysis(Analysis):
             f" against {baseline}, two-sided, alpha {self.alpha:g}, respecting variation of"
             f" {respected}; correction {self.correction}."
         ]
+        if self.interaction is not None:
+            found.append(
+                f"Interaction: whether these differences in the share of right answers differ"
+                f" between values of {self.interaction}, two-sided, alpha {self.alpha:g},"
+                " respecting the same variation; correction holm."
+            )
         if self.level is not None:
             found.append(
                 f"A logistic model of right answers has the terms {self.level} and {self.by_name};"

@@ -35,9 +35,9 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     import pandas as pd
 
     from analysis.parts import Plan
+    from analysis.power import Power
     from analysis.report.build import ReportPaths
     from analysis.report.source import Progress
-    from analysis.tasks.base import PowerReport
     from protocols.schema import StudyProtocol
 
 app = typer.Typer(
@@ -262,6 +262,7 @@ def power(
     import numpy as np
 
     from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+    from analysis.power import power as simulated_power
     from analysis.report.values import as_json
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
@@ -278,33 +279,34 @@ def power(
                 "--pairs, --scenes, --repeats and --people are for a design without a protocol (got"
                 f" {protocol} too); leave one of both out"
             )
-        analysis = analysis_of(study.analysis.kind)
+        simulation = analysis_of(study.analysis.kind).simulation(study)
         given = pairs("--set", assume or ())
         shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
         given |= {name: str(value) for name, value in shorts.items() if value is not None}
-        known = analysis.assumptions(study)
+        known = simulation.assumptions
         with one_line() as progress:
             notes: Sequence[str] = ()
             if pilot is not None:
-                values, notes = analysis.from_pilot(study, *_pilot(pilot, study, progress))
+                values, notes = simulation.from_pilot(*_pilot(pilot, study, progress))
                 known = tuple(
                     dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
                 )
             assumed = assumed_values(known, given)
-            found = analysis.power(
-                study,
+            found = simulated_power(
+                simulation,
                 assumed,
                 rng=np.random.default_rng(seed),
                 studies=studies,
+                designs=True,
                 progress=lambda done, total: progress("simulating studies", done, total),
             )
         if out is not None:
             with whole_folder(out, replace=replace, reads=reads) as work:
                 for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
                     save_figure(found.draw(width), work, f"power-{name}")
-                    if found.draw_designs:
+                    if found.designs:
                         save_figure(found.draw_designs(width), work, f"scenes-{name}")
-                text = json.dumps(as_json(found.result), indent=1, sort_keys=True, allow_nan=False)
+                text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
                 (work / "power.json").write_text(text + "\n", encoding="utf-8")
     _print_power(dataclasses.replace(found, warnings=(*notes, *found.warnings)))
     if out is not None:
@@ -452,12 +454,13 @@ def _print_report(made: ReportPaths) -> None:
     say(f"report: {made.html}")
 
 
-def _print_power(found: PowerReport) -> None:
+def _print_power(found: Power) -> None:
     console = PlainConsole()
     console.print(found.lead)
-    console.print(table_of(found.columns, found.rows, right=0))
+    rows = list(found.rows())
+    console.print(table_of(tuple(rows[0]), [tuple(row.values()) for row in rows], right=0))
     console.print(found.legend)
-    for line in found.needed:
+    for line in found.needs():
         console.print(line)
     for warning in found.warnings:
         console.print(f"note: {warning}")

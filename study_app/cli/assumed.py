@@ -9,7 +9,7 @@ from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from analysis.tasks.base import Assumption
+    from analysis.power import Assumption
 
 
 def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:

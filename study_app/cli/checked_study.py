@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from protocols.display import Display
@@ -15,9 +16,16 @@ from study_app.shown_texts import shortcomings
 
 
 def require_buildable(
-    path: Path, study: StudyProtocol, display: Display, manifest: Manifest | None = None
+    path: Path,
+    study: StudyProtocol,
+    display: Display,
+    manifest: Manifest | None = None,
+    *,
+    also: Sequence[str] = (),
 ) -> tuple[Builder, dict[str, str]]:
     """Check what the recipe names, the display, and clips where they are given.
+
+    `also` holds further mistakes, to be told with these.
 
     Returns
     -------
@@ -34,7 +42,7 @@ def require_buildable(
     unfit = found.problems
     if unfit:  # measures in other units are a likely cause
         unfit += display_notes(display)
-    problems = [*builder.problems(), *unfit]
+    problems = [*builder.problems(), *unfit, *also]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
     return builder, found.unwritten

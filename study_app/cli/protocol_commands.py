@@ -88,10 +88,12 @@ def check(
             return
         study, screen = load_study(protocol, display)
         manifest = read_manifest(stimuli) if stimuli else None
-        # Imported here: it brings the renderer along.
+        # Imported here: they bring the renderer and the statistics along.
+        from analysis.planning import look_problems, planning_notes
         from study_app.cli.checked_study import require_buildable
 
-        builder, unwritten = require_buildable(protocol, study, screen, manifest)
+        looks = look_problems(study)
+        builder, unwritten = require_buildable(protocol, study, screen, manifest, also=looks)
         plan = _plan(study, screen, manifest)
         say(
             f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
@@ -101,6 +103,7 @@ def check(
             *display_notes(screen),
             *study_notes(study, screen, len(plan.trials)),
             *study.stimuli.cut_away(),
+            *planning_notes(study),
         ):
             say(f"note: {line}")
         for language, why in unwritten.items():
@@ -247,7 +250,10 @@ def preregister(
         metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
     with user_errors():
+        from analysis.planning import check_looks
+
         study, screen = load_study(protocol, display)
+        check_looks(protocol, study)
         manifest = read_manifest(stimuli) if stimuli else None
         _plan(study, screen, manifest)
         revision = f"{package_version()}, revision {code_revision()}"

@@ -51,8 +51,10 @@ def sequential(
     import numpy as np
 
     from analysis.parts.looks import looks_frame, looks_table
+    from analysis.planning import check_looks
     from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
     from analysis.plots.sequential import bounds_plot
+    from analysis.power import planned_p_values
     from analysis.report.values import as_json
     from analysis.sequential import plan_of, sequential_error
     from analysis.tables.write import write_table
@@ -71,15 +73,16 @@ def sequential(
                 f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
                 f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
             )
-        analysis = analysis_of(study.analysis.kind)
-        assumed = assumed_values(analysis.assumptions(study), pairs("--set", assume or ()))
+        check_looks(protocol, study)
+        simulation = analysis_of(study.analysis.kind).simulation(study)
+        assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
         plan = plan_of(section, study.analysis.alpha)
         rng = np.random.default_rng(seed)
         found = []
         with one_line() as progress:
             for name, null in (("without an effect", True), ("with an effect", False)):
-                p = analysis.simulated_p(
-                    study,
+                p = planned_p_values(
+                    simulation,
                     assumed,
                     plan.looks,
                     null=null,

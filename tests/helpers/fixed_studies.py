@@ -151,7 +151,11 @@ def _sure_preference() -> pd.DataFrame:
 
 
 TABLES: Mapping[str, tuple[str, dict[str, Any], Callable[[], pd.DataFrame]]] = {
-    "preference": ("preference", {"primary": "ours/blur", "reaction": "models"}, _preference),
+    "preference": (
+        "preference",
+        {"primary": "ours/blur", "reaction": "models", "interaction": "size"},
+        _preference,
+    ),
     "preference-plain": ("preference", {}, lambda: _preference(8).query("size == 'small'")),
     "detection": (
         "detection",

@@ -83,6 +83,8 @@ def test_a_study_of_a_labs_own_parts_runs_from_check_to_report(
          "--participants", 2),
         ("analysis", "report", sessions, "--protocol", study.path, "--out", folder / "report",
          "--no-figures"),
+        ("analysis", "power", study.path, "--rate", 0.9, "--set", "scene_sd=0", "--studies", 100,
+         "--out", folder / "power"),
         ("stimuli", "build", changed, "--out", clips),
         env=screen.env,
     )  # fmt: skip
@@ -129,6 +131,11 @@ def test_a_study_of_a_labs_own_parts_runs_from_check_to_report(
     assert "The lab counted answers within 0.5 s." in page
     table = (folder / "report" / "tables" / "lab-fast.csv").read_text()
     assert table.splitlines()[0] == "share,median_s,notes"
+    # The lab's planned test has a power too: of a sign test of six people or more.
+    found = json.loads((folder / "power" / "power.json").read_text())
+    sides = dict(zip(found["participants"], found["also"]["lab sides"], strict=True))
+    assert sides[min(sides)] < 0.5 < 0.9 < sides[max(sides)]
+    assert max(found["also"]["lab sides: false positives"]) < 0.15
 
 
 def journal_lines(path: Path):

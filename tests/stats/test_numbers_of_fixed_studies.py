@@ -64,7 +64,7 @@ REWORDED = (
     ("Other time, s", "Non-decision time, s"),
     (r"\((\d+)\.0\)", r"(\1)"),  # degrees of freedom that are whole, t(5.0)
     (r"= -0\.00\b", "= 0.00"),
-    (r" \| (\d+)\.0 \| ", r" | \1 | "),
+    (r" \| (\d+)\.0 \| (?!\[)", r" | \1 | "),  # not of values, which limits follow
     (f"(; )?{WIDTH_OF_LEVELS}", ""),  # is said of fewer curves
 )
 """What was said otherwise in sentences and notes, and what is said today: patterns."""

@@ -8,8 +8,8 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from analysis.ideal_observer import abx_share, forced_choice_share
+from analysis.pilot import sensitivity_deviations, threshold_deviations
 from analysis.tasks import analysis_of
-from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
 from protocols.errors import StudyError
 
 CONDITIONS = ("blur", "ours")
@@ -55,7 +55,7 @@ def test_yes_and_no_tell_how_d_prime_and_criterion_differ(rng):
     assert values["participant_sd"] == pytest.approx(0.6, abs=0.17)
     assert values["scene_sd"] == pytest.approx(0.4, abs=0.17)
     assert values["criterion_sd"] == pytest.approx(0.5, abs=0.12)
-    assert notes == []
+    assert notes == ()
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_thresholds_differ_as_shares_of_the_range_of_levels(rng):
     assert values["participant_sd"] == pytest.approx(0.15, abs=0.06)
     assert values["interaction_sd"] == pytest.approx(0.08, abs=0.04)
     assert values["width"] == pytest.approx(sigmas, rel=0.2)
-    assert notes == []
+    assert notes == ()
 
 
 def test_a_pilot_that_cannot_tell_says_so(rng):

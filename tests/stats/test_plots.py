@@ -29,7 +29,6 @@ from analysis.detection import identification, yes_no
 from analysis.learning import course
 from analysis.pairings import counts, pairing_rows
 from analysis.parts.scale import vote_tensor
-from analysis.plans.preference import from_protocol
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -49,11 +48,12 @@ from analysis.plots import (
     scaling_plot,
 )
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
+from analysis.power import power
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
-from analysis.tasks.preference.power import Assumptions, power_curve
+from analysis.tasks import analysis_of
 from analysis.thresholds import fit_thresholds
 
 LABELS = {
@@ -152,10 +152,8 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     chosen = rows.assign(y=(rows["chosen"] == "metameric").astype(float))
     side = side_bias(rows)
     assert side is not None
-    curve = power_curve(
-        from_protocol(demo_protocol), Assumptions(0.65), rng=np.random.default_rng(2), studies=200
-    )
-    lines = {"primary comparison": curve.primary, "every comparison": curve.every}
+    simulation = analysis_of("preference").simulation(demo_protocol)
+    curve = power(simulation, {"rate": 0.65}, rng=np.random.default_rng(2), studies=200)
     return {
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
         "forest": lambda **k: forest_plot(cells, label=label, **k),
@@ -174,7 +172,9 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         ),
         "reaction": lambda **k: reaction_plot(times, medians, label=label, **k),
         "bias": lambda **k: bias_bars([order_bias(rows), side], **k),
-        "power": lambda **k: power_plot(curve.participants, lines, planned=curve.planned, **k),
+        "power": lambda **k: power_plot(
+            curve.participants, curve.curves, planned=curve.planned, **k
+        ),
     }
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import expit
 
-from analysis.clustered import two_way
+from analysis.clustered import two_way, two_way_of_first
+from analysis.parts.preferences import PreferencesPart
+from analysis.pilot import preference_deviations
 from analysis.plans.preference import Settings, from_decisions, from_protocol
-from analysis.power import default_participants, mean_logit
-from analysis.tasks.preference.pilot import pilot_deviations
-from analysis.tasks.preference.power import Assumptions, _prefix, power_curve
+from analysis.power import default_participants, power
+from analysis.simulations import Choices, mean_logit
 from protocols.errors import StudyError
 
 SCENES = tuple(f"s{i}" for i in range(6))
@@ -27,10 +29,18 @@ def settings(demo_protocol) -> Settings:
     return found.but(comparisons=wide, planned_participants=11)
 
 
+def curve_of(settings: Settings, rng, participants=None, **how: float) -> SimpleNamespace:
+    """Power of choices; `how` says what is assumed, and ``studies``, ``designs``."""
+    own = {name: how.pop(name) for name in ("studies", "designs") if name in how}
+    simulation = Choices(settings, (PreferencesPart(),))
+    found = power(simulation, how, rng=rng, participants=participants, **own)
+    return SimpleNamespace(**found.numbers)
+
+
 def test_running_sums_give_what_the_test_gives_for_the_first_people(rng):
     votes = rng.binomial(2, 0.6, (40, 12, 6)).astype(float)
 
-    at_once = _prefix(votes, 2, np.array([4, 11]))
+    at_once = two_way_of_first(votes, np.full(6, 2.0), (5, 12))
     alone = two_way(votes[:, :5], 2.0)
 
     np.testing.assert_allclose(at_once.standard_error[:, 0], alone.standard_error, atol=1e-12)
@@ -41,7 +51,7 @@ def test_running_sums_give_what_the_test_gives_for_the_first_people(rng):
 def test_power_agrees_with_analysing_simulated_studies_one_by_one(settings):
     """The same question asked of `two_way` directly, primary comparison over both sizes."""
     rng = np.random.default_rng(3)
-    curve = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=3000)
+    curve = curve_of(settings, rng, [11], rate=0.65, studies=3000)
 
     assert curve.primary[0] == pytest.approx(power_over_two_sizes(rng, 1.0), abs=0.04)
 
@@ -61,8 +71,7 @@ def power_over_two_sizes(rng, correlation, studies=3000):
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5])
 def test_effects_correlate_between_sizes_as_stated(settings, rng, correlation):
-    assumed = Assumptions(0.65, size_correlation=correlation)
-    curve = power_curve(settings, assumed, rng=rng, participants=[11], studies=3000)
+    curve = curve_of(settings, rng, [11], rate=0.65, size_correlation=correlation, studies=3000)
 
     assert curve.primary[0] == pytest.approx(power_over_two_sizes(rng, correlation), abs=0.04)
 
@@ -70,13 +79,7 @@ def test_effects_correlate_between_sizes_as_stated(settings, rng, correlation):
 def test_power_over_sizes_promises_least_where_people_are_alike_at_all_sizes(settings, rng):
     """Redrawn per size, people average out over sizes: a promise that no study keeps."""
     by_correlation = [
-        power_curve(
-            settings,
-            Assumptions(0.65, size_correlation=correlation),
-            rng=rng,
-            participants=[11],
-            studies=3000,
-        )
+        curve_of(settings, rng, [11], rate=0.65, size_correlation=correlation, studies=3000)
         for correlation in (0.0, 0.5, 1.0)
     ]
     primary = [curve.primary[0] for curve in by_correlation]
@@ -84,17 +87,17 @@ def test_power_over_sizes_promises_least_where_people_are_alike_at_all_sizes(set
     assert primary[0] - primary[1] > 0.03
     assert primary[1] - primary[2] > 0.03
     assert np.ptp([curve.each[0] for curve in by_correlation]) < 0.04  # one size at a time
-    default = power_curve(settings, Assumptions(0.65), rng=rng, participants=[11], studies=3000)
+    default = curve_of(settings, rng, [11], rate=0.65, studies=3000)
     assert default.primary[0] == pytest.approx(primary[2], abs=0.04)
 
 
 def test_a_study_that_cannot_show_equivalence_is_told_so(settings, rng):
     few, many = (
-        power_curve(
+        curve_of(
             settings.but(planned_participants=people, smallest_effect_rate=margin),
-            Assumptions(0.6),
-            rng=rng,
-            participants=[people],
+            rng,
+            [people],
+            rate=0.6,
             studies=300,
         )
         for people, margin in ((11, 0.1), (60, 0.3))
@@ -109,8 +112,8 @@ def test_a_study_that_cannot_show_equivalence_is_told_so(settings, rng):
 
 
 def test_power_rises_with_participants_and_effect(settings, rng):
-    small = power_curve(settings, Assumptions(0.6), rng=rng, participants=[6, 12, 24], studies=600)
-    large = power_curve(settings, Assumptions(0.75), rng=rng, participants=[6, 12, 24], studies=600)
+    small = curve_of(settings, rng, [6, 12, 24], rate=0.6, studies=600)
+    large = curve_of(settings, rng, [6, 12, 24], rate=0.75, studies=600)
 
     assert small.primary[0] < small.primary[1] < small.primary[2]
     assert np.all(large.primary > small.primary)
@@ -119,8 +122,8 @@ def test_power_rises_with_participants_and_effect(settings, rng):
 
 
 def test_without_an_effect_power_is_alpha(settings, rng):
-    curve = power_curve(
-        settings, Assumptions(0.5, 0.5, 0.0), rng=rng, participants=[11, 20], studies=3000
+    curve = curve_of(
+        settings, rng, [11, 20], rate=0.5, participant_sd=0.5, scene_sd=0.0, studies=3000
     )
 
     assert np.all(curve.primary < 0.065)
@@ -128,8 +131,8 @@ def test_without_an_effect_power_is_alpha(settings, rng):
 
 
 def test_equivalence_needs_more_people_than_a_large_effect(settings, rng):
-    curve = power_curve(
-        settings, Assumptions(0.75, 0.3, 0.1), rng=rng, participants=[8, 40], studies=500
+    curve = curve_of(
+        settings, rng, [8, 40], rate=0.75, participant_sd=0.3, scene_sd=0.1, studies=500
     )
 
     assert curve.equivalence[0] < curve.primary[0]
@@ -137,7 +140,7 @@ def test_equivalence_needs_more_people_than_a_large_effect(settings, rng):
 
 
 def test_needed_participants_reach_the_goal_on_the_curve(settings, rng):
-    curve = power_curve(settings, Assumptions(0.7), rng=rng, studies=1000)
+    curve = curve_of(settings, rng, rate=0.7, studies=1000)
     needed = {(name, goal): people for name, goal, people in curve.needed}
     primary = dict(zip(curve.participants, curve.primary, strict=True))
 
@@ -157,33 +160,22 @@ def test_population_rate_is_kept_whatever_the_spread(rng):
 
 def test_the_same_seed_gives_the_same_curve(settings):
     one, two = (
-        power_curve(
-            settings, Assumptions(0.6), rng=np.random.default_rng(4), participants=[8], studies=200
-        )
-        for _ in range(2)
+        curve_of(settings, np.random.default_rng(4), [8], rate=0.6, studies=200) for _ in range(2)
     )
 
     assert one.primary[0] == two.primary[0]
 
 
 def test_few_scenes_are_flagged(demo_protocol, rng):
-    curve = power_curve(
-        from_protocol(demo_protocol), Assumptions(0.6), rng=rng, participants=[4], studies=100
-    )
+    curve = curve_of(from_protocol(demo_protocol), rng, [4], rate=0.6, studies=100)
 
-    assert "2 scenes only" in curve.warnings[0]
+    assert "two scenes show hardly anything about further ones" in curve.warnings[0]
 
 
 def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rng):
     def notes(scenes: int) -> list[str]:
         entry = replace(settings.comparisons[0], scenes=tuple("abcdef"[:scenes]))
-        curve = power_curve(
-            settings.but(comparisons=(entry,)),
-            Assumptions(0.7),
-            rng=rng,
-            participants=[8, 30],
-            studies=400,
-        )
+        curve = curve_of(settings.but(comparisons=(entry,)), rng, [8, 30], rate=0.7, studies=400)
         found = [note for note in curve.warnings if "errs too often" in note]
         assert (curve.needed == ()) == bool(found)  # no number of participants beside the note
         return found
@@ -194,16 +186,16 @@ def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rn
 
 
 def test_impossible_assumptions_are_refused(settings, make_decisions, rng):
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        power_curve(settings, Assumptions(1.0), rng=rng)
-    with pytest.raises(ValueError, match="not be negative"):
-        power_curve(settings, Assumptions(0.6, -1.0), rng=rng)
+    with pytest.raises(ValueError, match=r"rate must lie between 0.01 and 0.99 \(got 1\)"):
+        curve_of(settings, rng, rate=1.0)
+    with pytest.raises(ValueError, match="participant_sd must lie between 0 and 5"):
+        curve_of(settings, rng, participant_sd=-1.0)
     with pytest.raises(ValueError, match="size_correlation must lie between 0 and 1"):
-        power_curve(settings, Assumptions(0.6, size_correlation=1.5), rng=rng)
+        curve_of(settings, rng, size_correlation=1.5)
     with pytest.raises(ValueError, match="at least 2"):
-        power_curve(settings, Assumptions(0.6), rng=rng, participants=[1])
+        curve_of(settings, rng, [1])
     with pytest.raises(ValueError, match="declare comparisons"):
-        power_curve(from_decisions(make_decisions(), "x"), Assumptions(0.6), rng=rng)
+        curve_of(from_decisions(make_decisions(), "x"), rng)
 
 
 def test_curves_reach_past_the_plan():
@@ -238,7 +230,7 @@ def pilot(rng, people, scenes, participant_sd, scene_sd, correlation):
 
 
 def test_deviations_of_a_pilot_are_those_it_was_made_with(rng):
-    found = [pilot_deviations(pilot(rng, 40, 16, 0.9, 0.5, 0.5)) for _ in range(4)]
+    found = [preference_deviations(pilot(rng, 40, 16, 0.9, 0.5, 0.5)) for _ in range(4)]
 
     for name, true, near in (
         ("participant_sd", 0.9, 0.12),
@@ -252,32 +244,30 @@ def test_deviations_of_a_pilot_are_those_it_was_made_with(rng):
 def test_a_small_pilot_says_that_its_deviations_are_guesses(rng):
     table = pilot(rng, 6, 4, 0.9, 0.5, 0.5)
 
-    _, notes = pilot_deviations(table)
+    _, notes = preference_deviations(table)
     assert [note.split(" in ")[0] for note in notes] == ["only 6 participants", "only 4 scenes"]
-    one_size, _ = pilot_deviations(table[table["size"] == "small"])
+    one_size, _ = preference_deviations(table[table["size"] == "small"])
     assert one_size.keys() == {"participant_sd", "scene_sd"}
     with pytest.raises(StudyError, match="three participants"):
-        pilot_deviations(pilot(rng, 2, 4, 0.5, 0.5, 0.5))
+        preference_deviations(pilot(rng, 2, 4, 0.5, 0.5, 0.5))
     with pytest.raises(StudyError, match="no finite estimate"):
-        pilot_deviations(table.assign(chosen=np.where(table["participant"] < "p3", "a", "b")))
+        preference_deviations(table.assign(chosen=np.where(table["participant"] < "p3", "a", "b")))
     with pytest.raises(StudyError, match="everyone answers alike in every comparison"):
-        pilot_deviations(table.assign(chosen="a"))
+        preference_deviations(table.assign(chosen="a"))
 
 
 def test_a_comparison_in_which_all_answer_alike_does_not_keep_a_pilot_from_telling(rng):
     table = pilot(rng, 16, 12, 0.9, 0.5, 1.0)
     always = table.replace({"first": {"b": "c"}, "second": {"b": "c"}}).assign(chosen="a")
 
-    found, _ = pilot_deviations(pd.concat([table, always], ignore_index=True))
-    alone, _ = pilot_deviations(table)
+    found, _ = preference_deviations(pd.concat([table, always], ignore_index=True))
+    alone, _ = preference_deviations(table)
 
     assert found["participant_sd"] == pytest.approx(alone["participant_sd"], rel=1e-6)
 
 
 def test_power_over_scenes_and_repeats_rises_and_agrees_with_the_curve(settings, rng):
-    curve = power_curve(
-        settings, Assumptions(0.65), rng=rng, participants=[11], studies=600, designs=True
-    )
+    curve = curve_of(settings, rng, [11], rate=0.65, studies=600, designs=True)
     power = {(one.scenes, one.repeats): one.primary for one in curve.designs}
 
     (own,) = {(len(entry.scenes), entry.repeats) for entry in settings.comparisons}

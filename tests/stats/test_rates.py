@@ -8,14 +8,13 @@ import pytest
 from scipy.special import expit
 
 from analysis.clustered import two_way
-from analysis.power import mean_logit
 from analysis.rates import (
     contrasts,
     correct_rates,
     rate_contrasts,
     share_influence,
-    share_limits,
 )
+from analysis.simulations import mean_logit
 
 DEVIATIONS = ((0, 0), (0.5, 0), (1, 0), (0.5, 0.5), (0.63, 0.43))
 DESIGNS = ((11, 6, 2), (6, 3, 2), (30, 20, 1))
@@ -56,7 +55,9 @@ def test_limits_cover_and_p_is_small_exactly_where_they_leave_out_chance(
     for sd in DEVIATIONS:
         right = answers(rng, rate, sd, design, studies)
         shown = np.full(design[:2], float(design[2]))
-        lower, upper, p = share_limits(right, shown, chance=0.5)
+        found = two_way(right, shown)
+        lower, upper = found.limits(0.95, 0.5)
+        p = found.p_value(0.5)
 
         assert np.mean((lower <= rate) & (rate <= upper)) >= 0.935 - slack, sd
         np.testing.assert_array_equal(p < 0.05, (lower > 0.5) | (upper < 0.5))
@@ -111,7 +112,7 @@ def test_more_right_answers_are_never_weaker_evidence():
     for wrong in range(12):
         right = np.full((11, 6), 2.0)
         right.flat[np.arange(wrong) * 5] -= 1
-        p.append(float(share_limits(right, np.full((11, 6), 2.0), chance=0.5)[2]))
+        p.append(float(two_way(right, np.full((11, 6), 2.0)).p_value(0.5)))
 
     assert np.all(np.diff(p) >= 0)
     assert p[0] == pytest.approx(2 / 2**11)
@@ -120,7 +121,9 @@ def test_more_right_answers_are_never_weaker_evidence():
 def test_ten_people_alike_and_one_not_are_judged_as_their_limits_say():
     """7 of 12 for ten, 6 of 12 for one: a Wald t said p = 1.6e-6 beside limits from .48."""
     right = np.array([[2, 1, 1, 1, 1, 1]] * 10 + [[1] * 6], dtype=float)
-    lower, upper, p = share_limits(right.sum(1)[:, None], np.full((11, 1), 12.0), chance=0.5)
+    found = two_way(right.sum(1)[:, None], np.full((11, 1), 12.0))
+    lower, upper = found.limits(0.95, 0.5)
+    p = found.p_value(0.5)
 
     assert p > 0.05
     assert lower < 0.5 < upper

@@ -172,7 +172,7 @@ def test_a_threshold_that_is_not_identified_is_no_number_in_table_or_sentence(ma
     assert f"v1 {UNKNOWN}." in text  # and no deviation of people's thresholds
     far = replace(model, thresholds=(replace(one, value=-1.25e5, lower=-2e5, upper=0.0),))
     assert f"v1 {UNKNOWN}." in apa_thresholds(far, levels=[0.1, 0.8])
-    assert "v1 -1.25e+05, 95% CI [-2e+05, 0]." in apa_thresholds(far)
+    assert "v1 -125000, 95% CI [-200000, 0]." in apa_thresholds(far)
 
 
 def test_thresholds_that_are_not_identified_are_not_compared():

@@ -14,6 +14,7 @@ from undrawn_reports import undrawn
 from analysis.bayes import t_bayes_factor
 from analysis.parts import estimates_of
 from analysis.plots.sequential import bounds_plot
+from analysis.power import planned_p_values
 from analysis.report.build import report_sessions
 from analysis.sequential import (
     critical_values,
@@ -182,12 +183,11 @@ def test_the_studys_own_test_keeps_alpha_over_all_looks(demo_protocol, proof_cou
     """The clustered test is shy, with two scenes very much so: looks may not make it bold."""
     studies = proof_count(4000)
     study = with_looks(demo_protocol, rule="pocock", looks=(8, 12, 16))
-    analysis = analysis_of("preference")
-    assumed = {one.name: one.value for one in analysis.assumptions(study)}
+    simulation = analysis_of("preference").simulation(study)
     plan = plan_of(study.analysis.sequential, 0.05)
     p = {
-        null: analysis.simulated_p(
-            study, assumed | {"rate": 0.75}, plan.looks, null=null,
+        null: planned_p_values(
+            simulation, {"rate": 0.75}, plan.looks, null=null,
             rng=np.random.default_rng(1), studies=studies,
         )
         for null in (True, False)
@@ -204,11 +204,8 @@ def test_the_studys_own_test_keeps_alpha_over_all_looks(demo_protocol, proof_cou
 def test_right_answers_are_simulated_too():
     study = load_protocol(Path("beyond-blur-detection"))
     study = with_looks(study, rule="pocock", looks=(4, 6))
-    analysis = analysis_of(study.analysis.kind)
-    assumed = {one.name: one.value for one in analysis.assumptions(study)}
-    p = analysis.simulated_p(
-        study, assumed, (4, 6), null=True, rng=np.random.default_rng(0), studies=3
-    )
+    simulation = analysis_of(study.analysis.kind).simulation(study)
+    p = planned_p_values(simulation, {}, (4, 6), null=True, rng=np.random.default_rng(0), studies=3)
 
     # One of its conditions never holds the signal: it has no d' to compare, and is left out.
     assert p.shape == (3, 2)
@@ -282,13 +279,12 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
 
 
-def test_the_command_prints_bounds_and_error(tmp_path, demo_protocol):
+def test_the_command_prints_bounds_and_error(tmp_path):
     shipped = Path(__file__).parents[2] / "protocols" / "studies" / "demo.toml"
     file = tmp_path / "study.toml"
-    people = demo_protocol.study.participants
     file.write_text(
-        shipped.read_text()
-        + f'\n[analysis.sequential]\nrule = "obrien-fleming"\nlooks = [2, {people}]\n'
+        shipped.read_text().replace("\nparticipants = 4\n", "\nparticipants = 16\n")
+        + '\n[analysis.sequential]\nrule = "obrien-fleming"\nlooks = [9, 16]\n'
     )
     result = run("sequential", file, "--set", "rate=0.8", "--studies", 100, "--out",
                  tmp_path / "out")  # fmt: skip

@@ -29,6 +29,7 @@ from analysis.detection import YesNoResults
 from analysis.export.write import export_study
 from analysis.ideal_observer import abx_share
 from analysis.parts import computed
+from analysis.power import power
 from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import share
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
@@ -763,19 +764,18 @@ EFFECTS = {
 @pytest.mark.parametrize("task", EFFECTS)
 def test_power_rises_with_people_and_finds_nothing_where_nothing_is(tmp_path, task, full):
     protocol = protocol_of((TEXTS | {"shared noise": shared_noise_text()})[task], tmp_path)
-    analysis = analysis_of(protocol.analysis.kind)
-    assumed = {one.name: one.value for one in analysis.assumptions(protocol)}
-    assert set(EFFECTS[task]) <= set(assumed)
-    assumed |= EFFECTS[task]
+    simulation = analysis_of(protocol.analysis.kind).simulation(protocol)
+    assert set(EFFECTS[task]) <= {one.name for one in simulation.assumptions}
     studies = 100 if full else 50
-    found = analysis.power(protocol, assumed, rng=np.random.default_rng(8), studies=studies).result
+    rng = np.random.default_rng(8)
+    found = power(simulation, EFFECTS[task], rng=rng, studies=studies).numbers
 
-    assert 6 in found.participants
-    assert found.each[0] < found.each[-1]
-    assert found.each[-1] > 0.75
+    assert 6 in found["participants"]
+    assert found["each"][0] < found["each"][-1]
+    assert found["each"][-1] > 0.75
     # More false ones would be a wonder at .05 (p < .005).
-    assert found.false_positives.max() <= stats.binom.isf(0.005, studies, 0.05) / studies
-    assert (found.every <= found.each + 1e-12).all()
+    assert found["false_positives"].max() <= stats.binom.isf(0.005, studies, 0.05) / studies
+    assert (found["every"] <= found["each"] + 1e-12).all()
 
 
 def test_power_against_chance_is_that_of_the_binomial_where_nobody_differs(tmp_path):
@@ -789,20 +789,21 @@ def test_power_against_chance_is_that_of_the_binomial_where_nobody_differs(tmp_p
         analysis='kind = "abx"',
     )
     protocol = protocol_of(text, tmp_path)
-    assumed = {one.name: one.value for one in analysis_of("abx").assumptions(protocol)}
-    assumed |= {"d_prime": 2.5, "participant_sd": 0.0}
+    assumed = {"d_prime": 2.5, "participant_sd": 0.0}
     rng, studies = np.random.default_rng(4), 200
-    found = analysis_of("abx").power(protocol, assumed, rng=rng, studies=studies).result
+    simulation = analysis_of("abx").simulation(protocol)
+    found = power(simulation, assumed, rng=rng, studies=studies).numbers
     share = float(abx_share(np.array(2.5)))
 
-    tried = [(n, p) for n, p in zip(found.participants, found.each, strict=True) if n >= 10]
+    each = zip(found["participants"], found["each"], strict=True)
+    tried = [(n, p) for n, p in each if n >= 10]
     assert len(tried) >= 3
-    for people, power in tried:
+    for people, found_in in tried:
         count = np.arange(people + 1)
         ratio = np.abs(count / people - 0.5) / np.sqrt(0.25 / (people - 1))
         rejected = 2 * stats.t.sf(ratio, people - 1) < 0.05
         by_hand = stats.binom.pmf(count, people, share)[rejected].sum()
-        assert power == pytest.approx(by_hand, abs=4 * np.sqrt(0.25 / studies))
+        assert found_in == pytest.approx(by_hand, abs=4 * np.sqrt(0.25 / studies))
 
 
 def test_the_power_command_prints_what_it_took_for_true_and_refuses_the_rest(tmp_path):

@@ -147,8 +147,9 @@ def test_a_mistake_has_one_message_with_place_and_cure(load, old, new, message):
     assert message in str(caught.value)
 
 
-def test_power_says_what_to_do_instead(load, tmp_path):
+def test_power_is_simulated_and_says_by_which_test(load, tmp_path):
     load()
-    done = CliRunner().invoke(app, ["analysis", "power", str(tmp_path / "study.toml")])
-    assert done.exit_code == 2
-    assert "plan by a pilot" in " ".join(done.output.split())
+    words = ["analysis", "power", str(tmp_path / "study.toml"), "--studies", "100"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0
+    assert "not by the report's mixed model" in " ".join(done.output.split())

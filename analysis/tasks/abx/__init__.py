@@ -12,8 +12,8 @@ from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.plans.told import AbxTold, WhichHalfTold
+from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
-from analysis.tasks.rates.power import Floats, tabulated
 from protocols.tasks.base import Analysis
 
 

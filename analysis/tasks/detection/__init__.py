@@ -1,22 +1,16 @@
 """The analysis of yes-no tasks, kind `detection`: d', criterion and bias."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
-from scipy.special import ndtr
 
-from analysis.detection import d_prime_influence
 from analysis.parts import AnyPart
 from analysis.parts.graded import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
-from analysis.plans.rates import RateSettings
 from analysis.plans.told import DetectionTold
-from analysis.rates import Influence, share_influence
 from analysis.tables.table import Source, opened
 from analysis.tasks.rates import RatesTask, rate_parts
-from analysis.tasks.rates.power import CellDesign, Draw, Floats, Judge, compare_influences
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 
@@ -64,72 +58,3 @@ class Detection(RatesTask):
             )
         others = [answer for answer in found if answer != signal]
         return (signal, others[0] if others else f"not {signal}")
-
-    def draw(self, _settings: RateSettings) -> Draw:
-        """Return the chance of yes by a criterion, equal variances."""
-        return chance_of_yes
-
-    def judge(self) -> Judge:
-        """Return the test of differences of d'."""
-        return judge_d_prime
-
-    def beside(self) -> tuple[str, Judge]:
-        """Return the test of differences of bias ([BB] Fig. 20, right)."""
-        return "bias", judge_bias
-
-
-def chance_of_yes(d_prime: Floats, criterion: Floats, design: CellDesign, typical: float) -> Floats:
-    """Return the chance of the signal's answer in every cell.
-
-    The criterion 0 lies midway between noise and signal of a condition; where conditions share
-    noise, midway between it and the baseline's signal.
-    """
-    if design.noise_only:
-        evidence = np.where(design.signal, d_prime, 0.0) - 0.5 * typical
-    else:
-        evidence = np.where(design.signal, 0.5, -0.5) * d_prime
-    return np.asarray(ndtr(evidence - criterion))
-
-
-def judge_d_prime(
-    events: Floats, design: CellDesign, sizes: Sequence[int], _settings: RateSettings
-) -> Floats:
-    """Test d' against the first condition's; conditions without noise share that of the others."""
-    shown = np.full(events.shape, float(design.repeats))
-    shared = np.isin(design.condition, design.noise_only)
-    tables = {}
-    for k in design.sensed:
-        own = design.condition == k
-        signal, noise = own & design.signal, own & ~design.signal
-        noise = noise if noise.any() else shared
-        chosen = ((events, signal), (shown, signal), (events, noise), (shown, noise))
-        tables[design.conditions[k]] = [design.grid(counts, cells) for counts, cells in chosen]
-
-    def moved(people: int) -> dict[str, Influence]:
-        return {
-            name: d_prime_influence(
-                hits[:people], signal[:people], alarms[:people], noise[:people], "log-linear"
-            )[0]
-            for name, (hits, signal, alarms, noise) in tables.items()
-        }
-
-    return compare_influences("d'", moved, sizes)
-
-
-def judge_bias(
-    events: Floats, design: CellDesign, sizes: Sequence[int], _settings: RateSettings
-) -> Floats:
-    """Test shares of the signal's answer against the first condition's, as the report does."""
-    shown = np.full(events.shape, float(design.repeats))
-    grids = {}
-    for k, name in enumerate(design.conditions):
-        own = design.condition == k
-        grids[name] = design.grid(events, own), design.grid(shown, own)
-
-    def moved(people: int) -> dict[str, Influence]:
-        return {
-            name: share_influence(said[:people], trials[:people])
-            for name, (said, trials) in grids.items()
-        }
-
-    return compare_influences("bias", moved, sizes)

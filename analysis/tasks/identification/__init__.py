@@ -11,8 +11,8 @@ from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RateSettings, baseline_in
 from analysis.plans.told import IdentificationTold
+from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
-from analysis.tasks.rates.power import Floats, tabulated
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 

@@ -9,11 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.graded import MetacognitionPart
+from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
@@ -26,24 +28,10 @@ from analysis.plans.rates import (
     common_settings_of_table,
     prepared,
 )
+from analysis.simulations import RightAnswers, Tracks
 from analysis.tables.table import Source, opened
 from analysis.tables.trials import as_decisions, read_trials
-from analysis.tasks.base import (
-    Assumption,
-    Counted,
-    PowerReport,
-    TaskAnalysis,
-)
-from analysis.tasks.rates.pilot import sensitivity_deviations, threshold_deviations
-from analysis.tasks.rates.power import (
-    Draw,
-    Judge,
-    assumptions,
-    judge_shares,
-    looked_p_values,
-    rate_power,
-)
-from protocols.adaptive.section import AdaptiveLevels
+from analysis.tasks.base import TaskAnalysis
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import name_of
@@ -63,6 +51,7 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         ThresholdsPart(),
         *levels,
         ComparisonsPart(),
+        RateInteraction(),
         ModelsPart(),
         RightEffects(ModelsPart()),
         PeoplePart(),
@@ -86,41 +75,21 @@ class RatesTask(TaskAnalysis[RateSettings]):
     def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
 
-    def draw(self, settings: RateSettings) -> Draw:
-        """Return how an observer of a given sensitivity answers, for simulating power."""
-        share = self.share_of(settings)
-        assert share is not None, "a task with a criterion draws by itself"
-        return lambda d_prime, _criterion, _design, _typical: share(d_prime)
+    def least_p(self, study: StudyProtocol, people: int) -> float:
+        """Return the least adjusted p of shares or d'; of thresholds any can be had."""
+        settings, count = self.settings(study), self.family(study)
+        if settings.adaptive:
+            return 0.0
+        toward = min(settings.chance, 1.0 - settings.chance) if count == 0 else 0.5
+        return min(1.0, max(count, 1) * float(least_p(people, toward)))
 
-    def judge(self) -> Judge:
-        """Return the planned test, for simulating power; by default of differences of shares."""
-        return judge_shares
-
-    def simulated_p(
-        self,
-        study: StudyProtocol,
-        assumed: Mapping[str, float],
-        participants: Sequence[int],
-        *,
-        null: bool,
-        rng: np.random.Generator,
-        studies: int,
-        progress: Counted | None = None,
-    ) -> NDArray[np.float64]:
-        """Simulate the study's own cells, and make its planned comparisons."""
+    def family(self, study: StudyProtocol) -> int:
+        """Return the number of comparisons with the baseline."""
         settings = self.settings(study)
-        return looked_p_values(
-            study,
-            settings,
-            assumed,
-            participants,
-            self.draw(settings),
-            self.judge(),
-            null=null,
-            rng=rng,
-            studies=studies,
-            progress=progress,
-        )
+        if settings.adaptive or len(settings.values) < 2:
+            return 0
+        compared = len(self.simulation(study).compared)
+        return max(compared, 1) if settings.correction == "holm" else 1
 
     # Settings and tables.
 
@@ -136,6 +105,8 @@ class RatesTask(TaskAnalysis[RateSettings]):
         """Read trials: who was shown what, answered what, and was right or wrong."""
         rows = opened(table, mapping)
         wanted = list(told.by_columns)
+        if told.interaction not in (None, told.level, *wanted):
+            wanted.append(told.interaction)
         levels = [name for name in (told.level,) if name is not None]
         found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
         # What was mapped is there under our name; it need not be there twice.
@@ -170,55 +141,13 @@ class RatesTask(TaskAnalysis[RateSettings]):
 
     # Power.
 
-    def assumptions(self, study: StudyProtocol) -> tuple[Assumption, ...]:
-        """Return d' of the baseline, what the others have more, and how people differ."""
-        scenes = {cell.scene for cell in study.task.cells(study.pool)}
-        return assumptions(self.settings(study), len(scenes))
-
-    def from_pilot(
-        self, study: StudyProtocol, decisions: pd.DataFrame, settings: RateSettings
-    ) -> tuple[Mapping[str, float], Sequence[str]]:
-        """Return how much d' of a pilot's participants and scenes differs, or their thresholds."""
-        own = self.settings(study)
-        if own.adaptive != settings.adaptive:
-            raise StudyError(
-                "--from: must hold levels chosen as the study chooses them"
-                f" ({'adaptive' if own.adaptive else 'constant'}); give deviations by --set"
-            )
-        if own.adaptive:
-            levels = study.task.adaptation
-            assert isinstance(levels, AdaptiveLevels)
-            span = float(np.ptp(levels.levels(study.task, study.pool)))
-            return threshold_deviations(decisions, settings, span)
-        return sensitivity_deviations(decisions, settings, self.share_of(settings))
-
     def share_of(self, _settings: RateSettings) -> Callable[[Floats], Floats] | None:
         """Return the chance of a right answer by d'; None where answers have a criterion."""
         return None
 
-    def beside(self) -> tuple[str, Judge] | None:
-        """Return a further measure that power is simulated of, and its test; by default none."""
-        return None
-
-    def power(
-        self,
-        study: StudyProtocol,
-        assumed: Mapping[str, float],
-        *,
-        rng: np.random.Generator,
-        studies: int | None = None,
-        progress: Counted | None = None,
-    ) -> PowerReport:
-        """Simulate the study's own cells with observers of this task."""
-        settings = self.settings(study)
-        return rate_power(
-            study,
-            settings,
-            assumed,
-            self.draw(settings),
-            self.judge(),
-            beside=self.beside(),
-            rng=rng,
-            studies=studies,
-            progress=progress,
-        )
+    def simulation(self, study: StudyProtocol) -> RightAnswers | Tracks:
+        """Return the simulation of the study's own cells, with observers of this task."""
+        plan = self.settings(study)
+        if plan.adaptive:
+            return Tracks(study, plan, self.parts_of(plan))
+        return RightAnswers(study, plan, self.parts_of(plan), self.share_of(plan))

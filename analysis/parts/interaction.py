@@ -1,0 +1,330 @@
+"""Whether preferences, or differences of right answers, change with a second factor."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from analysis.cells import Grid, checked, grid
+from analysis.clustered import FEW_SCENES, holm
+from analysis.contrasts import Difference
+from analysis.interaction import jod_interactions, share_interactions
+from analysis.pairings import pairing_rows
+from analysis.parts import Part, PartFigure, Shown
+from analysis.parts.scale import BOOTSTRAP_SAMPLES
+from analysis.parts.shared import apa_difference
+from analysis.plans.preference import Settings
+from analysis.plans.rates import RateSettings, shown_in
+from analysis.plots.interaction import interaction_plot
+from analysis.rates import Rate, rate
+from analysis.report.blocks import Box, Cautions, Paragraph, Picture, Table
+from analysis.report.values import flat_table
+from analysis.report.wording import (
+    column_in_words,
+    df_text,
+    leading,
+    number_range,
+    p_number,
+    placed,
+    t_text,
+)
+from protocols.prose import count_of
+from protocols.tasks.rates import name_of
+
+Pair = tuple[str, str]
+P = TypeVar("P", Settings, RateSettings)
+
+
+@dataclass(frozen=True)
+class Side:
+    """A share at one value of the factor: of choices of `first` over `second`, or right answers.
+
+    `second` is empty where there is none.
+    """
+
+    first: str
+    second: str
+    at: str
+    share: float
+    lower: float
+    upper: float
+    trials: int
+    participants: int
+    scenes: int
+
+
+@dataclass(frozen=True)
+class Interaction:
+    """How much more the first of two values of the factor has of what two conditions differ by."""
+
+    first: str
+    second: str
+    gap: Difference
+
+
+@dataclass(frozen=True)
+class Interactions:
+    """Every number.
+
+    Attributes
+    ----------
+    sides : tuple of Side
+        What is compared.
+    planned : tuple of Interaction
+        Those that the study names: of the primary comparison, Holm-adjusted over the pairs of
+        values alone; of right answers all.
+    shares, jod : tuple of Interaction
+        All of them, each kind Holm-adjusted together. JOD are of preferences alone.
+    """
+
+    factor: str
+    chance: float
+    sides: tuple[Side, ...]
+    planned: tuple[Interaction, ...]
+    shares: tuple[Interaction, ...]
+    jod: tuple[Interaction, ...]
+    notes: tuple[str, ...]
+
+
+class InteractionPart(Part[P, Interactions]):
+    """A second factor that the study names, and what it changes."""
+
+    name: ClassVar[str] = "interaction"
+    section: ClassVar[tuple[str, str]] = ("interaction", "Second factor")
+
+    def wanted(self, table: pd.DataFrame, plan: P) -> bool:
+        """Return whether a second factor is named, and has several values."""
+        return plan.interaction in table and len(_values(table, plan)) > 1
+
+    def show(self, found: Interactions, plan: P) -> Shown:
+        """Return the planned ones before all, every difference, and shares by value."""
+        factor, every = column_in_words(found.factor), (*found.shares, *found.jod)
+        caption = (
+            f"Shares by {factor}, with {plan.limits} that respect participants"
+            " and scenes; dashed: chance. Limits that overlap are no test of a difference."
+        )
+        rows = [
+            (_between(one, plan), plan.label(one.at), one.share, one.lower, one.upper)
+            for one in found.sides
+        ]
+        draw = partial(interaction_plot, rows, title=factor, chance=found.chance)
+        scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
+        return Shown(
+            lead=(
+                Box(
+                    f"Interaction with {factor}",
+                    " ".join(_apa(one, plan) for one in found.planned[:4]),
+                    f"Planned; two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
+                ),
+            ),
+            title=f"Second factor: {factor}",
+            blocks=(
+                Picture("interaction"),
+                Table.each(
+                    f"What changes between values of {factor}",
+                    every,
+                    ("Of", "l c", lambda one: _between(one, plan)),
+                    ("Values", "l", lambda one: _values_of(one, plan)),
+                    ("In", "l", lambda one: one.gap.measure),
+                    ("Change", "strong", lambda one: placed(one.gap, one.gap.difference)),
+                    (
+                        plan.limits,
+                        "n",
+                        lambda one: number_range(one.gap.lower, one.gap.upper),
+                    ),
+                    ("df", "", lambda one: df_text(one.gap.df)),
+                    ("p", "n", lambda one: p_number(one.gap.p)),
+                    ("p adj.", "n", lambda one: p_number(one.gap.p_adjusted)),
+                ),
+                Paragraph(
+                    "Change: 0 where the factor changes nothing. p adj.: Holm, over all shares and"
+                    " over all JOD. That one value has a significant result and another has none"
+                    " does not show that they differ; this test does.",
+                    muted=True,
+                ),
+                Cautions("When not to trust these changes", found.notes),
+            ),
+            sentences=[_apa(one, plan) for one in every],
+            methods=(
+                f"Changes between values of {factor} were tested by t with errors clustered by"
+                f" participant and by scene{scale if found.jod else ''}. The power of this test was"
+                " not simulated."
+            ),
+            tables={
+                "interaction.csv": flat_table(every),
+                "interaction_shares.csv": pd.DataFrame(map(vars, found.sides)),
+            },
+            figures=(PartFigure("interaction", caption, draw),),
+        )
+
+
+class PreferenceInteraction(InteractionPart[Settings]):
+    """Preferences between sizes, in shares and in JOD."""
+
+    def compute(
+        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], chance: Generator
+    ) -> Interactions:
+        """Compare each pairing between sizes."""
+        rows, places = _on_grid(table, plan)
+        values, sides, shares = _values(rows, plan), list[Side](), dict[Pair, list[Difference]]()
+        for pair in plan.pairings:
+            events = {}
+            for value in values:
+                here = pairing_rows(rows, *pair, value)
+                if len(here):
+                    events[value] = {pair[0]: (here["chosen"] == pair[0]).astype(int)}
+                    counted = rate(events[value][pair[0]], places, condition=value,
+                                   level=plan.confidence)  # fmt: skip
+                    sides.append(_side(pair, value, counted))
+            if len(events) > 1:
+                shares[pair] = list(
+                    share_interactions(events, places, "share of choices", plan.confidence)
+                )
+        if not shares:
+            raise ValueError(f"no two methods were compared at two values of {plan.interaction}")
+        notes = _notes(sides)
+        known = [set(plan.compared_at(rows, value)[1]) for value in values]
+        methods = [name for name in plan.methods if all(name in some for some in known)]
+        jod: dict[Pair, list[Difference]] = {}
+        try:
+            found = jod_interactions(
+                {value: _votes(rows[rows["size"] == value], places, methods) for value in values},
+                methods,
+                [pair for pair in shares if set(pair) <= set(methods)],
+                level=plan.confidence,
+                samples=BOOTSTRAP_SAMPLES,
+                rng=chance,
+            )
+            jod = {pair: list(several) for pair, several in found.items()}
+        except ValueError as problem:
+            notes.append(f"no changes of distances in JOD: {problem}")
+        first = plan.primary[:2] if plan.primary else plan.pairings[0]
+        return Interactions(
+            factor="size",
+            chance=0.5,
+            sides=tuple(sides),
+            planned=(*_family(_only(shares, first)), *_family(_only(jod, first))),
+            shares=_family(shares),
+            jod=_family(jod),
+            notes=tuple(notes),
+        )
+
+
+class RateInteraction(InteractionPart[RateSettings]):
+    """Differences of right answers to the baseline between values; of one condition the answers."""
+
+    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+        """Return whether there is a factor, and levels were not chosen from the answers."""
+        return not plan.adaptive and super().wanted(table, plan)
+
+    def compute(
+        self, table: pd.DataFrame, plan: RateSettings, _found: Mapping[str, Any], _chance: Generator
+    ) -> Interactions:
+        """Compare each condition's difference to the first between the factor's values."""
+        rows, places = _on_grid(table, plan)
+        of = rows[plan.interaction].map(name_of)
+        events: dict[Pair, pd.Series] = {}
+        sides = []
+        for name in shown_in(rows, plan):
+            for value in _values(rows, plan):
+                here = rows.loc[(rows["condition"] == name) & (of == value), "correct"]
+                if len(here):
+                    events[name, value] = here
+                    counted = rate(here, places, condition=value, chance=plan.chance,
+                                   level=plan.confidence)  # fmt: skip
+                    sides.append(_side((name, ""), value, counted))
+        baseline, *others = shown_in(rows, plan)
+        found: dict[Pair, list[Difference]] = {}
+        for pair in [(one, baseline) for one in others] or [(baseline, "")]:
+            names = [name for name in pair if name]
+            both = {
+                value: {name: events[name, value] for name in names}
+                for value in _values(rows, plan)
+                if all((name, value) in events for name in names)
+            }
+            if len(both) > 1:
+                found[pair] = list(
+                    share_interactions(both, places, "share correct", plan.confidence)
+                )
+        if not found:
+            raise ValueError(f"no comparison was shown at two values of {plan.interaction}")
+        every = _family(found)
+        return Interactions(
+            str(plan.interaction), plan.chance, tuple(sides), every, every, (), tuple(_notes(sides))
+        )
+
+
+def _on_grid(table: pd.DataFrame, plan: Settings | RateSettings) -> tuple[pd.DataFrame, Grid]:
+    """Return numbered rows and their grid; of one scene where the test respects people alone."""
+    claimed = plan.test == "participant-scene"
+    rows = checked(table if claimed else table.drop(columns="scene", errors="ignore"), ())
+    return rows, grid(rows)
+
+
+def _values(table: pd.DataFrame, plan: Settings | RateSettings) -> list[str]:
+    """Return the values of the factor, sizes as the study declares them."""
+    held = table[plan.interaction].drop_duplicates().sort_values()
+    found = list(dict.fromkeys(map(name_of, held)))
+    if isinstance(plan, Settings):
+        return [size for size in plan.sizes if size in found]
+    return found
+
+
+def _side(pair: Pair, value: str, one: Rate) -> Side:
+    return Side(
+        *pair, value, one.share, one.lower, one.upper, one.trials, one.participants, one.scenes
+    )
+
+
+def _votes(rows: pd.DataFrame, places: Grid, methods: Sequence[str]) -> NDArray[np.float64]:
+    """Count votes on the grid (participants, scenes, k, k) between these methods."""
+    rows = rows[rows["first"].isin(methods) & rows["second"].isin(methods)]
+    at = rows.index.to_numpy()
+    votes = np.zeros((len(places.participants), len(places.scenes), len(methods), len(methods)))
+    won, lost = (rows[name].astype(str).map(list(methods).index).to_numpy(dtype=np.int64)
+                 for name in ("chosen", "rejected"))  # fmt: skip
+    np.add.at(votes, (places.person[at], places.scene[at], won, lost), 1.0)
+    return votes
+
+
+def _only(found: Mapping[Pair, list[Difference]], pair: Pair) -> dict[Pair, list[Difference]]:
+    return {pair: found[pair]} if pair in found else {}
+
+
+def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ...]:
+    """Return differences, Holm-adjusted over all of them."""
+    every = [Interaction(*pair, gap) for pair, several in found.items() for gap in several]
+    adjusted = holm(np.array([one.gap.p for one in every])) if every else ()
+    return tuple(
+        replace(one, gap=replace(one.gap, p_adjusted=float(p)))
+        for one, p in zip(every, adjusted, strict=True)
+    )
+
+
+def _notes(sides: Sequence[Side]) -> list[str]:
+    fewest = min(one.scenes for one in sides)
+    if fewest >= FEW_SCENES:
+        return []
+    if fewest == 1:
+        return ["one scene at some value: the change is about these scenes"]
+    return [f"only {count_of(fewest, 'scene')} at some value: how scenes differ is poorly known"]
+
+
+def _between(one: Side | Interaction, plan: Settings | RateSettings) -> str:
+    return " / ".join(plan.label(name) for name in (one.first, one.second) if name)
+
+
+def _values_of(one: Interaction, plan: Settings | RateSettings) -> str:
+    return f"{plan.label(one.gap.first)} - {plan.label(one.gap.second)}"
+
+
+def _apa(one: Interaction, plan: Settings | RateSettings) -> str:
+    said, gap = apa_difference(one.gap, plan.label), one.gap
+    if gap.measure == "JOD":  # judged by a bootstrap, not by t
+        said = said.replace(f" {t_text(gap.t, gap.df)},", "")
+    return f"{_between(one, plan)}: {said}"

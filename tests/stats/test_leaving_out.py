@@ -1,0 +1,83 @@
+"""What the primary comparison depends on: without each participant and scene, in JOD, power."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from analysis.clustered import two_way
+from analysis.parts import computed
+from analysis.parts.leaving_out import LeavingOutPart, _power
+from analysis.plans.preference import from_decisions
+from analysis.plans.told import PreferencesTold
+from analysis.preference import preference
+
+
+def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
+    rows = []
+    for who in range(people):
+        share = 0.7 if shares is None else shares[who]
+        for scene in range(scenes):
+            for turn in range(repeats):
+                both = ("ours", "blur") if turn % 2 else ("blur", "ours")
+                rows.append((f"P{who}", f"s{scene}", "all", *both,
+                             "ours" if rng.random() < share else "blur"))  # fmt: skip
+    return pd.DataFrame(rows, columns=["participant", "scene", "size", "first", "second", "chosen"])
+
+
+def found_of(table, **options):
+    plan = from_decisions(table, "made up", PreferencesTold(primary="ours/blur", **options))
+    found, notes = computed([LeavingOutPart()], table, plan)
+    assert notes == ()
+    return found.get("leaving_out"), plan
+
+
+def test_without_each_is_the_studys_own_test_of_the_others(rng):
+    table = decisions(rng)
+    found, _ = found_of(table)
+
+    assert [one.name for one in found.without] == [*(f"P{n}" for n in range(9)),
+                                                   *(f"s{n}" for n in range(5))]  # fmt: skip
+    for one in found.without:
+        rest = table[table[one.kind] != one.name]
+        alone = preference(rest, "ours", "blur")
+        assert (one.share, one.p) == pytest.approx((alone.estimate.share, alone.test.p))
+        assert (one.lower, one.upper) == pytest.approx((alone.estimate.lower, alone.estimate.upper))
+
+
+def test_the_one_who_makes_the_result_is_named(rng):
+    shares = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.9]
+    found, plan = found_of(decisions(rng, people=7, scenes=1, repeats=6, shares=shares))
+    assert found.turning(plan.alpha) == []  # six who agree are enough
+
+    found, plan = found_of(decisions(rng, people=6, scenes=1, repeats=6, shares=shares))
+    names = {one.name for one in found.turning(plan.alpha)}
+    assert names == {f"P{n}" for n in range(6)}  # five can show no p below .05
+    said = " ".join(LeavingOutPart().show(found, plan).sentences)
+    assert "the result is another without participant P0, participant P1" in said
+
+
+def test_jod_are_normal_quantiles_and_power_is_that_of_t(rng):
+    table = decisions(rng, people=12)
+    found, plan = found_of(table, smallest_effect_rate=0.2)
+    whole = preference(table, "ours", "blur").estimate
+    quantiles = stats.norm.ppf([whole.share, whole.lower, whole.upper]) / stats.norm.ppf(0.75)
+
+    assert (found.jod, found.jod_lower, found.jod_upper) == pytest.approx(tuple(quantiles))
+    # One scene, twenty people whose shares vary by .15: the t test of one sample.
+    own = rng.normal(0.5, 0.15, 20)
+    chosen, shown = (1e4 * own[:, None]), np.full((20, 1), 1e4)
+    power = _power(two_way(chosen, shown), plan, 1.0)
+    ratio = 0.2 / (own.std(ddof=1) / np.sqrt(20))
+    reach = stats.t.isf(0.025, 19)
+    assert power == pytest.approx(
+        stats.nct.sf(reach, 19, ratio) + stats.nct.cdf(-reach, 19, ratio), rel=1e-6
+    )
+    assert _power(two_way(chosen, shown), plan, 2.0) > power
+
+
+def test_two_people_or_no_primary_comparison_leave_nothing_out(rng):
+    table = decisions(rng, people=2)
+    assert found_of(table)[0] is None
+    plan = from_decisions(table, "made up", PreferencesTold())
+    assert computed([LeavingOutPart()], decisions(rng), plan)[0] == {}
