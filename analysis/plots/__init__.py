@@ -3,7 +3,7 @@
 from analysis.plots.curves import learning_plot, power_plot, psychometric_plot
 from analysis.plots.preference import forest_plot, preference_bars
 from analysis.plots.scales import jod_plot
-from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure, sized
+from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.plots.tasks import d_prime_plot, detection_plot, rates_plot, scaling_plot
 from analysis.plots.trials import bias_bars, heat_map, reaction_plot
 
@@ -25,5 +25,4 @@ __all__ = [
     "reaction_plot",
     "save_figure",
     "scaling_plot",
-    "sized",
 ]

@@ -3,11 +3,10 @@
 import io
 import logging
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from typing import ParamSpec, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
@@ -18,10 +17,6 @@ from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
 from analysis.report.wording import size
-
-P = ParamSpec("P")
-Sized: TypeAlias = Callable[[float], Figure]
-"""From a width in inches to a figure."""
 
 ONE_COLUMN_IN = 3.33
 TWO_COLUMNS_IN = 7.0
@@ -85,12 +80,6 @@ def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Figure:
     if simulated:
         figure.suptitle(SIMULATED_TEXT, color=ORANGE, fontweight="bold", x=0.99, ha="right")
     return figure
-
-
-def sized(plot: Callable[P, Figure], *args: P.args, **settings: P.kwargs) -> Sized:
-    """Return a plot of all but its width, which is given last, in inches."""
-    drawn: Callable[..., Figure] = partial(plot, *args, **settings)
-    return lambda width_in: drawn(width_in=width_in)
 
 
 def wrapped(label: str, width_in: float) -> str:
