@@ -78,5 +78,7 @@ class BiasPart(Part[Settings, Biases]):
                 " with .5 by a score t test clustered by participant and by scene."
             ),
             tables={"bias.csv": pd.DataFrame(lines)},
-            figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),
+            figures=(
+                PartFigure("bias", caption, partial(bias_bars, biases, level=plan.confidence)),
+            ),
         )

@@ -116,7 +116,7 @@ def curves_figure(
     )
     caption = (
         f"Right answers by {plan.level}: data of all participants together with binomial standard"
-        f" errors (thin), {fits} (thick); dashed: chance."
+        f" errors (points), {fits} (curves); dashed: chance."
     )
     return PartFigure(name, caption, draw)
 

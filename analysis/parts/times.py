@@ -86,7 +86,9 @@ class TimesPart(SimplePart[Plan, Times]):
 
     def show(self, found: Times, plan: Plan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
-        draw = partial(reaction_plot, found.summary, found.medians, label=plan.label)
+        draw = partial(
+            reaction_plot, found.summary, found.medians, label=plan.label, level=plan.confidence
+        )
         caption = (
             "Participants' median reaction times, and their mean with"
             f" {100 * plan.confidence:g} % limits."

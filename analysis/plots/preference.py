@@ -14,6 +14,8 @@ from analysis.plots.style import (
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
+    explain,
+    limits_text,
     new_figure,
     share_axis,
     share_text,
@@ -60,7 +62,7 @@ def preference_bars(
         place += 1.0
     with style(width_in) as size:
         row_in = 0.36 if width_in < 5 else 0.34
-        figure = new_figure(width_in, 0.55 + row_in * place, simulated=simulated)
+        figure = new_figure(width_in, 0.7 + row_in * place, simulated=simulated)
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
         )
@@ -102,9 +104,9 @@ def preference_bars(
                 va="center",
             )
         axes.axvline(0.5, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
-        share_axis(axes, f"Share preferring the method on the left ({_level(cells)} % limits)")
-        if width_in < 5:
-            axes.set_xlabel(f"Share preferring left ({_level(cells)} %)")
+        share_axis(axes, f"Share preferring {'' if width_in < 5 else 'the method on the '}left")
+        said = f"Whiskers and [ ]: {limits_text(cells[0].estimate.level)}; dots: participants"
+        explain(figure, said, width_in)
         axes.set_yticks([y for y, _ in rows], [wrapped(label(c.method), width_in) for _, c in rows])
         axes.set_ylim(place - 0.4, -0.55)
         axes.tick_params(axis="y", length=0)
@@ -149,7 +151,7 @@ def forest_plot(
         names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
         lines = max(name.count("\n") for name in names) + 1
         row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
-        figure = new_figure(width_in, 0.6 + row_in * len(cells), simulated=simulated)
+        figure = new_figure(width_in, 0.75 + row_in * len(cells), simulated=simulated)
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
         )
@@ -178,6 +180,8 @@ def forest_plot(
         axes.tick_params(axis="y", length=0)
         numbers.set_xlim(0.0, 1.0)
         numbers.axis("off")
+        said = f"Lines and [ ]: {limits_text(cells[0].estimate.level)}; band: no effect of interest"
+        explain(figure, said, width_in)
     return figure
 
 
@@ -199,10 +203,6 @@ def _spread(values: Floats) -> Floats:
         if same.size > 1:
             shift[same] = np.linspace(-0.24, 0.24, same.size)
     return shift
-
-
-def _level(cells: Sequence[Preference]) -> str:
-    return f"{100 * cells[0].estimate.level:g}"
 
 
 def _short(value: float) -> str:

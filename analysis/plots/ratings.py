@@ -7,7 +7,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.ordinal import RatingModel
-from analysis.plots.style import BLUE, new_figure, share_axis, style, wrapped
+from analysis.plots.style import (
+    BLUE,
+    explain,
+    limits_text,
+    new_figure,
+    share_axis,
+    style,
+    wrapped,
+)
 
 
 def ratings_plot(
@@ -38,12 +46,15 @@ def ratings_plot(
         names = [wrapped(one.condition, width_in) for one in cells]
         panels[0].set_yticks(range(len(names)), names)
         panels[0].set_ylim(len(names) - 0.4, -0.6)
+        said = f"lines: {limits_text(model.level)}"
         if shares:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(
                 handles, labels, loc="outside lower center", ncols=min(len(labels), 7),
-                title="Rating",
+                title=f"Rating (left); {said} (right)",
             )  # fmt: skip
+        else:
+            explain(figure, said.capitalize(), width_in)
     return figure
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from matplotlib.figure import Figure
 
 from analysis.bootstrap import ScaleIntervals
-from analysis.plots.style import BLUE, GREY, new_figure, style, wrapped
+from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style, wrapped
 from analysis.scaling import Scale
 
 
@@ -20,7 +20,7 @@ def jod_plot(
     with style(width_in):
         count = max(len(scale.conditions) for scale, _ in scales.values())
         stacked = width_in < 5
-        height = (0.55 + 0.28 * count) * (len(scales) if stacked else 1) + 0.25
+        height = (0.55 + 0.28 * count) * (len(scales) if stacked else 1) + 0.4
         figure = new_figure(width_in, height, simulated=simulated)
         shape = (len(scales), 1) if stacked else (1, len(scales))
         panels = figure.subplots(*shape, sharex=True, squeeze=False)
@@ -48,4 +48,7 @@ def jod_plot(
                     if unit == "JOD" and width_in >= 5 and len(scales) < 3
                     else f"Quality, {unit}"
                 )
+        known = [limits for _, limits in scales.values() if limits is not None]
+        if known:
+            explain(figure, f"Lines: {limits_text(known[0].level)}, by bootstrap", width_in)
     return figure

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -13,6 +14,8 @@ from analysis.plots.style import (
     BLUE,
     GREY,
     ORANGE,
+    explain,
+    limits_text,
     new_figure,
     share_axis,
     share_text,
@@ -41,7 +44,8 @@ def heat_map(
 ) -> Figure:
     """Draw shares (rows x columns, NaN where nothing was shown) with their numbers.
 
-    More than `NUMBERED_ROWS` share the height of a page: colours alone, and few of their names.
+    More than `NUMBERED_ROWS` share the height of a page: colours alone, which grow lighter with the
+    share and have a scale, and few of their names.
     """
     every = len(rows) // NUMBERED_ROWS + 1  # how many rows a name stands for
     with style(width_in) as size:
@@ -53,7 +57,14 @@ def heat_map(
         figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
         axes = figure.subplots()
         edges = (np.arange(count + 1) - 0.5 for count in (len(columns), len(rows)))
-        axes.pcolormesh(*edges, np.ma.masked_invalid(shares), cmap=_DIVERGING, vmin=0.0, vmax=1.0)
+        colours = _DIVERGING if every == 1 else mpl.colormaps["cividis"]
+        cells = axes.pcolormesh(
+            *edges, np.ma.masked_invalid(shares), cmap=colours, vmin=0.0, vmax=1.0
+        )
+        if every > 1:
+            bar = figure.colorbar(cells, location="bottom", shrink=0.6, aspect=30)
+            bar.set_ticks([0.0, 0.5, 1.0], labels=["0", ".5", "1"])
+            bar.set_label("Share")
         axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
             text = "-" if np.isnan(value) else share_text(float(value))
@@ -78,10 +89,16 @@ def heat_map(
     return figure
 
 
-def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool = False) -> Figure:
+def bias_bars(
+    biases: Sequence[Bias],
+    *,
+    level: float = 0.95,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
     """Draw how often the first interval and the left key were picked, people as dots."""
     with style(width_in):
-        figure = new_figure(width_in, 0.55 + 0.4 * len(biases), simulated=simulated)
+        figure = new_figure(width_in, 0.7 + 0.4 * len(biases), simulated=simulated)
         axes = figure.subplots()
         for y, bias in enumerate(biases):
             own = np.array([share for _, share in bias.by_participant])
@@ -93,6 +110,7 @@ def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool
         axes.set_yticks(range(len(biases)), [bias.alternative for bias in biases])
         axes.set_ylim(len(biases) - 0.5, -0.5)
         axes.tick_params(axis="y", length=0)
+        explain(figure, f"Lines: {limits_text(level)}; grey dots: participants", width_in)
     return figure
 
 
@@ -101,12 +119,13 @@ def reaction_plot(
     medians: Mapping[str, Sequence[float]],
     *,
     label: Label = str,
+    level: float = 0.95,
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
     """Draw participants' median reaction times and their mean with limits, on a log axis."""
     with style(width_in):
-        figure = new_figure(width_in, 0.6 + 0.36 * len(summaries), simulated=simulated)
+        figure = new_figure(width_in, 0.75 + 0.36 * len(summaries), simulated=simulated)
         axes = figure.subplots()
         for y, summary in enumerate(summaries):
             own = np.asarray(medians.get(summary.condition, ()))
@@ -131,6 +150,8 @@ def reaction_plot(
         )
         axes.set_ylim(len(summaries) - 0.5, -0.6)
         axes.tick_params(axis="y", length=0)
+        said = f"Lines: {limits_text(level)} of the mean; grey dots: participants' medians"
+        explain(figure, said, width_in)
     return figure
 
 
