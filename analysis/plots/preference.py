@@ -171,7 +171,7 @@ def forest_plot(
         low = min(1 / edge, *(cell.estimate.odds_lower for cell in cells)) / 1.4
         high = max(edge, *(cell.estimate.odds_upper for cell in cells)) * 1.4
         axes.set_xlim(low, high)
-        ticks = _odds_ticks(low, high)
+        ticks = _odds_ticks(low, high, 4 if width_in < 5 else 6)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel("Odds ratio" if width_in < 5 else "Odds of preferring the first (log axis)")
@@ -211,9 +211,11 @@ def _short(value: float) -> str:
     return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
-def _odds_ticks(low: float, high: float) -> list[float]:
+def _odds_ticks(low: float, high: float, most: int) -> list[float]:
+    """Return so many odds at most between these, even odds among them."""
     wide = np.log10(high / low) > 2.2
     steps = (1.0,) if wide else (1.0, 2.0, 5.0)
     ticks = [step * 10.0**power for power in range(-6, 7) for step in steps]
     shown = [tick for tick in ticks if low <= tick <= high]
-    return shown[:: max(1, len(shown) // 5)] if len(shown) > 6 else shown
+    every = -(-len(shown) // most)
+    return shown[shown.index(1.0) % every :: every]

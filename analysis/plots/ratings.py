@@ -12,6 +12,7 @@ from analysis.plots.style import (
     explain,
     limits_text,
     new_figure,
+    row_in,
     share_axis,
     style,
     wrapped,
@@ -31,7 +32,8 @@ def ratings_plot(
     """
     cells = model.conditions
     with style(width_in):
-        figure = new_figure(width_in, 1.0 + 0.32 * len(cells), simulated=simulated)
+        each_in = row_in([one.condition for one in cells], width_in, 0.32)
+        figure = new_figure(width_in, 1.0 + each_in * len(cells), simulated=simulated)
         panels = figure.subplots(1, 2 if shares else 1, sharey=True, squeeze=False)[0]
         if shares:
             _bars(panels[0], model)

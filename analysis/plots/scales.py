@@ -5,7 +5,16 @@ from collections.abc import Callable, Mapping
 from matplotlib.figure import Figure
 
 from analysis.bootstrap import ScaleIntervals
-from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style, wrapped
+from analysis.plots.style import (
+    BLUE,
+    GREY,
+    explain,
+    limits_text,
+    new_figure,
+    row_in,
+    style,
+    wrapped,
+)
 from analysis.scaling import Scale
 
 
@@ -20,7 +29,9 @@ def jod_plot(
     with style(width_in):
         count = max(len(scale.conditions) for scale, _ in scales.values())
         stacked = width_in < 5
-        height = (0.55 + 0.28 * count) * (len(scales) if stacked else 1) + 0.4
+        names = [label(one) for scale, _ in scales.values() for one in scale.conditions]
+        each_in = row_in(names, width_in, 0.28)
+        height = (0.55 + each_in * count) * (len(scales) if stacked else 1) + 0.4
         figure = new_figure(width_in, height, simulated=simulated)
         shape = (len(scales), 1) if stacked else (1, len(scales))
         panels = figure.subplots(*shape, sharex=True, squeeze=False)

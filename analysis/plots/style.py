@@ -3,7 +3,7 @@
 import io
 import logging
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
@@ -99,6 +99,12 @@ def wrapped(label: str, width_in: float) -> str:
     return "\n".join(
         textwrap.wrap(label, width, break_long_words=len(label) > 2 * width) or [label]
     )
+
+
+def row_in(labels: Iterable[str], width_in: float, least: float) -> float:
+    """Return the height of rows, in inches, in which none of these labels touches the next."""
+    lines = max(wrapped(label, width_in).count("\n") + 1 for label in labels)
+    return max(least, (1.25 * lines + 0.5) * (6.5 if width_in < 5 else 8.0) / 72)
 
 
 def legend_columns(labels: Sequence[str], width_in: float) -> int:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.critical_scaling import CriticalScaling
-from analysis.detection import DiscriminationResults, YesNoResults
+from analysis.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
 from analysis.ideal_observer import abx_d_prime
 from analysis.plots.style import (
     BLUE,
@@ -22,6 +22,7 @@ from analysis.plots.style import (
     level_axis,
     limits_text,
     new_figure,
+    row_in,
     share_axis,
     style,
     wrapped,
@@ -42,7 +43,9 @@ def detection_plot(
     """Draw the shares answered correctly and with one answer, as [BB] Fig. 20."""
     cells = results.conditions
     with style(width_in):
-        figure = new_figure(width_in, 0.9 + 0.34 * len(cells), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.9 + _rows_in(cells, label, width_in, 0.34), simulated=simulated
+        )
         panels = figure.subplots(1, 2, sharey=True)
         said = f'Share answered "{label(cells[0].bias_answer)}"'
         for axes, title, wide, colour, bars in (
@@ -71,7 +74,9 @@ def d_prime_plot(
     """Draw d' by condition with limits; of a yes-no task the criterion in a second panel."""
     cells = results.conditions
     with style(width_in):
-        figure = new_figure(width_in, 0.9 + 0.3 * len(cells), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.9 + _rows_in(cells, label, width_in, 0.3), simulated=simulated
+        )
         two = isinstance(results, YesNoResults)
         panels = figure.subplots(1, 2 if two else 1, sharey=True, squeeze=False)[0]
         if isinstance(results, YesNoResults):
@@ -180,6 +185,12 @@ def scaling_plot(
     return figure
 
 
+def _rows_in(
+    cells: Sequence[YesNo | Discrimination | Rate], label: Label, width_in: float, least: float
+) -> float:
+    return len(cells) * row_in([label(one.condition) for one in cells], width_in, least)
+
+
 def _condition_axis(axes: Axes, names: Sequence[str], label: Label, width_in: float) -> None:
     axes.set_yticks(range(len(names)), [wrapped(label(name), width_in) for name in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
@@ -203,7 +214,9 @@ def rates_plot(
 ) -> Figure:
     """Draw shares of right answers by condition, with limits and p against chance."""
     with style(width_in):
-        figure = new_figure(width_in, 0.75 + 0.34 * len(rates), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.75 + _rows_in(rates, label, width_in, 0.34), simulated=simulated
+        )
         axes = figure.subplots()
         for y, one in enumerate(rates):
             _share_bar(axes, y, one, ORANGE)

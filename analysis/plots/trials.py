@@ -17,6 +17,7 @@ from analysis.plots.style import (
     explain,
     limits_text,
     new_figure,
+    row_in,
     share_axis,
     share_text,
     style,
@@ -125,7 +126,8 @@ def reaction_plot(
 ) -> Figure:
     """Draw participants' median reaction times and their mean with limits, on a log axis."""
     with style(width_in):
-        figure = new_figure(width_in, 0.75 + 0.36 * len(summaries), simulated=simulated)
+        each_in = row_in([label(one.condition) for one in summaries], width_in, 0.36)
+        figure = new_figure(width_in, 0.75 + each_in * len(summaries), simulated=simulated)
         axes = figure.subplots()
         for y, summary in enumerate(summaries):
             own = np.asarray(medians.get(summary.condition, ()))

@@ -49,6 +49,7 @@ from analysis.plots import (
     save_figure,
     scaling_plot,
 )
+from analysis.plots.preference import _odds_ticks
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
@@ -396,6 +397,32 @@ def test_files_carry_their_fonts(draw, tmp_path):
     assert png.read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(ValueError, match="kind must be one of"):
         figure_bytes(draw["bias"](width_in=ONE_COLUMN_IN), "bmp")
+
+
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+def test_names_of_three_lines_keep_apart(make_decisions, width_in):
+    names = {
+        "large": "noise, against the standard picture",
+        "small": "warped, against another picture",
+    }
+    times = reaction_times(make_decisions(people=4), ("size",))
+    figure = reaction_plot(
+        times, {one.condition: (0.8, 1.2) for one in times}, label=names.get, width_in=width_in
+    )
+    boxes = [
+        box for text, box in visible_texts(figure) if text.replace("\n", " ") in names.values()
+    ]
+
+    assert len(boxes) == 2
+    assert boxes[0].y0 - boxes[1].y1 > 0.25 * 6.5 / 72 * figure.dpi
+
+
+def test_odds_of_a_narrow_figure_are_few_and_hold_even_odds():
+    for low, high in ((0.04, 3.0), (0.001, 5.0), (0.5, 2.0), (0.3, 9000.0)):
+        ticks = _odds_ticks(low, high, 4)
+
+        assert 1.0 in ticks
+        assert len(ticks) <= 4
 
 
 def luminance(colour: str) -> float:
