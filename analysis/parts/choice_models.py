@@ -17,6 +17,7 @@ from analysis.parts import Part, Shown, tried
 from analysis.parts.preferences import Preferences
 from analysis.plans.preference import Settings
 from analysis.preference import Preference
+from analysis.repeat import scripts
 from analysis.report.blocks import Block, Cautions, Paragraph, Table
 from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text
 
@@ -114,6 +115,9 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
                 " with Holm-adjusted likelihood ratios."
             ),
             tables=tables,
+            scripts=scripts(
+                "choices", *(["R"] if any(one.fit.random_sd for one in found.pairs) else []), "py"
+            ),
         )
 
 

@@ -30,6 +30,7 @@ from analysis.psychometric_posterior import (
     psychometric_posterior,
 )
 from analysis.rates import Difference
+from analysis.repeat import scripts
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
@@ -234,12 +235,26 @@ class CurvesPart(LevelsPart[Curves]):
                 else ""
             ),
             tables={"levels.csv": pd.DataFrame(counted)},
+            scripts=_curve_scripts(found, plan),
             figures=(
                 curves_figure(
                     "levels", "fitted psychometric functions", found.counts, found.curves, plan
                 ),
             ),
         )
+
+
+def _curve_scripts(found: Curves, plan: RateSettings) -> dict[str, str]:
+    """Return what repeats the curves whose thresholds the answers place."""
+    placed = {
+        name: {"threshold": fit.threshold, "log_likelihood": fit.log_likelihood}
+        for name, fit in found.curves.items()
+        if fit.identified(found.counts[name].levels)
+    }
+    if not placed:
+        return {}
+    how = {"shape": plan.shape, "falling": plan.falling, "guess": plan.guess}
+    return scripts("curves", "R", "py", curves=placed, **how)
 
 
 @dataclass(frozen=True)

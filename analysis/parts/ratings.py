@@ -13,6 +13,7 @@ from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rati
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
+from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -95,6 +96,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
             sentences=tuple(apa_rating(one, model) for one in model.contrasts),
             methods=_methods(found, plan),
             tables=_tables(model, pairs=pairs),
+            scripts={} if pairs else _scripts(model, plan),
             figures=(
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
             ),
@@ -218,6 +220,12 @@ def _people(found: Ratings) -> tuple[Block, ...]:
             " higher as just that. One who gave a single rating tells nothing.",
             muted=True,
         ),
+    )
+
+
+def _scripts(model: RatingModel, plan: RatingSettings) -> dict[str, str]:
+    return scripts(
+        "ratings", *("R", "py"), by=[plan.by], link=model.link, effects=lme4_effects(model.sd)
     )
 
 

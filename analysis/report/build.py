@@ -134,6 +134,10 @@ def write_report(
         tables = work / "tables"
         tables.mkdir()
         _write_csv(source, content, tables)
+        if content.scripts:
+            (work / "scripts").mkdir()
+        for name, text in content.scripts.items():
+            (work / "scripts" / name).write_bytes(page_bytes(text))
         both = beside(source)
         numbers: dict[str, Json] = {
             "format": FORMAT,

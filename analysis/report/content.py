@@ -32,6 +32,7 @@ class Content:
     methods : str
         A paragraph; `sentences` are results, the most important one is `headline`.
     tables : mapping of file name to DataFrame
+    scripts : mapping of file name to text
     numbers : mapping of part to its numbers
     planned_p : float or None
         Of the planned test, which looks at unfinished data test.
@@ -47,6 +48,7 @@ class Content:
     sentences: tuple[str, ...]
     headline: str
     tables: Mapping[str, pd.DataFrame]
+    scripts: Mapping[str, str]
     numbers: Mapping[str, Json]
     planned_p: float | None
     warnings: tuple[str, ...]
@@ -89,6 +91,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         sentences=sentences,
         headline=next(filter(None, (*(one.headline for one in told), *sentences)), ""),
         tables={name: table for one in told for name, table in one.tables.items()},
+        scripts={name: text for one in told for name, text in one.scripts.items()},
         numbers={name: as_json(one) for name, one in found.items()},
         planned_p=next((p for p in planned if p is not None), None),
         warnings=(
