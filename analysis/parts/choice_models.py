@@ -85,6 +85,10 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
 
     def show(self, found: ChoiceModels, plan: Settings) -> Shown:
         """Return a table of each kind of model, and what each says."""
+        mixed = any(
+            one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
+            for one in found.pairs
+        )
         tables = {
             "models.csv": pd.DataFrame(
                 [
@@ -115,9 +119,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
                 " with Holm-adjusted likelihood ratios."
             ),
             tables=tables,
-            scripts=scripts(
-                "choices", *(["R"] if any(one.fit.random_sd for one in found.pairs) else []), "py"
-            ),
+            scripts=scripts("choices", *(["R"] if mixed else []), "py"),
         )
 
 

@@ -224,6 +224,8 @@ def _people(found: Ratings) -> tuple[Block, ...]:
 
 
 def _scripts(model: RatingModel, plan: RatingSettings) -> dict[str, str]:
+    if all(math.isnan(one.place) for one in model.conditions[1:]):
+        return {}
     return scripts(
         "ratings", *("R", "py"), by=[plan.by], link=model.link, effects=lme4_effects(model.sd)
     )

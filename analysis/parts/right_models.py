@@ -113,13 +113,13 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
 
 def _scripts(found: RightModels, plan: RateSettings) -> dict[str, str]:
     """Return what repeats the models that have a maximum, and so no penalty instead of one."""
-    proper = [not np.isnan(one.estimate) for one in found.independent.coefficients]
-    independent = all(proper) and "Firth" not in found.independent.method
+    proper = all(np.isfinite(one.estimate) for one in found.independent.coefficients)
+    independent = proper and "Firth" not in found.independent.method
     compared = any("[T." in one.term for one in found.independent.coefficients)
     terms = ["condition"] * compared + ["level"] * (plan.level is not None)
     return scripts(
         "right",
-        *(["R"] if found.mixed.random_sd else []),
+        *(["R"] if proper and found.mixed.random_sd else []),
         *(["py"] if independent else []),
         by=list(plan.by_columns),
         level=plan.level,

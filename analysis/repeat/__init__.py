@@ -9,7 +9,6 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from analysis.contrasts import IN_CONDITION
 from protocols.tasks.rates import BETWEEN
 
 _TEMPLATES = Path(__file__).parent
@@ -29,7 +28,7 @@ def scripts(name: str, *languages: str, **settings: object) -> dict[str, str]:
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
-        autoescape=False,  # noqa: S701  # code, whose texts `_code` quotes
+        autoescape=False,  # it is code, whose texts are literals
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -52,7 +51,7 @@ def lme4_effects(names: Iterable[str]) -> list[str]:
     found = []
     for name in names:
         slope, _, group = name.rpartition(" | ")
-        inner, within, _ = group.partition(IN_CONDITION[:3])
+        inner, within, _ = group.partition(" x ")
         if slope:
             found.append(f"(0 + centred | {group})")
         else:
@@ -62,10 +61,8 @@ def lme4_effects(names: Iterable[str]) -> list[str]:
 
 def _quoted(text: str) -> str:
     """Return a text as a literal of R and of Python alike."""
-    plain = (c if c.isascii() and c.isprintable() and c not in '"\\' else None for c in text)
-    letters = (
-        own or f"\\U{ord(c):08X}" for c, own in zip(text, plain, strict=True) if ord(c) > 0
-    )
+    plain = (c.isascii() and c.isprintable() and c not in '"\\' for c in text)
+    letters = (c if own else f"\\U{ord(c):08X}" for c, own in zip(text, plain, strict=True))
     return f'"{"".join(letters)}"'
 
 
