@@ -145,6 +145,7 @@ def write_report(
             "settings": source.settings.model_dump(mode="json"),
             "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
+            "participants": as_json(source.tidy.participants if source.tidy else None),
             "without_exclusions": as_json(both),
             "sequential": as_json(stand),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],

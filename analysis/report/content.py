@@ -8,6 +8,7 @@ import pandas as pd
 from analysis.parts import Shown, computed
 from analysis.parts.added import with_added
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
+from analysis.report.participants import participant_sentence
 from analysis.report.source import Source
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
@@ -79,7 +80,8 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
         planned.append(part.planned_p(found[part.name]))
-    told = (said, *(one for _, one in shown))
+    people_sentence = Shown(sentences=participant_sentence(source.tidy))
+    told = (said, *(one for _, one in shown), people_sentence)
     sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."
     return Content(
