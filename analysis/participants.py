@@ -64,7 +64,7 @@ class ParticipantFlow:
             "refused consent": self.refused,
             "ended before consent": self.unasked,
         }
-        stages = (
+        stages: tuple[tuple[str, int, Mapping[str, int]], ...] = (
             ("began", self.began, out),
             ("consented" if self.consent_asked else "took part", self.consented, {}),
             ("completed the session", self.completed, self.stopped),

@@ -102,15 +102,15 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         frame(decisions, decision_columns(protocol)),
         protocol.analysis.exclusions,
     )
-    said = pd.DataFrame(answers, columns=["session", "participant", "question", "text"])
+    closing = pd.DataFrame(answers, columns=["session", "participant", "question", "text"])
     return Tidy(
         sessions=marked,
         attempts=frame(attempts, attempt_columns(protocol)),
         decisions=chosen,
-        answers=said,
+        answers=closing,
         flow=flow,
         participants=participant_flow(study, protocol, marked, chosen),
-        demographics=demographics(said, protocol, chosen),
+        demographics=demographics(closing, protocol, chosen),
         simulated=study.simulated,
         warnings=tuple(notes),
     )
