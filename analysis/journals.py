@@ -41,6 +41,9 @@ class StudyReadings:
     readings: tuple[Reading, ...]
     notes: tuple[str, ...]
     """What was left out, and why."""
+    withdrew: int = 0
+    unreadable: int = 0
+    """Sessions of whose journal the header cannot be read."""
 
     @property
     def simulated(self) -> bool:
@@ -67,6 +70,7 @@ def read_study(
         )
     readings: list[Reading] = []
     notes: list[str] = []
+    withdrew = unreadable = 0
     for number, path in enumerate(paths):
         if progress:
             progress("reading journals", number, len(paths))
@@ -75,10 +79,12 @@ def read_study(
         journal = read_journal(path, lenient=True)
         if journal.withdrawn:
             notes.append(f"{name}: the participant withdrew; nothing of theirs is used")
+            withdrew += 1
             continue
         starts = [event for event in journal.events if isinstance(event, SessionStart)]
         if not starts:
             notes.append(f"{name}: left out, its first line (the header) cannot be read")
+            unreadable += 1
             continue
         readings.append(Reading(name, journal, starts[0], False, SideFiles(0, ())))
     if progress:
@@ -96,7 +102,8 @@ def read_study(
         readings[number] = _checked(reading, protocol)
     if progress:
         progress("checking what was recorded", len(readings), len(readings))
-    return StudyReadings(tuple(readings), (*notes, *_not_vouched_for(readings)))
+    every = (*notes, *_not_vouched_for(readings))
+    return StudyReadings(tuple(readings), every, withdrew, unreadable)
 
 
 def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:

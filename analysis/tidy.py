@@ -19,6 +19,7 @@ from analysis.columns import (
 )
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
+from analysis.participants import ParticipantFlow, demographics, participant_flow
 from analysis.tables.write import write_table
 from protocols.hashing import sha256_file
 from protocols.journal import (
@@ -44,6 +45,10 @@ class Tidy:
         One row per session, attempt, decision, and answer to a closing question.
     flow : tuple of FlowStep
         From all sessions to the decisions analysed.
+    participants : ParticipantFlow
+        How many began, consented, completed and are analysed, and why the others are not.
+    demographics : DataFrame
+        Answers to closing questions with choices, counted.
     simulated : bool
         Artificial observers answered: every output must say so.
     warnings : tuple of str
@@ -55,6 +60,8 @@ class Tidy:
     decisions: pd.DataFrame
     answers: pd.DataFrame
     flow: tuple[FlowStep, ...]
+    participants: ParticipantFlow
+    demographics: pd.DataFrame
     simulated: bool
     warnings: tuple[str, ...]
 
@@ -95,12 +102,15 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         frame(decisions, decision_columns(protocol)),
         protocol.analysis.exclusions,
     )
+    closing = pd.DataFrame(answers, columns=["session", "participant", "question", "text"])
     return Tidy(
         sessions=marked,
         attempts=frame(attempts, attempt_columns(protocol)),
         decisions=chosen,
-        answers=pd.DataFrame(answers, columns=["session", "participant", "question", "text"]),
+        answers=closing,
         flow=flow,
+        participants=participant_flow(study, protocol, marked, chosen),
+        demographics=demographics(closing, protocol, chosen),
         simulated=study.simulated,
         warnings=tuple(notes),
     )
@@ -114,6 +124,10 @@ def write_tables(tidy: Tidy, study: StudyProtocol, folder: Path) -> None:
         "decisions.csv": tidy.decisions,
         "answers.csv": tidy.answers,
         "flow.csv": pd.DataFrame([vars(step) for step in tidy.flow]),
+        "participants.csv": pd.DataFrame(
+            tidy.participants.steps, columns=["step", "reason", "participants"]
+        ),
+        "demographics.csv": tidy.demographics,
         "dictionary.csv": dictionary(tables_of(study)),
     }
     for name, table in tables.items():

@@ -29,6 +29,9 @@ class Results(Model):
     there. Installed packages add parts of their own."""
     flow: list[Row]
     """What each rule of exclusion left out, in order; empty for a table."""
+    participants: Row | None = None
+    """How many participants began, consented, completed the session and are analysed, and why the
+    others are not; null for a table."""
     without_exclusions: Row | None
     """The main numbers with and without exclusions; null: nothing was left out."""
     sessions: list[Row]

@@ -70,6 +70,11 @@ class Plan(Analysis):
         return ()
 
     @property
+    def compared_columns(self) -> tuple[str, ...]:
+        """The columns of ``decisions.csv`` that make these values."""
+        return self.compared
+
+    @property
     def compared_title(self) -> str:
         """What heads these values."""
         return ", ".join(self.compared) or "Trials"
@@ -157,6 +162,8 @@ class Shown:
         How they were made, ready to paste: whole sentences.
     tables : mapping of file name to DataFrame
     figures : sequence of PartFigure
+    scripts : mapping of file name to text
+        Repeat its model from the tables with packages that others wrote (`analysis.repeat`).
     """
 
     lead: Sequence[Block] = ()
@@ -168,6 +175,7 @@ class Shown:
     methods: str = ""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     figures: Sequence[PartFigure] = ()
+    scripts: Mapping[str, str] = field(default_factory=dict)
 
 
 P = TypeVar("P", bound=Plan, contravariant=True)

@@ -67,5 +67,7 @@ class BiasPart(SimplePart[Settings, Biases]):
                 " with .5 by a score t test clustered by participant and by scene."
             ),
             tables={"bias.csv": flat_table(biases, "by_participant", "extreme")},
-            figures=(PartFigure("bias", caption, partial(bias_bars, biases)),),
+            figures=(
+                PartFigure("bias", caption, partial(bias_bars, biases, level=plan.confidence)),
+            ),
         )

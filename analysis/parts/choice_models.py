@@ -18,6 +18,7 @@ from analysis.parts.preferences import Preferences
 from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference import Settings
 from analysis.preference import Preference
+from analysis.repeat import scripts
 from analysis.report.blocks import Block, Cautions, Paragraph, Table
 from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text, t_text
 
@@ -85,6 +86,10 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
 
     def show(self, found: ChoiceModels, plan: Settings) -> Shown:
         """Return a table of each kind of model, and what each says."""
+        mixed = any(
+            one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
+            for one in found.pairs
+        )
         tables = {
             "models.csv": pd.DataFrame(
                 [
@@ -115,6 +120,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
                 " with Holm-adjusted likelihood ratios."
             ),
             tables=tables,
+            scripts=scripts("choices", *(["R"] if mixed else []), "py"),
         )
 
 

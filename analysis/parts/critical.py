@@ -88,8 +88,8 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
             x_label=f"{levels_axis(plan)} (log axis)",
         )
         caption = (
-            f"d' by {plan.level}: data with standard errors (thin), the population's fit (thick);"
-            " below, critical scalings of the typical participant with"
+            f"d' by {plan.level}: data with standard errors (points), the population's fit"
+            " (curves); below, critical scalings of the typical participant with"
             f" {plan.limits}, where these data identify them."
         )
         return Shown(

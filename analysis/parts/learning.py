@@ -100,7 +100,7 @@ class LearningPart(Part[P, Learning]):
         trends = (replace(trend(o.rows, "outcome", **how), outcome=o.name) for o in outcomes)
         return Learning(tuple(trends), drawn)
 
-    def show(self, found: Learning, _plan: P) -> Shown:
+    def show(self, found: Learning, plan: P) -> Shown:
         """Return the figure, the table of changes, and each as a sentence."""
         trends = found.trends
         return Shown(
@@ -130,13 +130,18 @@ class LearningPart(Part[P, Learning]):
                 " within conditions, with a t test and a sign-flip test over participants."
             ),
             tables={"learning.csv": flat_table(trends, "changes")},
-            figures=() if found.course is None else (self._figure(trends[0], found.course),),
+            figures=() if found.course is None else (self._figure(trends[0], found.course, plan),),
         )
 
-    def _figure(self, first: Trend, drawn: Course) -> PartFigure:
+    def _figure(self, first: Trend, drawn: Course, plan: P) -> PartFigure:
         name = first.outcome[:1].upper() + first.outcome[1:]
-        caption = f"{name} along the session; thin lines: participants; band: 95 % t limits."
-        draw = partial(learning_plot, drawn, y_label=self.axis, bounds=self.bounds)
+        caption = (
+            f"{name} along the session: the participants' mean with {100 * plan.confidence:g} % t"
+            " limits (band), over each participant's own trend (grey lines, least squares)."
+        )
+        draw = partial(
+            learning_plot, drawn, y_label=self.axis, bounds=self.bounds, level=plan.confidence
+        )
         return PartFigure("learning", caption, draw)
 
 

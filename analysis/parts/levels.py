@@ -35,6 +35,7 @@ from analysis.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
+from analysis.repeat import scripts
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
@@ -121,7 +122,7 @@ def curves_figure(
     )
     caption = (
         f"Right answers by {plan.level}: data of all participants together with binomial standard"
-        f" errors (thin), {fits} (thick); dashed: chance."
+        f" errors (points), {fits} (curves); dashed: chance."
     )
     return PartFigure(name, caption, draw)
 
@@ -246,12 +247,26 @@ class CurvesPart(LevelsPart[Curves]):
                 else ""
             ),
             tables={"levels.csv": pd.DataFrame(counted)},
+            scripts=_curve_scripts(found, plan),
             figures=(
                 curves_figure(
                     "levels", "fitted psychometric functions", found.counts, found.curves, plan
                 ),
             ),
         )
+
+
+def _curve_scripts(found: Curves, plan: RateSettings) -> dict[str, str]:
+    """Return what repeats the curves whose thresholds the answers place."""
+    placed = {
+        name: {"threshold": fit.threshold, "log_likelihood": fit.log_likelihood}
+        for name, fit in found.curves.items()
+        if fit.identified(found.counts[name].levels)
+    }
+    if not placed:
+        return {}
+    how = {"shape": plan.shape, "falling": plan.falling, "guess": plan.guess}
+    return scripts("curves", "R", "py", curves=placed, **how)
 
 
 @dataclass(frozen=True)

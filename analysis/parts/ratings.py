@@ -21,6 +21,7 @@ from analysis.parts import PartFigure, Shown, SimplePart, Tests
 from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
 from analysis.plans.ratings import RatingSettings
 from analysis.plots.ratings import ratings_plot
+from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -127,6 +128,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
             sentences=tuple(apa_rating(one, model) for one in model.contrasts),
             methods=_methods(found, plan),
             tables=_tables(model, pairs=pairs),
+            scripts={} if pairs else _scripts(model, plan),
             figures=(
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
             ),
@@ -270,6 +272,14 @@ def _people(found: Ratings) -> tuple[Block, ...]:
             " higher as just that. One who gave a single rating tells nothing.",
             muted=True,
         ),
+    )
+
+
+def _scripts(model: RatingModel, plan: RatingSettings) -> dict[str, str]:
+    if all(math.isnan(one.place) for one in model.conditions[1:]):
+        return {}
+    return scripts(
+        "ratings", *("R", "py"), by=[plan.by], link=model.link, effects=lme4_effects(model.sd)
     )
 
 

@@ -11,6 +11,7 @@ from analysis.models import ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
 from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.rates import RateSettings, baseline_in
+from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -68,7 +69,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         several = tuple(name for name in groups if rows[name].nunique() > 1)
         return RightModels(**vars(beside), groups=several)
 
-    def show(self, found: RightModels, _plan: RateSettings) -> Shown:
+    def show(self, found: RightModels, plan: RateSettings) -> Shown:
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
@@ -118,7 +119,27 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
             tables={
                 "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms])
             },
+            scripts=_scripts(found, plan),
         )
+
+
+def _scripts(found: RightModels, plan: RateSettings) -> dict[str, str]:
+    """Return what repeats the models that have a maximum, and so no penalty instead of one."""
+    proper = all(np.isfinite(one.estimate) for one in found.independent.coefficients)
+    independent = proper and "Firth" not in found.independent.method
+    compared = any("[T." in one.term for one in found.independent.coefficients)
+    terms = ["condition"] * compared + ["level"] * (plan.level is not None)
+    return scripts(
+        "right",
+        *(["R"] if proper and found.mixed.random_sd else []),
+        *(["py"] if independent else []),
+        by=list(plan.by_columns),
+        level=plan.level,
+        values=list(plan.values),
+        terms=terms,
+        effects=lme4_effects(found.mixed.random_sd),
+        groups=list(found.groups),
+    )
 
 
 def _identifier(name: str) -> str:

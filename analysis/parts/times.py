@@ -25,7 +25,8 @@ from analysis.parts.shared import (
 )
 from analysis.plots import reaction_plot
 from analysis.reaction import ReactionTimes, participant_medians, reaction_times
-from analysis.reaction_model import TimeModel, TimeRatio, time_model
+from analysis.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
+from analysis.repeat import scripts
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -100,7 +101,9 @@ class TimesPart(SimplePart[Plan, Times]):
 
     def show(self, found: Times, plan: Plan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
-        draw = partial(reaction_plot, found.summary, found.medians, label=plan.label)
+        draw = partial(
+            reaction_plot, found.summary, found.medians, label=plan.label, level=plan.confidence
+        )
         caption = f"Participants' median reaction times, and their mean with {plan.limits}."
         return Shown(
             blocks=(
@@ -111,6 +114,7 @@ class TimesPart(SimplePart[Plan, Times]):
             sentences=tuple(_sentences(found, plan)),
             methods=" ".join(_methods(found)),
             tables=_tables(found),
+            scripts=_scripts(found.model, plan) if found.model is not None else {},
             figures=(PartFigure("reaction", caption, draw),),
         )
 
@@ -256,6 +260,26 @@ def _methods(found: Times) -> Iterator[str]:
             " participant in each condition; conditions were compared by paired t tests over"
             " participants, Holm-adjusted within each measure."
         )
+
+
+def _scripts(model: TimeModel, plan: Plan) -> dict[str, str]:
+    """Return what repeats the model; an effect whose variance is 0 is none."""
+    deviations = {
+        ("participant",): model.participant_sd,
+        ("participant", "condition"): model.interaction_sd,
+        ("scene",): model.scene_sd,
+        ("scene", "condition"): model.scene_interaction_sd,
+    }
+    groups = [list(group) for group, sd in deviations.items() if sd > NO_SPREAD]
+    if not groups:
+        return {}
+    return scripts(
+        "times",
+        *("R", "py"),
+        by=list(plan.compared_columns),
+        effects=[f"(1 | {':'.join(group)})" for group in groups],
+        groups=groups,
+    )
 
 
 def _tables(found: Times) -> dict[str, pd.DataFrame]:

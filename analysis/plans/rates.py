@@ -67,6 +67,11 @@ class RateSettings(RatesAnalysis, Plan):
         return (TAKEN,)
 
     @property
+    def compared_columns(self) -> tuple[str, ...]:
+        """The columns whose values make conditions."""
+        return tuple(self.by_columns)
+
+    @property
     def compared_title(self) -> str:
         """What heads conditions."""
         return "Condition"

@@ -11,13 +11,16 @@ from scipy import stats
 from analysis.learning import Course
 from analysis.plots.style import (
     BLUE,
+    DASHES,
     GREY,
     LIGHT,
     MARKERS,
     ORANGE,
     SERIES,
+    explain,
     legend_columns,
     level_axis,
+    limits_text,
     new_figure,
     style,
 )
@@ -26,6 +29,8 @@ Floats = NDArray[np.float64]
 
 FEW_LEVELS = 8
 """Up to so many levels, each has its tick."""
+PERSON = "#B4B4B4"
+"""Of one person's line, which lies below all else."""
 Curve = Callable[[Floats], Floats]
 
 
@@ -39,12 +44,13 @@ def psychometric_plot(
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
-    """Draw data (thin) and fits (thick) as [BB] Fig. 17.
+    """Draw data as points and fits as curves, as [BB] Fig. 17.
 
     Parameters
     ----------
     series : mapping of condition to (x, successes, trials, fit or None)
-        Whiskers are binomial standard errors. A fit gives the share of right answers at x.
+        Whiskers are binomial standard errors. A fit gives the share of right answers at x; points
+        without one are joined by a thin line.
     chance : float, optional
         Where the dashed line stands; left out, at the guess rates of the fits.
     """
@@ -55,6 +61,7 @@ def psychometric_plot(
         everything = np.concatenate([x for x, *_ in series.values()])
         for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            dash = DASHES[number % len(DASHES)]
             share = successes / trials
             error = np.sqrt(np.maximum(share * (1.0 - share), 0.25 / trials) / trials)
             axes.errorbar(
@@ -62,16 +69,21 @@ def psychometric_plot(
                 share,
                 error,
                 color=colour,
+                ls="none" if fit is not None else "-",
                 lw=0.6,
                 marker=marker,
                 ms=3,
-                label=label(name),
                 elinewidth=0.6,
+            )
+            curve = dash if fit is not None else "-"
+            width = 1.8 if fit is not None else 0.6
+            axes.plot(
+                [], [], ls=curve, lw=width, color=colour, marker=marker, ms=3, label=label(name)
             )
             if fit is not None:
                 space = np.geomspace if logarithmic else np.linspace
                 fine = space(everything.min(), everything.max(), 200)
-                axes.plot(fine, fit(fine), color=colour, lw=1.8, alpha=0.85)
+                axes.plot(fine, fit(fine), ls=dash, color=colour, lw=1.8, alpha=0.85)
                 guesses.add(float(getattr(fit, "guess", np.nan)))
         shown = np.unique(everything)
         if logarithmic:
@@ -86,7 +98,9 @@ def psychometric_plot(
         axes.set_xlabel(x_label)
         axes.set_ylabel("Proportion correct")
         columns = legend_columns([label(name) for name in series], width_in)
-        figure.legend(loc="outside lower center", ncols=columns)
+        figure.legend(
+            loc="outside lower center", ncols=columns, title="Whiskers: ± 1 binomial standard error"
+        )
     return figure
 
 
@@ -95,27 +109,34 @@ def learning_plot(
     *,
     y_label: str,
     bounds: tuple[float, float] | None = None,
+    level: float = 0.95,
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
-    """Draw an outcome over the session: people as thin lines, their mean with t limits.
+    """Draw an outcome over the session: the mean of people with t limits over their own trends.
 
-    `bounds` are the values the outcome can take, such as (0, 1) for a share.
+    A trend is a person's least-squares line: their values themselves, of few trials each, cross
+    so often that nobody is seen. `bounds` are the values the outcome can take, such as (0, 1) for a
+    share.
     """
     with style(width_in):
-        figure = new_figure(width_in, 2.1 if width_in < 5 else 2.8, simulated=simulated)
+        figure = new_figure(width_in, 2.3 if width_in < 5 else 3.0, simulated=simulated)
         axes = figure.subplots()
         places, each = course.places, course.people
+        low, high = bounds if bounds is not None else (-np.inf, np.inf)
         for values in each:
-            axes.plot(places, values, color=GREY, lw=0.4, alpha=0.5)
+            there = np.isfinite(values)
+            if there.sum() > 1:
+                line = np.polynomial.Polynomial.fit(places[there], values[there], 1)
+                ends = places[there][[0, -1]]
+                axes.plot(ends, np.clip(line(ends), low, high), color=PERSON, lw=0.7, zorder=1)
         mean, count = np.nanmean(each, axis=0), np.isfinite(each).sum(axis=0)
-        axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4)
+        axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
         if count.min() > 1:
             error = np.nanstd(each, axis=0, ddof=1) / np.sqrt(count)
-            reach = error * stats.t.ppf(0.975, count - 1)
-            low, high = bounds if bounds is not None else (-np.inf, np.inf)
+            reach = error * stats.t.ppf(0.5 + 0.5 * level, count - 1)
             lower, upper = np.maximum(mean - reach, low), np.minimum(mean + reach, high)
-            axes.fill_between(places, lower, upper, color=BLUE, alpha=0.2, lw=0)
+            axes.fill_between(places, lower, upper, color=BLUE, alpha=0.2, lw=0, zorder=2)
         if bounds is not None:
             margin = 0.03 * (bounds[1] - bounds[0])
             axes.set_ylim(bounds[0] - margin, bounds[1] + margin)
@@ -123,6 +144,8 @@ def learning_plot(
         axes.set_xticks([0, 0.5, 1.0], ["start", "middle", "end"])
         axes.set_xlabel("Place in the session")
         axes.set_ylabel(y_label)
+        said = f"Points: mean; band: its {limits_text(level)}; grey lines: participants' own trends"
+        explain(figure, said, width_in)
     return figure
 
 

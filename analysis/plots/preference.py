@@ -14,7 +14,9 @@ from analysis.plots.style import (
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
+    explain,
     interval,
+    limits_text,
     new_figure,
     null_line,
     share_axis,
@@ -62,7 +64,7 @@ def preference_bars(
         place += 1.0
     with style(width_in) as size:
         row_in = 0.36 if width_in < 5 else 0.34
-        figure = new_figure(width_in, 0.55 + row_in * place, simulated=simulated)
+        figure = new_figure(width_in, 0.7 + row_in * place, simulated=simulated)
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
         )
@@ -104,9 +106,9 @@ def preference_bars(
                 va="center",
             )
         null_line(axes, 0.5)
-        share_axis(axes, f"Share preferring the method on the left ({_level(cells)} % limits)")
-        if width_in < 5:
-            axes.set_xlabel(f"Share preferring left ({_level(cells)} %)")
+        share_axis(axes, f"Share preferring {'' if width_in < 5 else 'the method on the '}left")
+        said = f"Whiskers and [ ]: {limits_text(cells[0].estimate.level)}; dots: participants"
+        explain(figure, said, width_in)
         axes.set_yticks([y for y, _ in rows], [wrapped(label(c.method), width_in) for _, c in rows])
         axes.set_ylim(place - 0.4, -0.55)
         axes.tick_params(axis="y", length=0)
@@ -151,7 +153,7 @@ def forest_plot(
         names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
         lines = max(name.count("\n") for name in names) + 1
         row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
-        figure = new_figure(width_in, 0.6 + row_in * len(cells), simulated=simulated)
+        figure = new_figure(width_in, 0.75 + row_in * len(cells), simulated=simulated)
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
         )
@@ -170,7 +172,7 @@ def forest_plot(
         low = min(1 / edge, *(cell.estimate.odds_lower for cell in cells)) / 1.4
         high = max(edge, *(cell.estimate.odds_upper for cell in cells)) * 1.4
         axes.set_xlim(low, high)
-        ticks = _odds_ticks(low, high)
+        ticks = _odds_ticks(low, high, 4 if width_in < 5 else 6)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel("Odds ratio" if width_in < 5 else "Odds of preferring the first (log axis)")
@@ -179,6 +181,8 @@ def forest_plot(
         axes.tick_params(axis="y", length=0)
         numbers.set_xlim(0.0, 1.0)
         numbers.axis("off")
+        said = f"Lines and [ ]: {limits_text(cells[0].estimate.level)}; band: no effect of interest"
+        explain(figure, said, width_in)
     return figure
 
 
@@ -202,19 +206,17 @@ def _spread(values: Floats) -> Floats:
     return shift
 
 
-def _level(cells: Sequence[Preference]) -> str:
-    return f"{100 * cells[0].estimate.level:g}"
-
-
 def _short(value: float) -> str:
     if value >= 100:
         return f"{value:.0f}"
     return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
-def _odds_ticks(low: float, high: float) -> list[float]:
+def _odds_ticks(low: float, high: float, most: int) -> list[float]:
+    """Return so many odds at most between these, even odds among them."""
     wide = np.log10(high / low) > 2.2
     steps = (1.0,) if wide else (1.0, 2.0, 5.0)
     ticks = [step * 10.0**power for power in range(-6, 7) for step in steps]
     shown = [tick for tick in ticks if low <= tick <= high]
-    return shown[:: max(1, len(shown) // 5)] if len(shown) > 6 else shown
+    every = -(-len(shown) // most)
+    return shown[shown.index(1.0) % every :: every]

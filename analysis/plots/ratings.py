@@ -7,7 +7,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.ordinal import RatingModel
-from analysis.plots.style import interval, name_rows, new_figure, null_line, share_axis, style
+from analysis.plots.style import (
+    explain,
+    interval,
+    limits_text,
+    name_rows,
+    new_figure,
+    null_line,
+    row_in,
+    share_axis,
+    style,
+)
 
 
 def ratings_plot(
@@ -23,7 +33,8 @@ def ratings_plot(
     """
     cells = model.conditions
     with style(width_in):
-        figure = new_figure(width_in, 1.0 + 0.32 * len(cells), simulated=simulated)
+        each_in = row_in([one.condition for one in cells], width_in, 0.32)
+        figure = new_figure(width_in, 1.0 + each_in * len(cells), simulated=simulated)
         panels = figure.subplots(1, 2 if shares else 1, sharey=True, squeeze=False)[0]
         if shares:
             _bars(panels[0], model)
@@ -35,12 +46,15 @@ def ratings_plot(
         axes.set_xlabel(f"Place ({unit})" if width_in < 5 else f"Place on the latent axis ({unit})")
         for panel in panels:
             name_rows(panel, [one.condition for one in cells], width_in)
+        said = f"lines: {limits_text(model.level)}"
         if shares:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(
                 handles, labels, loc="outside lower center", ncols=min(len(labels), 7),
-                title="Rating",
+                title=f"Rating (left); {said} (right)",
             )  # fmt: skip
+        else:
+            explain(figure, said.capitalize(), width_in)
     return figure
 
 

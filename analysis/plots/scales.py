@@ -6,7 +6,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.bootstrap import ScaleIntervals
-from analysis.plots.style import GREY, interval, name_rows, new_figure, style
+from analysis.plots.style import (
+    GREY,
+    explain,
+    interval,
+    limits_text,
+    name_rows,
+    new_figure,
+    row_in,
+    style,
+)
 from analysis.scaling import Scale
 
 
@@ -21,7 +30,9 @@ def jod_plot(
     with style(width_in):
         count = max(len(scale.conditions) for scale, _ in scales.values())
         stacked = width_in < 5
-        height = (0.55 + 0.28 * count) * (len(scales) if stacked else 1) + 0.25
+        names = [label(one) for scale, _ in scales.values() for one in scale.conditions]
+        each_in = row_in(names, width_in, 0.28)
+        height = (0.55 + each_in * count) * (len(scales) if stacked else 1) + 0.4
         figure = new_figure(width_in, height, simulated=simulated)
         shape = (len(scales), 1) if stacked else (1, len(scales))
         panels = figure.subplots(*shape, sharex=True, squeeze=False)
@@ -43,4 +54,7 @@ def jod_plot(
                     if unit == "JOD" and width_in >= 5 and len(scales) < 3
                     else f"Quality, {unit}"
                 )
+        known = [limits for _, limits in scales.values() if limits is not None]
+        if known:
+            explain(figure, f"Lines: {limits_text(known[0].level)}, by bootstrap", width_in)
     return figure

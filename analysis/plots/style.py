@@ -3,7 +3,7 @@
 import io
 import logging
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -31,6 +31,8 @@ PALE_BLUE = "#BBD9EC"
 PALE_ORANGE = "#F6D3BC"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#7A5195", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
+DASHES = ("-", "--", "-.", ":", (0, (6, 2)), (0, (1, 1)))
+"""Of curves, which grey prints and the colour-blind tell apart by these."""
 
 SIMULATED_TEXT = "SIMULATED DATA"
 
@@ -90,6 +92,12 @@ def wrapped(label: str, width_in: float) -> str:
     )
 
 
+def row_in(labels: Iterable[str], width_in: float, least: float) -> float:
+    """Return the height of rows, in inches, in which none of these labels touches the next."""
+    lines = max(wrapped(label, width_in).count("\n") + 1 for label in labels)
+    return max(least, (1.25 * lines + 0.8) * (6.5 if width_in < 5 else 8.0) / 72)
+
+
 def legend_columns(labels: Sequence[str], width_in: float) -> int:
     """Return how many columns a legend below the axes may have: 2 at most in one column of text."""
     narrow = width_in < 5
@@ -104,9 +112,21 @@ def share_text(value: float) -> str:
     return text[1:] if text.startswith("0") else text
 
 
+def limits_text(level: float) -> str:
+    """Return what lines and whiskers with limits are called on figures."""
+    return f"{100 * level:g} % limits"
+
+
+def explain(figure: Figure, text: str, width_in: float) -> None:
+    """Say below a figure without a legend what its bars, lines and dots mean."""
+    lines = textwrap.wrap(text, 62 if width_in < 5 else 120)
+    size = mpl.rcParams["font.size"] - 0.5
+    figure.supxlabel("\n".join(lines), fontsize=size, color=GREY)
+
+
 def share_axis(axes: Axes, label: str) -> None:
-    """Set an axis from 0 to 1 with the line of chance."""
-    axes.set_xlim(0.0, 1.0)
+    """Set an axis from 0 to 1, whose ends keep dots clear of the names beside them."""
+    axes.set_xlim(-0.03, 1.03)
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
     axes.set_xlabel(label)
 

@@ -8,20 +8,24 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.critical_scaling import CriticalScaling
-from analysis.detection import DiscriminationResults, YesNoResults
+from analysis.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
 from analysis.ideal_observer import abx_d_prime
 from analysis.plots.style import (
     BLUE,
+    DASHES,
     GREY,
     MARKERS,
     ORANGE,
     SERIES,
+    explain,
     interval,
     legend_columns,
     level_axis,
+    limits_text,
     name_rows,
     new_figure,
     null_line,
+    row_in,
     share_axis,
     style,
 )
@@ -41,7 +45,9 @@ def detection_plot(
     """Draw the shares answered correctly and with one answer, as [BB] Fig. 20."""
     cells = results.conditions
     with style(width_in):
-        figure = new_figure(width_in, 0.75 + 0.34 * len(cells), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.9 + _rows_in(cells, label, width_in, 0.34), simulated=simulated
+        )
         panels = figure.subplots(1, 2, sharey=True)
         said = f'Share answered "{label(cells[0].bias_answer)}"'
         for axes, title, wide, colour, bars in (
@@ -56,6 +62,7 @@ def detection_plot(
             axes.set_title(title, loc="left")
         name_rows(panels[0], [label(one.condition) for one in cells], width_in)
         panels[1].tick_params(axis="y", length=0)
+        explain(figure, f"Lines: {limits_text(cells[0].correct.level)}", width_in)
     return figure
 
 
@@ -69,7 +76,9 @@ def d_prime_plot(
     """Draw d' by condition with limits; of a yes-no task the criterion in a second panel."""
     cells = results.conditions
     with style(width_in):
-        figure = new_figure(width_in, 0.75 + 0.3 * len(cells), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.9 + _rows_in(cells, label, width_in, 0.3), simulated=simulated
+        )
         two = isinstance(results, YesNoResults)
         panels = figure.subplots(1, 2 if two else 1, sharey=True, squeeze=False)[0]
         if isinstance(results, YesNoResults):
@@ -90,6 +99,7 @@ def d_prime_plot(
             null_line(axes, 0.0)
             axes.tick_params(axis="y", length=0)
         name_rows(panels[0], [label(one.condition) for one in cells], width_in)
+        explain(figure, f"Lines: {limits_text(cells[0].correct.level)}", width_in)
     return figure
 
 
@@ -127,6 +137,7 @@ def scaling_plot(
         bottom = 0.0
         for number, fit in enumerate(fits):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            dash = DASHES[number % len(DASHES)]
             x, right, shown = counts[fit.condition]
             share = (right + 0.5) / (shown + 1.0)
             error = np.sqrt(share * (1.0 - share) / shown)
@@ -139,14 +150,15 @@ def scaling_plot(
                 middle,
                 (middle - under, over - middle),
                 color=colour,
-                lw=0.6,
+                ls="none",
                 marker=marker,
                 ms=3,
                 elinewidth=0.6,
-                label=label(fit.condition),
             )
             curve = abx_d_prime(fit.average_share(fine), fit.rule)
-            axes.plot(fine, curve, color=colour, lw=1.8, alpha=0.85)
+            axes.plot(fine, curve, ls=dash, color=colour, lw=1.8, alpha=0.85)
+            name = label(fit.condition)
+            axes.plot([], [], ls=dash, color=colour, lw=1.8, marker=marker, ms=3, label=name)
             if not fit.critical_identified:
                 continue
             across = axes.get_xaxis_transform()
@@ -164,16 +176,21 @@ def scaling_plot(
         axes.set_xlabel(x_label)
         of = "" if fits[0].rule == "dual-pair" else "ABX, "
         axes.set_ylabel(f"d' ({of}{fits[0].rule})")
-        axes.plot([], [], "o-", color=GREY, ms=4, lw=1.2, label="below: critical scaling, limits")
-        handles, labels = axes.get_legend_handles_labels()
-        last = [*range(1, len(handles)), 0]  # lines come before data with whiskers
+        said = f"below: critical scaling, {limits_text(fits[0].level)}"
+        axes.plot([], [], "o-", color=GREY, ms=4, lw=1.2, label=said)
+        labels = axes.get_legend_handles_labels()[1]
         figure.legend(
-            [handles[k] for k in last],
-            [labels[k] for k in last],
             loc="outside lower center",
             ncols=legend_columns(labels, width_in),
+            title="Whiskers: ± 1 standard error",
         )
     return figure
+
+
+def _rows_in(
+    cells: Sequence[YesNo | Discrimination | Rate], label: Label, width_in: float, least: float
+) -> float:
+    return len(cells) * row_in([label(one.condition) for one in cells], width_in, least)
 
 
 def _share_bar(axes: Axes, y: int, share: Rate, colour: str) -> None:
@@ -188,7 +205,9 @@ def rates_plot(
 ) -> Figure:
     """Draw shares of right answers by condition, with limits and p against chance."""
     with style(width_in):
-        figure = new_figure(width_in, 0.6 + 0.34 * len(rates), simulated=simulated)
+        figure = new_figure(
+            width_in, 0.75 + _rows_in(rates, label, width_in, 0.34), simulated=simulated
+        )
         axes = figure.subplots()
         for y, one in enumerate(rates):
             _share_bar(axes, y, one, ORANGE)
@@ -196,4 +215,6 @@ def rates_plot(
         share_axis(axes, "Share correct")
         axes.set_xlim(0, 1.24)
         name_rows(axes, [label(one.condition) for one in rates], width_in)
+        said = f"Lines: {limits_text(rates[0].level)}; dashed: chance, which p is against"
+        explain(figure, said, width_in)
     return figure

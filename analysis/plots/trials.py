@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -12,11 +13,14 @@ from analysis.bias import Bias
 from analysis.plots.style import (
     BLUE,
     ORANGE,
+    explain,
     interval,
+    limits_text,
     name_rows,
     new_figure,
     null_line,
     own_dots,
+    row_in,
     share_axis,
     share_text,
     style,
@@ -43,7 +47,8 @@ def heat_map(
 ) -> Figure:
     """Draw shares (rows x columns, NaN where nothing was shown) with their numbers.
 
-    More than `NUMBERED_ROWS` share the height of a page: colours alone, and few of their names.
+    More than `NUMBERED_ROWS` share the height of a page: colours alone, which grow lighter with the
+    share and have a scale, and few of their names.
     """
     every = len(rows) // NUMBERED_ROWS + 1  # how many rows a name stands for
     with style(width_in) as size:
@@ -55,7 +60,14 @@ def heat_map(
         figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
         axes = figure.subplots()
         edges = (np.arange(count + 1) - 0.5 for count in (len(columns), len(rows)))
-        axes.pcolormesh(*edges, np.ma.masked_invalid(shares), cmap=_DIVERGING, vmin=0.0, vmax=1.0)
+        colours = _DIVERGING if every == 1 else mpl.colormaps["cividis"]
+        cells = axes.pcolormesh(
+            *edges, np.ma.masked_invalid(shares), cmap=colours, vmin=0.0, vmax=1.0
+        )
+        if every > 1:
+            bar = figure.colorbar(cells, location="bottom", shrink=0.6, aspect=30)
+            bar.set_ticks([0.0, 0.5, 1.0], labels=["0", ".5", "1"])
+            bar.set_label("Share")
         axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
             text = "-" if np.isnan(value) else share_text(float(value))
@@ -80,10 +92,16 @@ def heat_map(
     return figure
 
 
-def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool = False) -> Figure:
+def bias_bars(
+    biases: Sequence[Bias],
+    *,
+    level: float = 0.95,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
     """Draw how often the first interval and the left key were picked, people as dots."""
     with style(width_in):
-        figure = new_figure(width_in, 0.55 + 0.4 * len(biases), simulated=simulated)
+        figure = new_figure(width_in, 0.7 + 0.4 * len(biases), simulated=simulated)
         axes = figure.subplots()
         for y, bias in enumerate(biases):
             own_dots(axes, y, [share for _, share in bias.by_participant])
@@ -91,6 +109,7 @@ def bias_bars(biases: Sequence[Bias], *, width_in: float = 3.33, simulated: bool
         null_line(axes, 0.5)
         share_axis(axes, "Share picked")
         name_rows(axes, [bias.alternative for bias in biases], width_in)
+        explain(figure, f"Lines: {limits_text(level)}; grey dots: participants", width_in)
     return figure
 
 
@@ -99,12 +118,14 @@ def reaction_plot(
     medians: Mapping[str, Sequence[float]],
     *,
     label: Label = str,
+    level: float = 0.95,
     width_in: float = 3.33,
     simulated: bool = False,
 ) -> Figure:
     """Draw participants' median reaction times and their mean with limits, on a log axis."""
     with style(width_in):
-        figure = new_figure(width_in, 0.6 + 0.36 * len(summaries), simulated=simulated)
+        each_in = row_in([label(one.condition) for one in summaries], width_in, 0.36)
+        figure = new_figure(width_in, 0.75 + each_in * len(summaries), simulated=simulated)
         axes = figure.subplots()
         for y, summary in enumerate(summaries):
             own_dots(axes, y, medians.get(summary.condition, ()))
@@ -123,6 +144,8 @@ def reaction_plot(
         axes.minorticks_off()
         axes.set_xlabel("Reaction time, s (log axis)")
         name_rows(axes, [label(one.condition) for one in summaries], width_in)
+        said = f"Lines: {limits_text(level)} of the mean; grey dots: participants' medians"
+        explain(figure, said, width_in)
     return figure
 
 

@@ -131,6 +131,10 @@ def write_report(
         tables = work / "tables"
         tables.mkdir()
         _write_csv(source, content, tables)
+        if content.scripts:
+            (work / "scripts").mkdir()
+        for name, text in content.scripts.items():
+            (work / "scripts" / name).write_bytes(page_bytes(text))
         both = beside(source)
         numbers: dict[str, Json] = {
             "format": FORMAT,
@@ -138,6 +142,7 @@ def write_report(
             "settings": source.settings.model_dump(mode="json"),
             "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
+            "participants": as_json(source.tidy.participants if source.tidy else None),
             "without_exclusions": as_json(both),
             "sessions": rows_as_json(source.tidy.sessions) if source.tidy else [],
             "warnings": list(content.warnings),

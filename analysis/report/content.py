@@ -10,6 +10,7 @@ from analysis.parts import Shown, computed
 from analysis.parts.added import with_added
 from analysis.parts.looks import LooksPart
 from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
+from analysis.report.participants import participant_sentence
 from analysis.report.source import Source
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
@@ -34,6 +35,7 @@ class Content:
     methods : str
         A paragraph; `sentences` are results, the most important one is `headline`.
     tables : mapping of file name to DataFrame
+    scripts : mapping of file name to text
     numbers : mapping of part to its numbers
     warnings : tuple of str
         What is odd about the data as a whole.
@@ -47,6 +49,7 @@ class Content:
     sentences: tuple[str, ...]
     headline: str
     tables: Mapping[str, pd.DataFrame]
+    scripts: Mapping[str, str]
     numbers: Mapping[str, Json]
     warnings: tuple[str, ...]
 
@@ -77,7 +80,8 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
-    told = (said, *(one for _, one in shown))
+    people_sentence = Shown(sentences=participant_sentence(source.tidy))
+    told = (said, *(one for _, one in shown), people_sentence)
     sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."
     return Content(
@@ -89,6 +93,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
         sentences=sentences,
         headline=next(filter(None, (*(one.headline for one in told), *sentences)), ""),
         tables={name: table for one in told for name, table in one.tables.items()},
+        scripts={name: text for one in told for name, text in one.scripts.items()},
         numbers={name: as_json(one) for name, one in found.items()},
         warnings=(
             *source.warnings,

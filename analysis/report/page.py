@@ -8,6 +8,7 @@ from analysis.exclusions import FlowStep
 from analysis.report import wording
 from analysis.report.blocks import Block
 from analysis.report.content import Content
+from analysis.report.participants import participant_blocks
 from analysis.report.source import Source
 from analysis.report.values import rows_as_json
 from protocols.hashing import Json
@@ -37,6 +38,7 @@ def report_page(
         simulated=source.simulated,
         provenance=provenance,
         flow=flow,
+        people=participant_blocks(tidy),
         quality=quality,
         sessions=rows_as_json(tidy.sessions) if tidy else [],
         answers=rows_as_json(tidy.answers) if tidy else [],

@@ -161,8 +161,9 @@ def tidy(
 ) -> None:
     """Write journals as tidy CSV tables: one row per attempt, per decision, per session.
 
-    dictionary.csv explains every column, flow.csv lists what the protocol's rules left out, and
-    decisions.json names the task of decisions.csv.
+    dictionary.csv explains every column, flow.csv lists what the protocol's rules left out,
+    participants.csv how many people reached each step, demographics.csv what they chose in closing
+    questions, and decisions.json names the task of decisions.csv.
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """

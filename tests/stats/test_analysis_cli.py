@@ -38,7 +38,7 @@ def test_report_says_the_result_and_where_it_lies(sessions, reported):
     assert result.exit_code == 0, result.output
     assert "Metameric was chosen over Push-pull" in result.output
     assert f"report: {out / 'report.html'}" in result.output
-    names = [LISTING, "report.html", "results.json", "tables"]
+    names = [LISTING, "report.html", "results.json", "scripts", "tables"]
     assert sorted(path.name for path in out.iterdir()) == names
     again = run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
     assert again.exit_code == 2
@@ -64,8 +64,10 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
         "attempts.csv",
         "decisions.csv",
         "decisions.json",
+        "demographics.csv",
         "dictionary.csv",
         "flow.csv",
+        "participants.csv",
         "pwcmp.csv",
         "sessions.csv",
     }

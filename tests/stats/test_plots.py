@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from itertools import combinations
@@ -22,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from analysis.bias import order_bias, side_bias
+from analysis.bias import Bias, order_bias, side_bias
 from analysis.bootstrap import bootstrap_scale
 from analysis.critical_scaling import critical_scalings
 from analysis.detection import identification, yes_no
@@ -47,6 +48,7 @@ from analysis.plots import (
     save_figure,
     scaling_plot,
 )
+from analysis.plots.preference import _odds_ticks
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
 from analysis.preference import preferences
@@ -281,8 +283,110 @@ def test_a_heat_map_of_many_people_fits_a_page(people, width_in):
 
     assert figure.get_figheight() < 11
     assert {"P000", "Participant", "h"} < set(shown)
-    assert not any(text.startswith(".") for text in shown)
+    assert not any(re.fullmatch(r"\.\d\d", text) for text in shown)
+    assert {"Share", "0", "1"} < set(shown)  # what colours mean
     assert overlaps(figure) == []
+
+
+def test_colours_without_numbers_are_told_apart_in_grey():
+    names = [f"P{number:03d}" for number in range(60)]
+    shares = np.tile(np.linspace(0, 1, 5), (60, 1))
+    figure = heat_map(shares, names, list("abcde"), row_title="Participant")
+    (mesh,) = (one for one in figure.axes[0].collections if one.get_array() is not None)
+    figure.canvas.draw()
+    grey = [luminance(mesh.cmap(mesh.norm(value))) for value in shares[0]]
+
+    assert np.all(np.diff(grey) > 0.05)
+
+
+@pytest.mark.parametrize("kind", ["psychometric", "levels", "scaling"])
+def test_no_line_joins_the_points_under_a_fitted_curve(draw, kind):
+    axes = draw[kind](width_in=TWO_COLUMNS_IN).axes[0]
+    points = [bars.lines[0] for bars in axes.containers]
+    curves = [line for line in axes.lines if len(line.get_xdata()) >= 200]
+
+    assert len(points) == len(curves) > 1
+    assert {line.get_linestyle() for line in points} == {"None"}
+    assert len({str(line._dash_pattern) for line in curves}) == len(curves)
+
+
+def test_points_without_a_curve_are_joined():
+    x, right, trials = np.array([1.0, 2, 3]), np.array([5.0, 7, 9]), np.full(3, 10.0)
+    axes = psychometric_plot({"one": (x, right, trials, None)}, x_label="x", chance=0.5).axes[0]
+
+    assert axes.containers[0].lines[0].get_linestyle() == "-"
+
+
+MEANINGS = {
+    "preference": "95 % limits; dots: participants",
+    "forest": "95 % limits; band: no effect of interest",
+    "scale": "95 % limits, by bootstrap",
+    "psychometric": "± 1 binomial standard error",
+    "detection": "95 % limits",
+    "d_prime": "95 % limits",
+    "identification": "95 % limits",
+    "scaling": "± 1 standard error",
+    "levels": "± 1 binomial standard error",
+    "learning": "95 % limits; grey lines: participants' own trends",
+    "reaction": "95 % limits of the mean; grey dots: participants' medians",
+    "bias": "95 % limits; grey dots: participants",
+}
+
+
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+@pytest.mark.parametrize("kind", MEANINGS)
+def test_what_bars_mean_stands_on_the_figure(draw, kind, width_in):
+    texts = [text.replace("\n", " ") for text, _ in visible_texts(draw[kind](width_in=width_in))]
+
+    assert any(MEANINGS[kind] in text for text in texts)
+
+
+@pytest.mark.parametrize("kind", ["learning", "reaction", "bias"])
+def test_other_limits_are_named_on_the_figure(draw, kind):
+    texts = " ".join(text for text, _ in visible_texts(draw[kind](width_in=7.0, level=0.9)))
+
+    assert "90 % limits" in texts
+    assert "95" not in texts
+
+
+def test_the_band_of_the_course_has_the_level_asked_for(draw):
+    heights = [
+        np.ptp(draw["learning"](level=level).axes[0].collections[0].get_paths()[0].vertices[:, 1])
+        for level in (0.5, 0.95)
+    ]
+
+    assert heights[0] < 0.7 * heights[1]
+
+
+def test_people_are_straight_lines_below_their_mean(draw, make_decisions):
+    rows = make_decisions()
+    lines = draw["learning"](width_in=TWO_COLUMNS_IN).axes[0].lines
+    mean = max(lines, key=lambda line: line.get_linewidth())
+    people = [line for line in lines if line is not mean]
+
+    assert len(people) == rows["participant"].nunique()
+    assert all(len(line.get_xdata()) == 2 for line in people)
+    assert all(line.get_zorder() < mean.get_zorder() for line in people)
+    assert all(luminance(line.get_color()) > 0.4 for line in people)
+
+
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+def test_dots_at_nothing_and_all_are_clear_of_the_names_beside_them(make_decisions, width_in):
+    (cell,) = preferences(make_decisions(), pairings=PAIRINGS[:1], sizes=("all",)).cells
+    dots = {(cell.method, cell.against, cell.size): [0.0, 0.0, 1.0, 1.0]}
+    chosen = preference_bars([cell], dots, label=label, width_in=width_in)
+    everyone = Bias("left key", 9, 0.5, 0.1, 0.9, 1.0, 1.0, (("a", 0.0), ("b", 1.0)), (), ())
+    for figure in (chosen, bias_bars([everyone], width_in=width_in)):
+        texts = visible_texts(figure)
+        renderer = figure.canvas.get_renderer()
+        (drawn,) = figure.axes[0].collections[:1]
+        reach_px = np.sqrt(drawn.get_sizes()[0]) / 2 * figure.dpi / 72 + 1
+        for x, y in figure.axes[0].transData.transform(drawn.get_offsets()):
+            around = Bbox([[x - reach_px, y - reach_px], [x + reach_px, y + reach_px]])
+            assert renderer is not None
+            assert not [text for text, box in texts if around.overlaps(box)]
+            assert figure.axes[0].bbox.x0 <= x - reach_px
+            assert x + reach_px <= figure.axes[0].bbox.x1
 
 
 def test_files_carry_their_fonts(draw, tmp_path):
@@ -293,6 +397,32 @@ def test_files_carry_their_fonts(draw, tmp_path):
     assert png.read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(ValueError, match="kind must be one of"):
         figure_bytes(draw["bias"](width_in=ONE_COLUMN_IN), "bmp")
+
+
+@pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
+def test_names_of_three_lines_keep_apart(make_decisions, width_in):
+    names = {
+        "large": "noise, against the standard picture",
+        "small": "warped, against another picture",
+    }
+    times = reaction_times(make_decisions(people=4), ("size",))
+    figure = reaction_plot(
+        times, {one.condition: (0.8, 1.2) for one in times}, label=names.get, width_in=width_in
+    )
+    boxes = [
+        box for text, box in visible_texts(figure) if text.replace("\n", " ") in names.values()
+    ]
+
+    assert len(boxes) == 2
+    assert boxes[0].y0 - boxes[1].y1 > 0.25 * 6.5 / 72 * figure.dpi
+
+
+def test_odds_of_a_narrow_figure_are_few_and_hold_even_odds():
+    for low, high in ((0.04, 3.0), (0.001, 5.0), (0.5, 2.0), (0.3, 9000.0)):
+        ticks = _odds_ticks(low, high, 4)
+
+        assert 1.0 in ticks
+        assert len(ticks) <= 4
 
 
 def luminance(colour: str) -> float:
