@@ -15,6 +15,8 @@ from analysis.plots.style import (
     BLUE,
     GREY,
     LIGHT,
+    explain,
+    limits_text,
     name_rows,
     new_figure,
     null_line,
@@ -167,5 +169,7 @@ def _figure(
                 axes.plot(check.share.median, at, "o", color=colour, ms=4 if place == 0 else 2.5)
         null_line(axes, 0.5)
         name_rows(axes, [name(one) for one in found], width_in)
-        share_axis(axes, "Share of choices, credible limits")
+        share_axis(axes, "Share of choices")
+        said = f"Lines: credible {limits_text(found[0].level)}; thick: default prior, thin: others"
+        explain(figure, f"{said}; band: practically equal", width_in)
     return figure

@@ -346,13 +346,26 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
                     "confidence",
                     f"Mean confidence of right and wrong answers with {plan.limits} over"
                     " participants; small: participants.",
-                    partial(pairs_plot, rows, dots, x_label="Confidence", label=label),
+                    partial(
+                        pairs_plot,
+                        rows,
+                        dots,
+                        x_label="Confidence",
+                        level=plan.confidence,
+                        label=label,
+                    ),
                 ),
                 PartFigure(
                     "calibration",
                     f"Share of right answers at each step of confidence, with {plan.limits};"
                     " dashed: chance.",
-                    partial(calibration_plot, series, chance=plan.chance, label=label),
+                    partial(
+                        calibration_plot,
+                        series,
+                        chance=plan.chance,
+                        level=plan.confidence,
+                        label=label,
+                    ),
                 ),
                 *(
                     [

@@ -112,7 +112,9 @@ class InteractionPart(Part[P, Interactions]):
             (_between(one, plan), plan.label(one.at), one.share, one.lower, one.upper)
             for one in found.sides
         ]
-        draw = partial(interaction_plot, rows, title=factor, chance=found.chance)
+        draw = partial(
+            interaction_plot, rows, title=factor, chance=found.chance, level=plan.confidence
+        )
         scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
         return Shown(
             lead=(

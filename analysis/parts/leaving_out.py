@@ -156,7 +156,13 @@ class LeavingOutPart(Part[Settings, LeavingOut]):
                 PartFigure(
                     "leaving_out",
                     caption,
-                    partial(interaction_plot, rows, title="left out", chance=0.5),
+                    partial(
+                        interaction_plot,
+                        rows,
+                        title="Left out",
+                        chance=0.5,
+                        level=plan.confidence,
+                    ),
                 ),
             )
             if rows

@@ -204,6 +204,7 @@ class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
                             for one, name in named
                         },
                         x_label="Confidence",
+                        level=plan.confidence,
                     ),
                 ),
             ),

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from analysis.deviations import Level
-from analysis.plots.style import BLUE, GREY, new_figure, style
+from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
 
 NAMED = 40
 """Levels of one effect that have room for their names."""
@@ -46,5 +46,5 @@ def caterpillar_plot(
             axes.set_ylim(-0.6, len(ordered) - 0.4)
             axes.tick_params(axis="y", length=0)
             axes.set_title(f"{name}s", loc="left")
-        figure.supxlabel(x_label, fontsize=size)
+        explain(figure, f"{x_label}; lines: {limits_text(level)}", width_in)
     return figure

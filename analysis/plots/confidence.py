@@ -9,13 +9,15 @@ from scipy.special import ndtr
 from analysis.detection import Measure
 from analysis.metacognition import UnequalFit
 from analysis.plots.style import (
+    DASHES,
     GREY,
     MARKERS,
     SERIES,
-    legend_columns,
+    key,
+    limits_text,
+    name_rows,
     new_figure,
     style,
-    wrapped,
 )
 from analysis.rates import Rate
 
@@ -28,6 +30,7 @@ def calibration_plot(
     series: Mapping[str, Sequence[tuple[float, Rate]]],
     *,
     chance: float,
+    level: float,
     label: Label = str,
     width_in: float = 3.33,
     simulated: bool = False,
@@ -58,9 +61,8 @@ def calibration_plot(
         axes.set_yticks(*_SHARES)
         axes.set_xlabel("Confidence")
         axes.set_ylabel("Share correct")
-        if len(series) > 1:
-            columns = legend_columns([label(name) for name in series], width_in)
-            figure.legend(loc="outside lower center", ncols=columns)
+        said = f"Lines: {limits_text(level)}; dashed: chance"
+        key(figure, [label(name) for name in series], said, width_in)
     return figure
 
 
@@ -69,6 +71,7 @@ def pairs_plot(
     people: Mapping[str, Sequence[tuple[float, ...]]],
     *,
     x_label: str,
+    level: float,
     label: Label = str,
     width_in: float = 3.33,
     simulated: bool = False,
@@ -104,12 +107,10 @@ def pairs_plot(
                 shown = "_" if name in named else name  # in the legend once
                 axes.plot(one.value, lift, marker, color=colour, ms=4, label=shown)
                 named.add(name)
-        axes.set_yticks(range(len(rows)), [wrapped(label(name), width_in) for name in rows])
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.tick_params(axis="y", length=0)
+        name_rows(axes, [label(name) for name in rows], width_in)
         axes.set_xlabel(x_label)
-        if len(named) > 1:
-            figure.legend(loc="outside lower center", ncols=legend_columns([*named], width_in))
+        said = f"Lines: {limits_text(level)} of the mean; small: participants"
+        key(figure, [*named], said, width_in)
     return figure
 
 
@@ -142,9 +143,8 @@ def metacognition_plot(
         axes.set_aspect("equal")
         axes.set_xlabel("d'")
         axes.set_ylabel("meta-d'")
-        if len(people) > 1:
-            columns = legend_columns([label(name) for name in people], width_in)
-            figure.legend(loc="outside lower center", ncols=columns)
+        said = "Points: participants; dashed: meta-d' = d'"
+        key(figure, [label(name) for name in people], said, width_in)
     return figure
 
 
@@ -168,17 +168,14 @@ def roc_plot(
         axes.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls=(0, (4, 3)))
         for place, (name, own) in enumerate(points.items()):
             colour, fit = SERIES[place % len(SERIES)], fits.get(name)
-            axes.plot(
-                *np.array(own).T,
-                MARKERS[place % len(MARKERS)],
-                color=colour,
-                ms=3.5,
-                ls="-" if fit is None else "none",
-                lw=0.8,
-                label=label(name),
-            )
+            marker, dash = MARKERS[place % len(MARKERS)], DASHES[place % len(DASHES)]
+            line, wide = ("-", 0.8) if fit is None else (dash, 1.3)
+            look = {"color": colour, "lw": wide, "marker": marker, "ms": 3.5}
+            axes.plot(*np.array(own).T, **look, ls=line if fit is None else "none")
+            axes.plot([], [], **look, ls=line, label=label(name))
             if fit is not None:
-                axes.plot(ndtr(fine), ndtr((fit.mean + fine) / fit.sd), color=colour, lw=1.3)
+                curve = ndtr((fit.mean + fine) / fit.sd)
+                axes.plot(ndtr(fine), curve, color=colour, ls=dash, lw=wide)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_ticks(*_SHARES)
         axes.set_xlim(-0.02, 1.02)
@@ -186,7 +183,6 @@ def roc_plot(
         axes.set_aspect("equal")
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
-        if len(points) > 1:
-            columns = legend_columns([label(name) for name in points], width_in)
-            figure.legend(loc="outside lower center", ncols=columns)
+        said = f"{'Curves: fits; ' * any(fits.values())}diagonal: chance"
+        key(figure, [label(name) for name in points], said, width_in)
     return figure

@@ -7,11 +7,13 @@ from matplotlib.figure import Figure
 from analysis.plots.style import (
     MARKERS,
     SERIES,
-    legend_columns,
+    key,
+    limits_text,
+    name_rows,
     new_figure,
+    null_line,
     share_axis,
     style,
-    wrapped,
 )
 
 
@@ -20,6 +22,7 @@ def interaction_plot(
     *,
     title: str,
     chance: float,
+    level: float,
     width_in: float = 7.0,
     simulated: bool = False,
 ) -> Figure:
@@ -42,7 +45,7 @@ def interaction_plot(
         for rank, row in enumerate(own)
     ]
     with style(width_in):
-        height = 0.8 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
+        height = 0.95 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
         figure = new_figure(width_in, height, simulated=simulated)
         axes = figure.subplots()
         for number, value in enumerate(values):
@@ -52,11 +55,9 @@ def interaction_plot(
                 axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
             axes.plot([row[2] for row in own], [row[0] for row in own], marker, color=colour,
                       ls="none", ms=4.5, label=value)  # fmt: skip
-        axes.axvline(chance, color="black", lw=0.8, ls=(0, (4, 3)))
+        null_line(axes, chance)
         share_axis(axes, "Share")
-        axes.set_yticks(range(len(groups)), [wrapped(one, width_in) for one in groups])
-        axes.set_ylim(len(groups) - 0.5, -0.5)
-        axes.tick_params(axis="y", length=0)
-        figure.legend(loc="outside lower center", title=title,
-                      ncols=legend_columns(values, width_in))  # fmt: skip
+        name_rows(axes, groups, width_in)
+        named = f"{title} ({values[0]})" if len(values) == 1 else title
+        key(figure, values, f"{named}; lines: {limits_text(level)}; dashed: chance", width_in)
     return figure

@@ -1,8 +1,10 @@
 """The bounds of planned looks, and where a study stands among them."""
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.plots.style import BLUE, GREY, ORANGE, new_figure, style
+from analysis.plots.style import BLUE, GREY, ORANGE, explain, new_figure, style
+from analysis.report.wording import leading
 from analysis.sequential import SequentialPlan
 
 LEAST_SHOWN = 1e-6
@@ -40,9 +42,14 @@ def bounds_plot(
             )
         axes.set_yscale("log")
         axes.set_ylim(1.3, LEAST_SHOWN / 1.3 if min(reject) == LEAST_SHOWN else min(reject) / 3.0)
+        # The formatter of logarithmic axes writes formulas, which the house style does not set.
+        axes.yaxis.set_major_formatter(
+            lambda value, _: leading(np.format_float_positional(value, 9, trim="-"))
+        )
         axes.set_xticks(plan.looks)
         axes.set_xlim(0, max(plan.looks[-1], people or 0) * 1.05)
         axes.set_xlabel("Participants")
         axes.set_ylabel("p")
         axes.legend(loc="best")
+        explain(figure, f"Dashed: alpha = {leading(f'{plan.alpha:g}')}", width_in)
     return figure

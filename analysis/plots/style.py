@@ -124,6 +124,16 @@ def explain(figure: Figure, text: str, width_in: float) -> None:
     figure.supxlabel("\n".join(lines), fontsize=size, color=GREY)
 
 
+def key(figure: Figure, names: Sequence[str], text: str, width_in: float) -> None:
+    """Say what bars mean above a legend of these names below the figure; of one name, alone."""
+    if len(names) < 2:
+        explain(figure, text, width_in)
+        return
+    title = "\n".join(textwrap.wrap(text, 56 if width_in < 5 else 100))
+    columns = legend_columns(names, width_in)
+    figure.legend(loc="outside lower center", ncols=columns, title=title)
+
+
 def share_axis(axes: Axes, label: str) -> None:
     """Set an axis from 0 to 1, whose ends keep dots clear of the names beside them."""
     axes.set_xlim(-0.03, 1.03)

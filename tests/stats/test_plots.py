@@ -27,7 +27,10 @@ from analysis.bias import Bias, order_bias, side_bias
 from analysis.bootstrap import bootstrap_scale
 from analysis.critical_scaling import critical_scalings
 from analysis.detection import identification, yes_no
+from analysis.deviations import Level
 from analysis.learning import course
+from analysis.metacognition import UnequalFit
+from analysis.ordinal import rating_model
 from analysis.pairings import counts, pairing_rows
 from analysis.parts.scale import vote_tensor
 from analysis.plots import (
@@ -44,19 +47,27 @@ from analysis.plots import (
     power_plot,
     preference_bars,
     psychometric_plot,
+    rates_plot,
     reaction_plot,
     save_figure,
     scaling_plot,
 )
+from analysis.plots.caterpillar import caterpillar_plot
+from analysis.plots.confidence import calibration_plot, metacognition_plot, pairs_plot, roc_plot
+from analysis.plots.interaction import interaction_plot
 from analysis.plots.preference import _odds_ticks
+from analysis.plots.ratings import ratings_plot
+from analysis.plots.sequential import bounds_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
 from analysis.preference import preferences
 from analysis.psychometric import fit_psychometric
 from analysis.reaction import reaction_times
 from analysis.scaling import scale
+from analysis.sequential import plan_of
 from analysis.tasks import analysis_of
 from analysis.thresholds import fit_thresholds
+from protocols.sequential import Sequential
 
 LABELS = {
     "metameric": "Metameric (ours)",
@@ -81,6 +92,15 @@ KINDS = (
     "reaction",
     "bias",
     "power",
+    "ratings",
+    "rates",
+    "caterpillar",
+    "calibration",
+    "pairs",
+    "metacognition",
+    "roc",
+    "interaction",
+    "looks",
 )
 Draw = Callable[..., Figure]
 
@@ -156,7 +176,52 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     assert side is not None
     simulation = analysis_of("preference").simulation(demo_protocol)
     curve = power(simulation, {"rate": 0.65}, rng=np.random.default_rng(2), studies=200)
+    right = [(one.condition, one.correct) for one in found.conditions]
+    steps = {name: [(1.0, one), (2.0, one), (3.0, one)] for name, one in right}
+    means = {
+        one.condition: (("right", one.d_prime), ("wrong", one.criterion))
+        for one in found.conditions
+    }
+    own = {name: [(0.2, 1.1), (0.9, 0.4)] for name in means}
+    lying = {
+        "participant": [Level(f"P{k:02d}", 0.1 * k, 0.2) for k in range(11)],
+        "scene": [Level(f"a long scene {k}", 0.3 * k, 0.2) for k in range(4)],
+    }
+    curved = {name: UnequalFit(1.0 + k, 1.2, 1.0, 0.8, 0.7, -9.0) for k, name in enumerate(means)}
+    sides = [
+        (label(of), at, one.share, one.lower, one.upper)
+        for of in ("metameric", "push-pull")
+        for at, one in right
+    ]
+    looks = plan_of(Sequential(rule="bayes-factor", looks=(8, 16, 24), bayes_factor=3.0), 0.05)
+    rated = rating_model(
+        pd.DataFrame(
+            [
+                {"participant": who, "method": of, "rating": str(rng.integers(1, 5) + (of == "b"))}
+                for who in "abcdef"
+                for of in "ab"
+                for _ in range(6)
+            ]
+        ),
+        ("method",),
+        categories=list("12345"),
+    )
     return {
+        "rates": lambda **k: rates_plot([one for _, one in right], **k),
+        "ratings": lambda **k: ratings_plot(rated, **k),
+        "caterpillar": lambda **k: caterpillar_plot(
+            lying, x_label="From the typical one, log odds", **{"level": 0.95} | k
+        ),
+        "calibration": lambda **k: calibration_plot(steps, chance=0.5, **{"level": 0.95} | k),
+        "pairs": lambda **k: pairs_plot(means, own, x_label="Confidence", **{"level": 0.95} | k),
+        "metacognition": lambda **k: metacognition_plot(own, **k),
+        "roc": lambda **k: roc_plot(
+            {name: [(0.1, 0.4), (0.4, 0.8)] for name in own}, curved, labels=("F", "H"), **k
+        ),
+        "interaction": lambda **k: interaction_plot(
+            sides, title="Field of view", chance=0.5, **{"level": 0.95} | k
+        ),
+        "looks": lambda **k: bounds_plot(looks, people=16, p=0.02, **k),
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
         "forest": lambda **k: forest_plot(cells, label=label, **k),
         "scale": lambda **k: jod_plot(scales, label=label, **k),
@@ -226,6 +291,7 @@ def test_no_text_overlaps_and_none_is_cut_off(draw, kind, simulated, width_in):
     width, height = figure.canvas.get_width_height()
 
     assert len(texts) > 3
+    assert not any("$" in text for text, _ in texts)  # a formula, printed as it is written
     assert overlaps(figure) == []
     for text, box in texts:
         assert box.x0 >= -1, text
@@ -330,6 +396,15 @@ MEANINGS = {
     "learning": "95 % limits; grey lines: participants' own trends",
     "reaction": "95 % limits of the mean; grey dots: participants' medians",
     "bias": "95 % limits; grey dots: participants",
+    "rates": "95 % limits; dashed: chance",
+    "ratings": "95 % limits",
+    "caterpillar": "95 % limits",
+    "calibration": "95 % limits; dashed: chance",
+    "pairs": "95 % limits of the mean; small: participants",
+    "metacognition": "Points: participants",
+    "roc": "Curves: fits; diagonal: chance",
+    "interaction": "95 % limits; dashed: chance",
+    "looks": "Dashed: alpha = .05",
 }
 
 
@@ -341,7 +416,10 @@ def test_what_bars_mean_stands_on_the_figure(draw, kind, width_in):
     assert any(MEANINGS[kind] in text for text in texts)
 
 
-@pytest.mark.parametrize("kind", ["learning", "reaction", "bias"])
+@pytest.mark.parametrize(
+    "kind",
+    ["learning", "reaction", "bias", "caterpillar", "calibration", "pairs", "interaction"],
+)
 def test_other_limits_are_named_on_the_figure(draw, kind):
     texts = " ".join(text for text, _ in visible_texts(draw[kind](width_in=7.0, level=0.9)))
 
