@@ -1,6 +1,7 @@
 """Confidence: against right answers, against sensitivity, and as a ROC."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -170,9 +171,10 @@ def roc_plot(
             colour, fit = SERIES[place % len(SERIES)], fits.get(name)
             marker, dash = MARKERS[place % len(MARKERS)], DASHES[place % len(DASHES)]
             line, wide = ("-", 0.8) if fit is None else (dash, 1.3)
-            look = {"color": colour, "lw": wide, "marker": marker, "ms": 3.5}
-            axes.plot(*np.array(own).T, **look, ls=line if fit is None else "none")
-            axes.plot([], [], **look, ls=line, label=label(name))
+            x, y = np.array(own).T
+            look = partial(axes.plot, color=colour, lw=wide, marker=marker, ms=3.5)
+            look(x, y, ls=line if fit is None else "none")
+            look([], [], ls=line, label=label(name))
             if fit is not None:
                 curve = ndtr((fit.mean + fine) / fit.sd)
                 axes.plot(ndtr(fine), curve, color=colour, ls=dash, lw=wide)
