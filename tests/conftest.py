@@ -474,6 +474,21 @@ def gl_watch(gl_context: moderngl.Context) -> type[GLWatch]:  # noqa: ARG001
     return GLWatch
 
 
+@pytest.fixture
+def refuse_gl_objects(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Give a function from whose call on making a GL object fails."""
+
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise AssertionError("made a GL object")
+
+    def begin() -> None:
+        kinds = ("texture", "texture_array", "buffer", "framebuffer", "compute_shader", "program")
+        for kind in kinds:
+            monkeypatch.setattr(moderngl.Context, kind, refuse)
+
+    return begin
+
+
 class GLWatch:
     """Which objects the current context has gained since the watch began, e.g. ``texture 3``.
 

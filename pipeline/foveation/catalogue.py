@@ -38,7 +38,12 @@ class Plain:
     pooling: Pooling | None = None
     on_charts: ClassVar[bool] = False
 
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:  # noqa: ARG002
+    def on_gpu(
+        self,
+        ctx: moderngl.Context,  # noqa: ARG002
+        geometry: Geometry,  # noqa: ARG002
+        seed: int | None = None,  # noqa: ARG002
+    ) -> FoveationPass | None:
         return None
 
 
@@ -72,7 +77,12 @@ class Pooled(Plain):
 class Blur(Pooled):
     """Every pixel is its pool's mean."""
 
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+    def on_gpu(
+        self,
+        ctx: moderngl.Context,
+        geometry: Geometry,
+        seed: int | None = None,  # noqa: ARG002
+    ) -> FoveationPass:
         from pipeline.foveation.gpu import BlurPass
 
         return BlurPass(ctx, geometry, self.pooling)
@@ -96,12 +106,14 @@ class Metamer(Pooled):
         super().__init__(**pooling)
         self.settings = MetamerSettings(self.pooling, levels, chroma, residual, noise)
 
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
+    def on_gpu(
+        self, ctx: moderngl.Context, geometry: Geometry, seed: int | None = None
+    ) -> FoveationPass | None:
         from pipeline.foveation.gpu import MetamerPass
 
         if self.settings.chroma == "full":
             return None
-        return MetamerPass(ctx, geometry, self.settings)
+        return MetamerPass(ctx, geometry, self.settings, seed=seed)
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         return reference.metamer(
@@ -155,10 +167,12 @@ class _Displaced(Pooled):
     match: ClassVar[bool]
     settings: DisplacementSettings
 
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass:
+    def on_gpu(
+        self, ctx: moderngl.Context, geometry: Geometry, seed: int | None = None
+    ) -> FoveationPass:
         from pipeline.foveation.displacement_gpu import DisplacementPass
 
-        return DisplacementPass(ctx, geometry, self.settings, match=self.match)
+        return DisplacementPass(ctx, geometry, self.settings, match=self.match, seed=seed)
 
     def apply(self, picture: Picture, look: Look) -> Picture:
         show = displacement.warped_metamer if self.match else displacement.eidolon

@@ -36,6 +36,11 @@ class Condition(Protocol):
         """Return what is shown: (H, W, 3), float32 in [0, 1]."""
         ...
 
-    def on_gpu(self, ctx: moderngl.Context, geometry: Geometry) -> FoveationPass | None:
-        """Build the passes that do the same, or None where only numpy does it."""
+    def on_gpu(
+        self, ctx: moderngl.Context, geometry: Geometry, seed: int | None = None
+    ) -> FoveationPass | None:
+        """Build the passes that do the same, or None where only numpy does it.
+
+        Noise of `seed` is made before they take their memory, which it needs for a while.
+        """
         ...

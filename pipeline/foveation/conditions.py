@@ -148,7 +148,7 @@ def foveate(
     """
     image = check_picture(picture)
     foveator = Foveator(
-        (image.shape[0], image.shape[1]), viewing=viewing, method=method, ctx=ctx, **parameters
+        image.shape[:2], viewing=viewing, method=method, seed=seed, ctx=ctx, **parameters
     )
     try:
         foveator.hold(image)
@@ -175,6 +175,8 @@ class Foveator:
         Of the pictures.
     viewing, method, ctx, parameters
         See `foveate`.
+    seed : int, optional
+        Of the first look: its noise is made before the passes take their memory.
 
     Attributes
     ----------
@@ -188,6 +190,7 @@ class Foveator:
         *,
         viewing: Viewing | None = None,
         method: str = "metamer",
+        seed: int | None = None,
         ctx: moderngl.Context | None = None,
         **parameters: Any,
     ) -> None:
@@ -199,7 +202,7 @@ class Foveator:
         self._image: Picture | NDArray[np.uint8] | None = None  # for numpy
         self.passes: FoveationPass | None = None
         if ctx is not None:
-            self.passes = self._passes(ctx)
+            self.passes = self._passes(ctx, seed)
 
     def __call__(
         self,
@@ -283,12 +286,12 @@ class Foveator:
             self._image = image.copy()
         self._holds = True
 
-    def _passes(self, ctx: moderngl.Context) -> FoveationPass | None:
+    def _passes(self, ctx: moderngl.Context, seed: int | None) -> FoveationPass | None:
         if not (self.geometry.wraps and self.condition.on_charts):
-            return self.condition.on_gpu(ctx, self.geometry)
+            return self.condition.on_gpu(ctx, self.geometry, seed)
         from pipeline.foveation.panorama_gpu import panorama_pass
 
-        return panorama_pass(ctx, self.geometry, self.condition)
+        return panorama_pass(ctx, self.geometry, self.condition, seed)
 
     def release(self) -> None:
         """Free what is held on the GPU, and the picture."""

@@ -58,6 +58,7 @@ class DisplacementPass(FoveationPass):
         settings: DisplacementSettings,
         *,
         match: bool,
+        seed: int | None = None,
     ) -> None:
         super().__init__(ctx, geometry, settings.pooling)
         self.settings = settings
@@ -70,6 +71,8 @@ class DisplacementPass(FoveationPass):
         self._field: _SphereField | _FlatField = self._part(
             kind(ctx, self._field_pooled, settings, self._warped)
         )
+        if seed is not None:
+            self.set_seed(seed)
         self._match: _Match | None = None
         lacks: dict[str, Resource] = {}
         if match:
@@ -92,13 +95,23 @@ class DisplacementPass(FoveationPass):
         if self._match:
             self._match.pull(source)
 
-    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+    def _choose(self, source: moderngl.Texture, call: Call) -> None:
         field = call.seed, call.field_gaze_px
         if self._displaced_for != field:  # else it rests, and so does what it displaces
             self._displace(source, call)
             self._displaced_for = field
         if self._match:
             self._match()
+
+    def _spare(self) -> None:
+        self._field.release()
+
+    def _finish(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        call: Call,  # noqa: ARG002
+    ) -> None:
         self._join.run(source, target)
 
     def _displace(self, source: moderngl.Texture, call: Call) -> None:

@@ -3,7 +3,6 @@
 // Twin: look_up() in noise/tile.py. Change both or neither.
 
 #constant TILE         // work-group edge, 2x2 pixels
-#constant NOISE_SCALE  // deviations of a step of the noise
 #constant TEXELS_PER_PX
 
 #include "weighed_noise.glsl"
@@ -19,7 +18,7 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 const int LAYERS = (3 * LEVELS + 15) / 16, WORDS = 4 * LAYERS;
 
 vec4 bands_of(uint word) {
-    return NOISE_SCALE * vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24);
+    return vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24);
 }
 
 // The bands of a pixel, four a vector, of unit variance.

@@ -2,7 +2,6 @@
 // Finish with noise that lies on the screen: see weighed_noise.glsl. A call makes 2x2 pixels.
 
 #constant TILE         // work-group edge, 2x2 pixels
-#constant NOISE_SCALE  // deviations of a step of the noise
 
 #include "weighed_noise.glsl"
 
@@ -15,7 +14,7 @@ uniform usampler2DArray noise;
 const int LAYERS = (3 * LEVELS + 3) / 4;
 
 vec4 band_of(uint word) {
-    return NOISE_SCALE * vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24);
+    return vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24);
 }
 
 void main() {

@@ -40,7 +40,7 @@ from pipeline.foveation.passes import (
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.gl.compute import Shader, Step, Steps
+from pipeline.gl.compute import Shader, Step, Steps, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.mixing import LAGS, fitted_mixing
@@ -94,8 +94,16 @@ class FoveationPass(PicturePass):
         """Do what depends on the picture alone."""
         raise NotImplementedError
 
-    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
-        """Do what a call asks for; pools are known, and textures checked."""
+    def _choose(self, source: moderngl.Texture, call: Call) -> None:
+        """Do what a call asks for, up to the last pass; pools are known, and textures checked."""
+        raise NotImplementedError
+
+    def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+        """Run the last pass."""
+        raise NotImplementedError
+
+    def _spare(self) -> None:
+        """Free what the last pass does not read."""
         raise NotImplementedError
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
@@ -120,16 +128,21 @@ class FoveationPass(PicturePass):
 
         Alpha is copied. `noise_shift_px` (rg32f) and `field_gaze_px`: see `foveate`.
         """
-        if self._source is None:
-            raise ValueError("hold a picture before you show it")
         check_texture(target, "target", self.size, "rgba32f")
         if noise_shift_px is not None:
-            if not self.carries_noise:
-                raise ValueError("these passes cannot carry noise along; numpy can")
             check_texture(noise_shift_px, "noise_shift_px", self.size, "rg32f")
-        self._eye.look(gaze_px)
         call = Call(gaze_px, seed, noise_shift_px, field_gaze_px or gaze_px)
-        self._show(self._source, target, call)
+        self._finish(self._look(call), target, call)
+
+    def _look(self, call: Call) -> moderngl.Texture:
+        """Do all but the last pass, and return the picture that is held."""
+        if self._source is None:
+            raise ValueError("hold a picture before you show it")
+        if call.noise_shift_px is not None and not self.carries_noise:
+            raise ValueError("these passes cannot carry noise along; numpy can")
+        self._eye.look(call.gaze_px)
+        self._choose(self._source, call)
+        return self._source
 
     def __call__(
         self,
@@ -152,27 +165,26 @@ class FoveationPass(PicturePass):
         self.hold(source)
 
     def shown(self, look: Look, *, last: bool = False) -> Picture:
-        """Show what is held, and read it back; the `last` time, all else is freed before."""
+        """Show what is held, and read it back; the `last` time, all is freed as soon as it can."""
         self.set_seed(look.seed, carried=look.noise_shift_px is not None)
-        target = self._ends.get("target")
-        if target is None:
-            target = self._ends["target"] = create_texture(self._ctx, self.size, "rgba32f")
         shift = None
         if look.noise_shift_px is not None:
             shift = texture_from(self._ctx, look.noise_shift_px.astype(np.float32), "rg32f")
-        self.show(
-            target,
-            look.gaze_px,
-            seed=look.seed,
-            noise_shift_px=shift,
-            field_gaze_px=look.field_gaze_px,
-        )
+        call = Call(look.gaze_px, look.seed, shift, look.field_gaze_px or look.gaze_px)
+        source = self._look(call)
+        if last:
+            self._spare()
+        target = self._ends.get("target")
+        if target is None:
+            target = self._ends["target"] = create_texture(self._ctx, self.size, "rgba32f")
+        self._finish(source, target, call)
         if shift is not None:
             shift.release()
         if last:
             reader, self._reader = self._reader, None
             del self._ends["target"]
             self.release()
+            let_go(self._ctx)
             self._reader = reader
         if self._reader is None:
             self._reader = self._ctx.framebuffer([target])  # reads three of the four channels
@@ -181,6 +193,7 @@ class FoveationPass(PicturePass):
         if last:
             target.release()
             self._release_reader()
+            let_go(self._ctx)
         return found
 
     def apply(self, picture: Picture, look: Look) -> Picture:
@@ -209,7 +222,7 @@ class BlurPass(FoveationPass):
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
         finish, coarse = self._compile("finish", FADE_SHARE=FADE_SHARE), self._chain.chosen.lows[0]
-        self._finish = Steps(
+        self._finish_steps = Steps(
             lambda source, target: finish.step_over(
                 self.size, source=source, coarse=coarse, target=target
             )
@@ -218,14 +231,19 @@ class BlurPass(FoveationPass):
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
 
-    def _show(
+    def _choose(self, source: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
+        self._chain.push(1)
+
+    def _spare(self) -> None:
+        self._chain.release_but(self._chain.chosen.lows[:1])
+
+    def _finish(
         self,
         source: moderngl.Texture,
         target: moderngl.Texture,
         call: Call,  # noqa: ARG002
     ) -> None:
-        self._chain.push(1)
-        self._finish.run(source, target)
+        self._finish_steps.run(source, target)
 
 
 class MetamerPass(FoveationPass):
@@ -238,12 +256,21 @@ class MetamerPass(FoveationPass):
     """
 
     def __init__(
-        self, ctx: moderngl.Context, geometry: Geometry, settings: MetamerSettings
+        self,
+        ctx: moderngl.Context,
+        geometry: Geometry,
+        settings: MetamerSettings,
+        *,
+        seed: int | None = None,
     ) -> None:
         super().__init__(ctx, geometry, settings.pooling)
         self.settings = settings
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
+        self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
+        self._seeds: dict[bool, int] = {}
+        if seed is not None:
+            self.set_seed(seed)
         self._chroma = settings.chroma != "luma"
         deepest = levels if settings.residual == "kept" else count
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
@@ -262,21 +289,23 @@ class MetamerPass(FoveationPass):
             STRONGEST_SKEW=STRONGEST_SKEW,
         )
         self._gains = self._gains_step(gains)
-        self._finish = self._compile_finish(carried=False)
+        self._on_screen = self._compile_finish(carried=False)
         self._carried: Shader | None = None
         self._finish_steps = Steps(self._finish_step)
-        self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
-        self._seeds: dict[bool, int] = {}
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
 
-    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
-        carried = call.noise_shift_px is not None
-        self.set_seed(call.seed, carried=carried)
+    def _choose(self, source: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
+        self.set_seed(call.seed, carried=call.noise_shift_px is not None)
         self._chain.push(2)
         self._gains.run()
         self._chain.push(1, 1)
+
+    def _spare(self) -> None:
+        self._chain.release_but(self._chain.chosen.lows[:1])
+
+    def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
         self._finish_steps.run(source, target, call.noise_shift_px)
 
     def _finish_step(
@@ -285,7 +314,7 @@ class MetamerPass(FoveationPass):
         target: moderngl.Texture,
         shift_px: moderngl.Texture | None,
     ) -> Step:
-        finish = self._finish if shift_px is None else self._carried
+        finish = self._on_screen if shift_px is None else self._carried
         assert finish is not None
         return finish.step_over(
             halved(self.size),

@@ -15,14 +15,14 @@ from pipeline.gl.compute import Steps
 
 
 def panorama_pass(
-    ctx: moderngl.Context, geometry: Geometry, condition: Condition
+    ctx: moderngl.Context, geometry: Geometry, condition: Condition, seed: int | None = None
 ) -> FoveationPass | None:
     """Build the passes of a whole panorama, or None for a condition that numpy alone does."""
-    belt = condition.on_gpu(ctx, geometry)
+    belt = condition.on_gpu(ctx, geometry, seed)
     if belt is None or condition.pooling is None:
         return None
     caps = [cap_of(geometry, upper=upper) for upper in (True, False)]
-    inner = [condition.on_gpu(ctx, cap) for cap in caps]
+    inner = [condition.on_gpu(ctx, cap, seed) for cap in caps]
     return PanoramaPass(
         ctx,
         geometry,
@@ -73,7 +73,7 @@ class PanoramaPass(FoveationPass):
             look_up(source)
             made.hold(seen)
 
-    def _show(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
+    def _choose(self, source: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
         shown, seed = self._shown, call.seed
         self._belt.show(shown[0], call.gaze_px, seed=seed, field_gaze_px=call.field_gaze_px)
         for (cap, made), found in zip(self._caps, shown[1:], strict=True):
@@ -81,6 +81,17 @@ class PanoramaPass(FoveationPass):
                 cap_gaze_px(self.geometry, cap, at) for at in (call.gaze_px, call.field_gaze_px)
             )
             made.show(found, gaze_px, seed=seed, field_gaze_px=field_gaze_px)
+
+    def _spare(self) -> None:
+        for made in self._inner:
+            made.release()
+
+    def _finish(
+        self,
+        source: moderngl.Texture,
+        target: moderngl.Texture,
+        call: Call,  # noqa: ARG002
+    ) -> None:
         self._join.run(source, target)
 
 

@@ -83,6 +83,13 @@ def of_int(value: int) -> bytes:
     return np.int32(value).tobytes()
 
 
+def let_go(ctx: moderngl.Context) -> None:
+    """Free what was released while it was bound: drivers keep that until they dispatch again."""
+    empty = ctx.compute_shader("#version 430\nlayout(local_size_x = 1) in;\nvoid main() {}")
+    empty.run()
+    empty.release()
+
+
 class Shader:
     """A compiled compute shader.
 

@@ -1,10 +1,11 @@
 """What every pass on the GPU has in common: it owns what it made."""
 
+from collections.abc import Collection
 from typing import Protocol, TypeVar
 
 import moderngl
 
-from pipeline.gl.compute import Resource, Shader
+from pipeline.gl.compute import Resource, Shader, Texture
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import create_texture, create_texture_array, texture_bytes
 
@@ -27,7 +28,7 @@ class Pass:
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
         self._shaders: list[Shader] = []
-        self._textures: list[moderngl.Texture | moderngl.TextureArray] = []
+        self._textures: list[Texture] = []
         self._buffers: list[moderngl.Buffer] = []
         self._parts: list[Part] = []
 
@@ -40,10 +41,16 @@ class Pass:
 
     def release(self) -> None:
         """Free everything this pass made."""
-        for item in (*self._parts, *self._textures, *self._buffers, *self._shaders):
+        self.release_but(())
+
+    def release_but(self, kept: Collection[Texture]) -> None:
+        """Free everything this pass made, but some of its own textures, until it is released."""
+        freed = [texture for texture in self._textures if texture not in kept]
+        for item in (*self._parts, *freed, *self._buffers, *self._shaders):
             item.release()
-        for kept in (self._parts, self._textures, self._buffers, self._shaders):
-            kept.clear()
+        self._textures = [texture for texture in self._textures if texture in kept]
+        for rest in (self._parts, self._buffers, self._shaders):
+            rest.clear()
 
     def _shader(self, path: str, **constants: Constant) -> Shader:
         shader = Shader(self._ctx, path, **constants)

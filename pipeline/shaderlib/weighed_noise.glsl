@@ -5,6 +5,7 @@
 #constant LEVELS
 #constant BASE                // 1: the base is the last push's; 0: it is the source
 #constant BENT                // 1: the pool's colours have a shape
+#constant NOISE_SCALE         // deviations of a step of the noise
 #constant COLOURED            // chroma's variance over luma's from which on noise keeps to them
 #constant ROOMY               // room for noise over its pool's
 #constant FIRST_SMOOTH        // level from which on every pixel has weights of its own
@@ -74,7 +75,7 @@ void store(ivec2 pixel, vec3 noise, Spread spread) {
     imageStore(target, pixel, vec4(faded(own.rgb, changed, seen), own.a));
 }
 
-// Add noise to the 2x2 pixels of a cell: of each level, unit noise of three bands, a column a band.
+// Add noise to the 2x2 pixels of a cell: of each level, three bands in steps of noise, a column a band.
 void add_noise(ivec2 cell, mat3x4 noise[LEVELS]) {
     vec2 at = 0.5 * (vec2(cell) + 0.5) / vec2(textureSize(weights, 0).xy);
     float scalars[4 * SCALAR_LAYERS];
@@ -112,5 +113,5 @@ void add_noise(ivec2 cell, mat3x4 noise[LEVELS]) {
     spread = held(spread, skew, scalars[LEVELS + 4], variance / max(varies.a, SMALLEST_VARIANCE));
 #endif
     for (int i = 0; i < 4; ++i)
-        store(2 * cell + ivec2(i & 1, i >> 1), strength * rgb_of(sum, i), spread);
+        store(2 * cell + ivec2(i & 1, i >> 1), NOISE_SCALE * strength * rgb_of(sum, i), spread);
 }

@@ -81,7 +81,9 @@ def look_through(
     size = (colour.shape[0], colour.shape[1])
     for choice in choices:
         say(choice.label)
-        foveator = Foveator(size, viewing=viewing, method=choice.name, ctx=ctx, **choice.parameters)
+        foveator = Foveator(
+            size, viewing=viewing, method=choice.name, seed=seed, ctx=ctx, **choice.parameters
+        )
         try:
             on_gpu = foveator.passes is not None
             if isinstance(foveator.condition, EnergyMetamer):

@@ -127,3 +127,11 @@ def test_a_panorama_of_another_size_is_refused(gl_context):
         made(wrong, wrong, wrong)
     for thing in (made, wrong):
         thing.release()
+
+
+def test_views_make_no_gl_objects(seen, refuse_gl_objects):
+    """After the first, in whatever direction."""
+    first = read_back(seen(0.0, 0.0)[0])
+    refuse_gl_objects()
+    other = read_back(seen(100.0, 20.0)[0])
+    assert np.abs(read_back(seen(0.0, 0.0)[0]) - first).max() == 0 < np.abs(other - first).max()

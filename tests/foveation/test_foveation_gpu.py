@@ -1,8 +1,9 @@
 """Foveation on the GPU against its twin."""
 
+import itertools
+import subprocess
 import sys
 
-import moderngl
 import numpy as np
 import pytest
 from PIL import Image
@@ -10,6 +11,7 @@ from skimage import data
 
 from benchmarks.dispatches import dispatches_of
 from pipeline.errors import InputError
+from pipeline.foveation import gpu
 from pipeline.foveation.conditions import Foveator, foveate
 from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
 from pipeline.foveation.displacement_gpu import DisplacementPass
@@ -19,7 +21,10 @@ from pipeline.foveation.look import Look
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.foveation.settings import MetamerSettings
+from pipeline.gl import passes as gl_passes
 from pipeline.gl.texture import create_texture, read_back, texture_from
+from stimuli.choice import Choice
+from stimuli.foveated.look_through import look_through
 
 # Pools of half a pixel up to some 30, seen with every sort of border.
 VIEWS = [
@@ -336,7 +341,7 @@ def test_a_frame_is_replayed_and_looks_nothing_up(gl_context):
 
 @pytest.mark.parametrize("method", ["blur", "metamer", "eidolon", "warped-metamer"])
 @pytest.mark.parametrize("viewing", [Flat(40), Equirectangular()])
-def test_frames_make_no_gl_objects(gl_context, monkeypatch, viewing, method):
+def test_frames_make_no_gl_objects(gl_context, refuse_gl_objects, viewing, method):
     """After the first: pictures held anew, gazes, read back or not."""
     size = (64, 128)
     foveator = Foveator(size, viewing=viewing, method=method, ctx=gl_context)
@@ -345,17 +350,11 @@ def test_frames_make_no_gl_objects(gl_context, monkeypatch, viewing, method):
     foveator.hold(picture)
     foveator.show((60.0, 30.0))
     foveator.passes(source, target, (1.0, 2.0))
-
-    def refuse(*_arguments, **_options):
-        raise AssertionError("made a GL object")
-
-    for kind in ("texture", "texture_array", "buffer", "framebuffer", "compute_shader", "program"):
-        monkeypatch.setattr(moderngl.Context, kind, refuse)
+    refuse_gl_objects()
     foveator.passes.hold(source)
     foveator.passes.show(target, (3.0, 4.0), field_gaze_px=(1.0, 2.0))
     foveator.hold(picture)
     foveator.show((50.0, 20.0))
-    monkeypatch.undo()
     for thing in (foveator, source, target):
         thing.release()
 
@@ -388,3 +387,60 @@ def test_the_last_picture_is_as_any_other_and_all_else_is_freed_before(gl_contex
     np.testing.assert_array_equal(foveator.show((9, 9), seed=2, last=True), shown)
     assert passes.held_bytes == 0
     foveator.release()
+
+
+def test_noise_is_made_before_passes_take_memory(gl_context, monkeypatch):
+    """It needs as much for a while as pictures of 2 megapixels hold."""
+    events = []
+
+    def noted(word, work):
+        return lambda *given, **named: (events.append(word), work(*given, **named))[1]
+
+    monkeypatch.setattr(gl_passes, "create_texture", noted("memory", gl_passes.create_texture))
+    monkeypatch.setattr(gpu, "screen_noise", noted("noise", gpu.screen_noise))
+    foveate(photograph((40, 48)), (5, 5), seed=1, ctx=gl_context)
+    look_through(photograph((40, 48)), (5, 5), Flat(40), [Choice("metamer")], ctx=gl_context)
+    assert [event for event, _ in itertools.groupby(events)] == ["noise", "memory"] * 2
+
+
+@pytest.mark.parametrize(("method", "viewing"), HELD)
+def test_the_last_pass_of_the_last_picture_holds_what_it_reads(
+    gl_context, monkeypatch, method, viewing
+):
+    foveator = Foveator((64, 128), viewing=viewing, method=method, ctx=gl_context)
+    foveator.hold(photograph((64, 128)))
+    shown, kind, held = foveator.show((9, 9)), type(foveator.passes), []
+    finish = kind._finish
+
+    def watched(self, *given):
+        held.append(self.held_bytes)
+        finish(self, *given)
+
+    monkeypatch.setattr(kind, "_finish", watched)
+    foveator.show((9, 9))
+    np.testing.assert_array_equal(foveator.show((9, 9), last=True), shown)
+    assert held[-1] < 0.9 * held[0]
+    foveator.release()
+
+
+_PEAK = """
+import re, sys
+from pathlib import Path
+from study_app.cli import app
+try:
+    app(["foveate", *sys.argv[1:]])
+finally:
+    print(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "most_mb"), [("metamer", 900), ("warped-metamer", 1450)])
+def test_a_large_picture_takes_as_much_memory_as_the_page_says(tmp_path, method, most_mb):
+    rng = np.random.default_rng(1)
+    rows = rng.integers(0, 255, (700, 1050, 3)).astype(np.uint8)
+    large = Image.fromarray(rows).resize((4200, 2800), Image.Resampling.BICUBIC)
+    large.save(tmp_path / "large.jpg")
+    words = [sys.executable, "-c", _PEAK, "large.jpg", "out.png", "-m", method]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert 1.024e-3 * int(done.stdout.split()[-1]) < most_mb
