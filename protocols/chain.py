@@ -41,14 +41,14 @@ def sealed(event: AnyEvent, before: str) -> tuple[AnyEvent, bytes]:
     before : str
         Checksum of the line before, or `first_link`.
     """
-    bare = event_line(event.model_copy(update={"chain": None}))
-    head, _, tail = bare.partition(_NONE)
-    chain = hashlib.sha256(before.encode() + bare[:-1]).hexdigest()
-    return event.model_copy(update={"chain": chain}), b'%b"chain":"%b"%b' % (
-        head,
-        chain.encode(),
-        tail,
-    )
+    chain, line = sealed_line(event_line(event.model_copy(update={"chain": None})), before)
+    return event.model_copy(update={"chain": chain}), line
+
+
+def sealed_line(bare: bytes, before: str) -> tuple[str, bytes]:
+    """Return the checksum of a line that has ``null`` in its place, and the line with it."""
+    chain = due(bare[:-1], before)
+    return chain, bare.replace(_NONE, b'"chain":"%b"' % chain.encode(), 1)
 
 
 def stated(line: bytes) -> str | None:

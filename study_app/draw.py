@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from study_app.strip import BLOCK_PX, BLOCKS, CRC_BITS, GUARD, NUMBER_BITS, code_of
 
-_VERTEX = """
+VERTEX = """
 #version 430
 void main() {  // the whole viewport, as a strip of two triangles
     gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0, 0.0, 1.0);
@@ -71,16 +71,22 @@ class Painter:
         self._ctx, self._size = ctx, size
         self._grey = background / 255
         self._programs = [
-            ctx.program(vertex_shader=_VERTEX, fragment_shader=text)
+            ctx.program(vertex_shader=VERTEX, fragment_shader=text)
             for text in (_LAYER, _IMAGE, _STRIP)
         ]
         layer, image, strip = self._programs
         self._layer, self._image, self._strip = (
             ctx.vertex_array(program, []) for program in self._programs
         )
-        self._layer_corner, self._layer_index = _uniform(layer, "corner"), _uniform(layer, "layer")
-        self._image_corner = _uniform(image, "corner")
-        self._strip_corner, self._strip_code = _uniform(strip, "corner"), _uniform(strip, "code")
+        self._layer_corner, self._layer_index = (
+            uniform_of(layer, "corner"),
+            uniform_of(layer, "layer"),
+        )
+        self._image_corner = uniform_of(image, "corner")
+        self._strip_corner, self._strip_code = (
+            uniform_of(strip, "corner"),
+            uniform_of(strip, "code"),
+        )
         ctx.enable_only(moderngl.NOTHING)
         ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
 
@@ -117,9 +123,17 @@ class Painter:
     def image(self, texture: moderngl.Texture, place: tuple[int, int]) -> None:
         """Draw an RGBA image over what is there, one to one."""
         texture.use(0)
-        self._ctx.enable(moderngl.BLEND)
         self._image_corner.value = self._view(place, *texture.size)
-        self._image.render(moderngl.TRIANGLE_STRIP, vertices=4)
+        self._blend(self._image)
+
+    def over(self, array: moderngl.VertexArray) -> None:
+        """Draw a program of another's over the whole screen."""
+        self._view((0, 0), *self._size)
+        self._blend(array)
+
+    def _blend(self, array: moderngl.VertexArray) -> None:
+        self._ctx.enable(moderngl.BLEND)
+        array.render(moderngl.TRIANGLE_STRIP, vertices=4)
         self._ctx.disable(moderngl.BLEND)
 
     def strip(self, number: int) -> None:
@@ -154,7 +168,8 @@ class Painter:
         return corner
 
 
-def _uniform(program: moderngl.Program, name: str) -> moderngl.Uniform:
+def uniform_of(program: moderngl.Program, name: str) -> moderngl.Uniform:
+    """Return a uniform that is in use."""
     uniform = program[name]
     assert isinstance(uniform, moderngl.Uniform), name
     return uniform

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import glfw
@@ -11,6 +12,38 @@ from protocols.errors import StudyError
 
 RATE_SLACK_HZ = 1.0
 """Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
+
+
+def start_glfw() -> None:
+    """Reach the desktop.
+
+    Raises
+    ------
+    StudyError
+        If there is none.
+    """
+    glfw.ERROR_REPORTING = "ignore"
+    if not glfw.init():
+        raise StudyError(
+            f"a session needs a screen (found none: DISPLAY={os.environ.get('DISPLAY', '')!r});"
+            " start it from the desktop of the machine that the display is connected to"
+        )
+
+
+def monitor_display() -> Display:
+    """Return the primary monitor in the mode that it is in; only its pixels and rate are known."""
+    start_glfw()
+    try:
+        if (monitor := glfw.get_primary_monitor()) is None:
+            raise StudyError("a monitor must be connected (found none)")
+        mode = glfw.get_video_mode(monitor)
+    finally:
+        glfw.terminate()
+    width, height = mode.size.width, mode.size.height
+    return Display(
+        name="monitor", width_px=width, height_px=height, width_mm=float(width),
+        height_mm=float(height), distance_mm=float(width), refresh_hz=mode.refresh_rate or 60.0,
+    )  # fmt: skip
 
 
 def choose_monitor(display: Display) -> Any:

@@ -7,7 +7,6 @@ once per refresh.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
@@ -22,7 +21,7 @@ from protocols.errors import StudyError
 from protocols.session_schema import POINTER
 from study_app.gamepad import Gamepad
 from study_app.keys import key_name
-from study_app.monitor import check_mode, choose_monitor, plain_text
+from study_app.monitor import check_mode, choose_monitor, plain_text, start_glfw
 from study_app.one_screen import claim_screen
 from study_app.sleep_watch import SleepWatch
 from study_app.stage import KeyPress
@@ -67,16 +66,9 @@ class Window:
         self._sleep = SleepWatch()
         self._line_s = -math.inf  # software pacing: the grid line of the flip before
         self._last_s = -math.inf
-        glfw.ERROR_REPORTING = "ignore"
         self._claim = claim_screen()
-        if not glfw.init():
-            self._claim.close()
-            raise StudyError(
-                "a session needs a screen (found none:"
-                f" DISPLAY={os.environ.get('DISPLAY', '')!r}); start it from the desktop of the"
-                " machine that the display is connected to"
-            )
         try:
+            start_glfw()
             self._open(display)
         except BaseException:
             glfw.terminate()
@@ -250,6 +242,10 @@ class Window:
         """Return the mouse, from the upper left corner of the screen."""
         x, y = glfw.get_cursor_pos(self._handle)
         return float(x), float(y)
+
+    def held_down(self) -> bool:
+        """Return whether the left button of the mouse is down."""
+        return bool(glfw.get_mouse_button(self._handle, glfw.MOUSE_BUTTON_LEFT) == glfw.PRESS)
 
     def show_cursor(self, shown: bool, *, stays: bool = False) -> None:
         """Show the mouse or hide it; once it `stays`, as where it stands in for an eye, it does."""

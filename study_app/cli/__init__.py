@@ -27,6 +27,7 @@ SLOTS = (
     Slot("demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"),
     Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
     Slot("foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"),
+    Slot("live", "Show a picture that follows the gaze.", "study_app.cli.live:live"),
     Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
     Slot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
     Slot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),

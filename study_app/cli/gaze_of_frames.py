@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from stimuli.foveated.clip_to_files import Track
 
 _REPLAY = "replay:"
-_SAME_TIME_S = 1e-6
 
 
 def is_of_frames(gaze: str | None) -> bool:
@@ -27,8 +26,8 @@ def is_of_frames(gaze: str | None) -> bool:
 def track_of(gaze: str, display: str | None, fps: float, say: Callable[[str], None]) -> Track:
     """Read ``replay:FILE`` or ``FILE.csv``.
 
-    A frame has the last sample at its time, as in a live display. A recording is of the screen, in
-    whose middle frames stand: that of `display`, or one as large as the frames.
+    A frame has the last sample at its time, on the grid of gazes of a live picture. A recording is
+    of the screen, in whose middle frames stand: that of `display`, or one as large as the frames.
 
     Raises
     ------
@@ -37,6 +36,8 @@ def track_of(gaze: str, display: str | None, fps: float, say: Callable[[str], No
     """
     if gaze.startswith(_REPLAY):
         from study_app.gaze.open_source import recorded
+        from study_app.gaze.replay import SAME_TIME_S
+        from study_app.live.renderer import on_grid
 
         recording = recorded(gaze.removeprefix(_REPLAY))
 
@@ -53,9 +54,10 @@ def track_of(gaze: str, display: str | None, fps: float, say: Callable[[str], No
                     f"note: {here.path.name} ends after {here.t_s[-1]:.3g} s, the frames after"
                     f" {times_s[-1]:.3g} s, at {fps:g} a second: its last gaze is held"
                 )
-            last = np.searchsorted(here.t_s, times_s + _SAME_TIME_S, side="right") - 1
-            places = np.stack([here.x_px[last], here.y_px[last]], axis=1)
-            return np.asarray(places - [(across - width) / 2, (down - height) / 2])
+            last = np.searchsorted(here.t_s, times_s + SAME_TIME_S, side="right") - 1
+            corner = (across - width) // 2, (down - height) // 2
+            places = zip(here.x_px[last] - corner[0], here.y_px[last] - corner[1], strict=True)
+            return np.array([on_grid(place) for place in places])
 
         return replay
     from stimuli.score.viewing import read_gaze

@@ -9,6 +9,9 @@ import numpy as np
 from study_app.gaze.recording import Recording
 from study_app.gaze.source import GazeSample, SourceInfo
 
+SAME_TIME_S = 1e-6
+"""A sample whose time comes within this has come: sums of refreshes are no exact numbers."""
+
 
 class ReplaySource:
     """Emits a recording's samples as their time comes, once.
@@ -40,7 +43,8 @@ class ReplaySource:
     def poll(self) -> Sequence[GazeSample]:
         """Return the samples whose time has come."""
         tape = self._recording
-        until = int(np.searchsorted(tape.t_s, self._clock() - self._start_s, side="right"))
+        since_s = self._clock() - self._start_s + SAME_TIME_S
+        until = int(np.searchsorted(tape.t_s, since_s, side="right"))
         start, self._next = self._next, max(until, self._next)
         return [
             GazeSample(

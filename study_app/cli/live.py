@@ -1,0 +1,435 @@
+"""`metamerlab live`: a picture in the window that follows the gaze."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from protocols.errors import StudyError
+from protocols.load import load_display
+from study_app.cli.errors import user_errors
+from study_app.cli.foveate import DEFAULT_METHOD, frames_of
+from study_app.cli.one_picture import (
+    DisplayOption,
+    FovOption,
+    SettingsOption,
+    check_file,
+    choose_methods,
+    panel_option,
+)
+from study_app.cli.terminal import say, say_notes
+
+if TYPE_CHECKING:
+    from pipeline.foveation.geometry import FlatGeometry
+    from stimuli.choice import Choice
+    from stimuli.foveated.any_picture import Reading
+    from study_app.cli.live_renderer import FoveatingRenderer
+    from study_app.live.log import LiveLog
+    from study_app.live.loop import LiveLoop
+    from study_app.live.renderer import View
+    from study_app.live.screen import WindowScreen
+    from study_app.window import Window
+
+KEYS = "m: method, l: law, s: seed, o: overlay, escape: end"
+_LAWS = ("v1", "v2", "authors")
+_POOLING = ("law", "scaling", "alpha", "rate")
+_STEPS_PER_DEG = 64  # of a panorama's direction
+_TOLD_S = 0.5  # between two changes of what the overlay says
+_file_option = panel_option("The file")
+
+
+def live(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="A picture, a folder of frames, a video, or builtin:NAME, such as builtin:garden."
+        ),
+    ],
+    gaze: Annotated[
+        str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")
+    ] = "mouse",
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--method",
+            "-m",
+            help="Condition to begin with; given more than once, the key m goes through these."
+            rf" \[default: {DEFAULT_METHOD}, then all that the GPU draws]",
+        ),
+    ] = None,
+    settings: SettingsOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed to begin with.")] = 0,
+    display: DisplayOption = None,
+    fov: FovOption = None,
+    panorama: Annotated[
+        bool, typer.Option("--panorama", help="An equirectangular panorama; drag to look around.")
+    ] = False,
+    fps: Annotated[
+        float | None,
+        typer.Option(min=1, max=1000, help=r"Frames a second. \[default: the video's, or 30]"),
+    ] = None,
+    overlay: Annotated[
+        bool, typer.Option("--overlay", help="Begin with rings, frame time and latency shown.")
+    ] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Keep a log of every flip (.jsonl), new."),
+    ] = None,
+    verify: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG", help="Draw frames of a log again, off screen, instead of showing SOURCE."
+        ),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    software_pacing: Annotated[
+        bool,
+        typer.Option("--software-pacing", help="A timer instead of the display's refresh."),
+    ] = False,
+    stops: Annotated[
+        float | None, _file_option(help="Make light brighter by this many stops.")
+    ] = None,
+    clip: Annotated[
+        bool, _file_option("--clip", help="Clip light that a display cannot show.")
+    ] = False,
+    encoded: Annotated[
+        bool, _file_option("--encoded", help="Floats hold display-referred colour, not light.")
+    ] = False,
+) -> None:
+    """Show a picture that follows the gaze: a metamer, or what it is compared with.
+
+    Keys: m the next method, l the next pooling law, s the next seed, o the overlay, escape the end.
+
+    Examples:
+
+        metamerlab live photo.jpg
+
+        metamerlab live photo.jpg --gaze lsl:eye --display fhd27-60hz --record seen.jsonl
+
+        metamerlab live photo.jpg --verify seen.jsonl
+
+        metamerlab live around.exr --panorama -m warped-metamer --set law=v2
+    """
+    from stimuli.foveated.any_picture import Reading
+
+    with user_errors():
+        exposed = panorama and stops is None and not clip
+        reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
+        if verify is not None:
+            _verify(source, verify)
+            return
+        show = _Show(
+            source, gaze, _choices(method, settings), seed, reading, panorama, display, fov, fps,
+            record, seconds,
+        )  # fmt: skip
+        if record is not None:
+            check_file(record, (".jsonl",))
+            if record.exists():
+                raise StudyError(f"{record}: must be a new file, and is there; name another one")
+        _run(show, overlay=overlay, pacing="software" if software_pacing else "vsync")
+
+
+@dataclass(frozen=True)
+class _Show:
+    """What was asked for."""
+
+    source: str
+    gaze: str
+    choices: list[Choice]
+    seed: int
+    reading: Reading
+    panorama: bool
+    display: str | None
+    fov_deg: float | None
+    fps: float | None
+    record: Path | None
+    seconds: float | None
+
+
+def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choice]:
+    """The conditions that keys go through, the first one first."""
+    from pipeline.foveation.conditions import condition_parameters, create_condition
+    from stimuli.choice import Choice
+    from study_app.cli.live_renderer import live_methods
+
+    names = list(dict.fromkeys(methods or [DEFAULT_METHOD, *live_methods()]))
+    chosen = choose_methods(
+        names, settings, every=names, default=names[0], known=condition_parameters,
+        sheet=len(names) > 1,
+    )  # fmt: skip
+    for name, parameters in chosen:
+        if name not in live_methods():
+            raise StudyError(
+                f"--method: must be one of {', '.join(live_methods())}, which the GPU draws (got"
+                f" {name})"
+            )
+        create_condition(name, parameters)
+    return [Choice(name, parameters) for name, parameters in chosen]
+
+
+def _run(show: _Show, *, overlay: bool, pacing: Any) -> None:
+    from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
+    from study_app.gaze.open_source import check_kind
+    from study_app.monitor import monitor_display
+    from study_app.window import Window
+
+    check_kind(show.gaze)
+    shown_on = load_display(show.display) if show.display is not None else None
+    builtin = show.source.startswith(BUILTIN)
+    read, fps = None, show.fps or 0.0
+    if not builtin:
+        with frames_of(Path(show.source), show.fps, say) as (path, fps):
+            read = read_source(path, show.reading, panorama=show.panorama)
+    shown_on = shown_on or monitor_display()
+    screen_size = shown_on.height_px, shown_on.width_px
+    flat_size = screen_size if read is None or show.panorama else read.size
+    geometry = _geometry(flat_size, show)
+    corner = tuple((a - b) // 2 for a, b in zip(screen_size[::-1], flat_size[::-1], strict=True))
+    with ExitStack() as open_now:
+        window = open_now.enter_context(Window(shown_on, pacing=pacing))
+        source = read or draw_source(show.source, geometry, window.ctx)
+        say_notes(source.notes)
+        renderer = FoveatingRenderer(window.ctx, source, geometry, show.choices[0])
+        open_now.callback(renderer.release)
+        _Showing(show, window, renderer, (corner[0], corner[1]), fps, overlay).run()
+
+
+def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
+    from pipeline.foveation.geometry import FlatGeometry
+    from stimuli.foveated.looking import look_at
+
+    looking = look_at(size, display=show.display, fov_deg=show.fov_deg)
+    say(looking.words)
+    say_notes(looking.notes)
+    assert isinstance(looking.geometry, FlatGeometry)
+    return looking.geometry
+
+
+class _Showing:
+    """One run in an open window: keys, the mouse's drag, the overlay, the log."""
+
+    def __init__(
+        self,
+        show: _Show,
+        window: Window,
+        renderer: FoveatingRenderer,
+        corner: tuple[int, int],
+        fps: float,
+        overlay: bool,
+    ) -> None:
+        from study_app.live.screen import WindowScreen
+
+        self._show, self._window, self._renderer, self._corner = show, window, renderer, corner
+        geometry = renderer.geometry
+        self._screen: WindowScreen = WindowScreen(
+            window, corner, geometry.centre_px, geometry.distance_px
+        )
+        self._screen.overlay = overlay
+        self._fps, self._seed, self._choices = fps, show.seed, list(show.choices)
+        self._turned = (0.0, 0.0)
+        self._dragged: tuple[float, float] | None = None
+        self._log: LiveLog | None = None
+
+    def run(self) -> None:
+        """Show until it is ended; say the latency."""
+        from study_app.gaze.open_source import Desk, open_gaze
+        from study_app.live.loop import LiveLoop
+
+        window, screen = self._window, self._screen
+        self._warm_up()
+        window.show_cursor(self._show.gaze == "mouse", stays=True)
+        gaze = open_gaze(
+            self._show.gaze,
+            Desk(window.display, window.now, window.cursor_px, screen.refresh_hz),
+        )
+        try:
+            info = gaze.info()
+            say_notes(info.notes)
+            say(f"gaze: {info.source} {info.description}, {info.rate_hz:g} Hz")
+            say(KEYS + ("; drag to look around" if self._renderer.source.panorama else ""))
+            loop = LiveLoop(screen, gaze, self._corner, polled=info.polled)
+            self._begin_log()
+            self._loop(loop)
+        finally:
+            gaze.close()
+            screen.release()
+        latency = loop.latency.summary()
+        if self._log is not None:
+            self._log.close(
+                flips=loop.number, missed=loop.missed, left_out=gaze.left_out,
+                latency=latency.model_dump(mode="json"),
+            )  # fmt: skip
+            say(f"wrote {self._show.record}")
+        say(f"{loop.number} frames, {loop.missed} refreshes missed")
+        if gaze.left_out:
+            say(f"note: {gaze.left_out} samples had stamps that fell or lay ahead: left out")
+        say(latency.words())
+
+    def _loop(self, loop: LiveLoop) -> None:
+        window, begin_s = self._window, self._window.now()
+        told_s, told = begin_s, 0
+        while self._keys(loop):
+            now_s = window.now()
+            if self._show.seconds is not None and now_s - begin_s >= self._show.seconds:
+                return
+            if self._screen.overlay and now_s - told_s > _TOLD_S and loop.number > told:
+                self._tell(loop, (loop.number - told) / (now_s - told_s))
+                told_s, told = now_s, loop.number
+            flip, picture = loop.step(self._renderer, self._view(loop), self._seed)
+            self._spent_s, self._age_s = flip.drawn_s - flip.poll_s, flip.age_s
+            if self._log is not None:
+                self._log.flip(flip, picture)
+
+    def _view(self, loop: LiveLoop) -> View:
+        """What is looked at now: the frame whose time has come, and where the mouse turned to."""
+        from study_app.live.renderer import View
+
+        source = self._renderer.source
+        if not source.panorama:
+            shown = (loop.number + loop.missed) * self._fps / self._screen.refresh_hz
+            return View(int(shown + 1e-6) % len(source.frames))
+        here = self._window.cursor_px() if self._window.held_down() else None
+        if here is not None and self._dragged is not None:
+            per_px = 57.29577951308232 / self._renderer.geometry.distance_px
+            across, down = (per_px * (b - a) for a, b in zip(here, self._dragged, strict=True))
+            right = (self._turned[0] + across + 180) % 360 - 180
+            self._turned = right, min(90.0, max(-90.0, self._turned[1] + down))
+        self._dragged = here
+        right, down = (round(_STEPS_PER_DEG * angle) / _STEPS_PER_DEG for angle in self._turned)
+        return View(0, right, down)
+
+    def _keys(self, loop: LiveLoop) -> bool:
+        """Do what keys say; False: end."""
+        if self._window.closing():
+            return False
+        for press in self._window.key_presses():
+            if press.key == "escape":
+                return False
+            if press.key == "o":
+                self._screen.overlay = not self._screen.overlay
+            elif press.key in "mls":
+                self._change(press.key)
+                loop.pause()
+        return True
+
+    def _change(self, key: str) -> None:
+        if key == "m":
+            self._choices.append(self._choices.pop(0))
+        elif key == "l":
+            self._choices = [_other_law(choice) for choice in self._choices]
+        else:
+            self._seed += 1
+        if key != "s":
+            self._renderer.choose(self._choices[0])
+        self._renderer.prepare(self._seed)
+        say(f"{self._choices[0].label}, seed {self._seed}")
+        if key != "s" and self._log is not None:
+            self._log.choice(self._renderer.describe())
+
+    def _warm_up(self) -> None:
+        """Make what the first frame makes, before the clock counts."""
+        from study_app.live.renderer import Look, View
+
+        middle = self._renderer.geometry.centre_px
+        look = Look(middle, middle, self._seed)
+        self._renderer.prepare(self._seed)
+        for _ in range(2):
+            self._renderer.hold(View())
+            self._screen.paint(self._renderer.draw(look), look)
+            self._screen.flip()
+
+    def _begin_log(self) -> None:
+        from pipeline.gl.context import describe
+        from protocols.revision import code_revision, package_version
+        from study_app.live.log import LiveLog
+        from study_app.recorder import utc_now
+
+        if self._show.record is None:
+            return
+        drawn_by, reading = describe(self._window.ctx), self._show.reading
+        self._log = LiveLog(
+            self._show.record, at=utc_now(), source=self._show.source, reading=vars(reading),
+            gaze=self._show.gaze, display=self._window.display.model_dump(mode="json"),
+            renderer=drawn_by.name, driver=drawn_by.version,
+            revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
+        )  # fmt: skip
+        self._log.choice(self._renderer.describe())
+
+    def _tell(self, loop: LiveLoop, rate_hz: float) -> None:
+        self._screen.write(
+            [
+                f"{self._choices[0].label}, seed {self._seed}",
+                f"{rate_hz:.1f} frames/s, drawn in {1e3 * self._spent_s:.1f} ms,"
+                f" {loop.missed} missed",
+                f"sample to flip {1e3 * self._age_s:.1f} ms",
+                KEYS,
+            ]
+        )
+
+
+def _other_law(choice: Choice) -> Choice:
+    if choice.name == "reference":
+        return choice
+    law = choice.parameters.get("law", _LAWS[0])
+    after = _LAWS[(_LAWS.index(law) + 1) % len(_LAWS)] if law in _LAWS else _LAWS[0]
+    kept = {key: one for key, one in choice.parameters.items() if key not in _POOLING}
+    return replace(choice, parameters={**kept, "law": after})
+
+
+def _verify(source: str, path: Path) -> None:
+    """Draw a log again, and say what is not as it was."""
+    from pipeline.foveation.geometry import FlatGeometry
+    from pipeline.gl.context import describe, lent_context
+    from stimuli.choice import Choice
+    from stimuli.foveated.any_picture import Reading
+    from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
+    from study_app.live.log import LiveChoice, read_log
+    from study_app.live.redraw import redraw
+
+    log = read_log(path)
+    say_notes(log.notes)
+    first = next((line for line in log.lines if isinstance(line, LiveChoice)), None)
+    if first is None:
+        raise StudyError(f"{path}: must say what drew its flips (it ends before)")
+    said = first.described
+    size, centre = said["size_px"], said["centre_px"]
+    geometry = FlatGeometry(size[0], size[1], said["distance_px"], (centre[0], centre[1]))
+    with lent_context() as ctx:
+        here = describe(ctx)
+        exactly = (here.name, here.version) == (log.start.renderer, log.start.driver)
+        say(f"drawn by {log.start.renderer} (OpenGL {log.start.driver}), again by {here}")
+        if source.startswith(BUILTIN):
+            read = draw_source(source, geometry, ctx)
+        else:
+            with frames_of(Path(source), None, say) as (folder, _):
+                read = read_source(folder, Reading(**log.start.reading), panorama=said["panorama"])
+        if read.sha256 != said["source_sha256"]:
+            raise StudyError(
+                f"{source}: must be the source of {path}, {log.start.source!r} (its pixels are"
+                " others)"
+            )
+        choice = Choice(said["method"], said["parameters"])
+        renderer = FoveatingRenderer(ctx, read, geometry, choice)
+        try:
+
+            def renderer_of(line: LiveChoice) -> FoveatingRenderer:
+                wanted = Choice(line.described["method"], line.described["parameters"])
+                if wanted != renderer.choice:
+                    renderer.choose(wanted)
+                return renderer
+
+            found = redraw(log, renderer_of, exactly=exactly)
+        finally:
+            renderer.release()
+    say(
+        f"{found.flips} flips, {found.drawn} drawn again: {found.equal} bit-equal"
+        + ("" if exactly else "; another renderer: within 1 of 255 is right")
+    )
+    if found.problems:
+        raise StudyError(f"{path}: " + "\n".join(found.problems))
+    if not found.drawn:
+        raise StudyError(f"{path}: must hold frames to draw again (it holds none)")

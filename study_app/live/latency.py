@@ -1,0 +1,83 @@
+"""How old gaze is when its frame is flipped: median, 95 % and maximum over any number of frames."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from typing import Literal, TypeAlias
+
+from protocols.units import Count, Model
+
+EyeState: TypeAlias = Literal["found", "lost", "silent", "ahead", "none"]
+"""Of the newest sample: it saw the eye; it did not; there was none for `SILENT_S`; its stamp lies
+ahead of the clock; there never was one. Only a gaze that was `found` has a latency."""
+SILENT_S = 0.1
+"""A tracker that sends nothing for so long has lost the eye, as in sessions."""
+AHEAD_S = 0.001
+"""How much later than its arrival a sample may be stamped: two clocks agree no better."""
+_BIN_S, _BINS = 1e-4, 20_000
+
+
+class LatencySummary(Model):
+    """Sample to flip, of the frames that showed a gaze that was found."""
+
+    frames: Count
+    median_ms: float | None
+    p95_ms: float | None
+    max_ms: float | None
+    lost: Count
+    """Frames that held the last gaze: the eye was lost, or never found."""
+    silent: Count
+    """Frames that held it because the tracker sent nothing."""
+    ahead: Count
+    """Frames whose sample was stamped later than it came."""
+
+    def words(self) -> str:
+        """A line for people."""
+        held = f"held in {self.lost + self.silent}, of them {self.silent} while the source was mute"
+        held += f"; stamped ahead of the clock in {self.ahead}" if self.ahead else ""
+        if self.median_ms is None:
+            return f"sample to flip: no frame showed a gaze that was found ({held})"
+        return (
+            f"sample to flip: median {self.median_ms:.1f} ms, 95 % {self.p95_ms:.1f} ms, maximum"
+            f" {self.max_ms:.1f} ms, of {self.frames} frames ({held})"
+        )
+
+
+class Latency:
+    """Counts ages in bins of 0.1 ms, so that nothing grows with the number of frames."""
+
+    def __init__(self) -> None:
+        self._bins = array("Q", bytes(8 * _BINS))
+        self._most_s = -math.inf
+        self._counts: dict[EyeState, int] = dict.fromkeys(
+            ("found", "lost", "silent", "ahead", "none"), 0
+        )
+
+    def add(self, eye: EyeState, age_s: float) -> None:
+        """Count a frame, whose gaze was so old at its flip."""
+        self._counts[eye] += 1
+        if eye == "found":
+            self._bins[min(max(0, round(age_s / _BIN_S)), _BINS - 1)] += 1
+            self._most_s = max(self._most_s, age_s)
+
+    def summary(self) -> LatencySummary:
+        """Say what was counted."""
+        counts, found = self._counts, self._counts["found"]
+        return LatencySummary(
+            frames=found,
+            median_ms=self._quantile_ms(0.5) if found else None,
+            p95_ms=self._quantile_ms(0.95) if found else None,
+            max_ms=round(1e3 * self._most_s, 3) if found else None,
+            lost=counts["lost"] + counts["none"],
+            silent=counts["silent"],
+            ahead=counts["ahead"],
+        )
+
+    def _quantile_ms(self, share: float) -> float:
+        due, seen = max(1, math.ceil(share * self._counts["found"])), 0
+        for place, count in enumerate(self._bins):
+            seen += count
+            if seen >= due:
+                return min(round(1e3 * _BIN_S * place, 3), round(1e3 * self._most_s, 3))
+        raise AssertionError("fewer ages were counted than frames")

@@ -1,0 +1,250 @@
+"""The log of a live picture: a line for each flip, enough to draw every frame again.
+
+JSON lines, each with a checksum over itself and all lines before it (`protocols.chain`). Lines
+reach the system one by one: whoever kills the program loses the unfinished one at most.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError
+
+from pipeline.gl.texture import format_of
+from protocols.chain import due, first_link, sealed_line, stated
+from protocols.errors import StudyError
+from protocols.hashing import Json, canonical_json, sha256_json
+from protocols.journal import UtcTime
+from protocols.outside import check_within
+from protocols.read_file import read_bytes
+from protocols.units import Count, Model, Sha256
+from study_app.live.latency import EyeState, LatencySummary
+from study_app.live.loop import Flip
+from study_app.live.renderer import Look, View
+
+FORMAT: Literal[1] = 1
+EVERY = 30
+"""How many flips come between two whose pixels are kept."""
+GRID = 16
+"""Along each edge, pixels of a frame that are kept."""
+
+
+class _Line(Model):
+    chain: Sha256
+
+
+class LiveStart(_Line):
+    """The first line."""
+
+    kind: Literal["start"]
+    format: Literal[1]
+    at: UtcTime
+    source: str
+    """As it was named."""
+    reading: dict[str, Any]
+    """How its file was read."""
+    gaze: str
+    display: dict[str, Any]
+    renderer: str
+    driver: str
+    revision: str
+    refresh_hz: float
+
+
+class LiveChoice(_Line):
+    """What draws the flips from here on."""
+
+    kind: Literal["choice"]
+    described: dict[str, Any]
+    """What the renderer says of itself: source, size, method, parameters."""
+    sha256: Sha256
+    """Of that."""
+
+
+class LiveFlip(_Line):
+    """One frame."""
+
+    kind: Literal["flip"]
+    n: Count
+    t_s: float
+    poll_s: float
+    drawn_s: float
+    refreshes: Count
+    gaze_px: tuple[float, float]
+    field_px: tuple[float, float]
+    seed: Count
+    frame: Count
+    turned_deg: tuple[float, float]
+    eye: EyeState
+    age_s: float | None
+    """From the sample whose gaze is shown to the flip; null before the first one."""
+    pixels: str | None = None
+    """SHA-256 of the whole frame as it was drawn, of a few flips."""
+    grid: str | None = None
+    """Base64 of `GRID` x `GRID` of its pixels, red, green and blue of 8 bits, from the upper left.
+    """
+
+    @property
+    def view(self) -> View:
+        """What was looked at."""
+        return View(self.frame, *self.turned_deg)
+
+    @property
+    def look(self) -> Look:
+        """What it was shown to."""
+        return Look(self.gaze_px, self.field_px, self.seed)
+
+
+class LiveEnd(_Line):
+    """The last line of a log that was closed."""
+
+    kind: Literal["end"]
+    flips: Count
+    missed: Count
+    left_out: Count
+    """Samples that could not be judged: stamps that fell, lay ahead, or were none."""
+    latency: LatencySummary
+
+
+LiveLine: TypeAlias = Annotated[
+    LiveStart | LiveChoice | LiveFlip | LiveEnd, Field(discriminator="kind")
+]
+_LINE: TypeAdapter[LiveLine] = TypeAdapter(LiveLine)
+
+
+class Pixels:
+    """Reads frames back into memory that is taken once, and says what is kept of them."""
+
+    def __init__(self) -> None:
+        self._room: dict[moderngl.Texture, NDArray[Any]] = {}
+
+    def of(self, picture: moderngl.Texture) -> tuple[str, NDArray[np.uint8]]:
+        """Return the SHA-256 of a picture, and its grid (GRID, GRID, 3)."""
+        room = self._room.get(picture)
+        if room is None:
+            kind = format_of(picture).array_dtype
+            room = np.empty((picture.height, picture.width, 4), kind)
+            self._room = {picture: room}
+        picture.read_into(room, alignment=1)
+        rows, columns = (
+            (2 * np.arange(GRID) + 1) * edge // (2 * GRID)
+            for edge in (picture.height, picture.width)
+        )
+        some = room[rows[:, None], columns, :3]
+        if some.dtype != np.uint8:
+            some = np.rint(255 * some)
+        return hashlib.sha256(room.data).hexdigest(), some.astype(np.uint8)
+
+
+class LiveLog:
+    """A log that is being written; never over another.
+
+    Raises
+    ------
+    OSError
+        If there is one, or the disk refuses a line: all before it are whole.
+    """
+
+    def __init__(self, path: Path, **start: Json) -> None:
+        self._file = path.open("xb", buffering=0)
+        self._chain = first_link(b"")
+        self._pixels, self._due = Pixels(), 0
+        self._write({"kind": "start", "format": FORMAT, **start})
+
+    def choice(self, described: dict[str, Json]) -> None:
+        """Write what draws from here on; the next frame's pixels are kept."""
+        self._write({"kind": "choice", "described": described, "sha256": sha256_json(described)})
+        self._due = 0
+
+    def flip(self, flip: Flip, picture: moderngl.Texture) -> None:
+        """Write a flip, and of every `EVERY`th what its pixels are."""
+        pixels = grid = None
+        if flip.number >= self._due:
+            self._due = flip.number + EVERY
+            pixels, some = self._pixels.of(picture)
+            grid = base64.b64encode(some.tobytes()).decode()
+        self._write(
+            {
+                "kind": "flip",
+                "n": flip.number,
+                "t_s": flip.t_s,
+                "poll_s": flip.poll_s,
+                "drawn_s": flip.drawn_s,
+                "refreshes": flip.refreshes,
+                "gaze_px": list(flip.look.gaze_px),
+                "field_px": list(flip.look.field_px),
+                "seed": flip.look.seed,
+                "frame": flip.view.frame,
+                "turned_deg": [flip.view.right_deg, flip.view.down_deg],
+                "eye": flip.eye,
+                "age_s": None if math.isnan(flip.age_s) else flip.age_s,
+                "pixels": pixels,
+                "grid": grid,
+            }
+        )
+
+    def close(self, **end: Json) -> None:
+        """Write the last line."""
+        self._write({"kind": "end", **end})
+        self._file.close()
+
+    def _write(self, line: Mapping[str, Json]) -> None:
+        bare = canonical_json({**line, "chain": None}) + b"\n"
+        self._chain, sealed = sealed_line(bare, self._chain)
+        self._file.write(sealed)
+
+
+@dataclass(frozen=True)
+class ReadLog:
+    """A log as it stands on the disk."""
+
+    start: LiveStart
+    lines: tuple[LiveLine, ...]
+    notes: tuple[str, ...]
+
+
+def read_log(path: Path) -> ReadLog:
+    """Read a log; an unfinished last line, of a killed program, is left out and noted.
+
+    Raises
+    ------
+    StudyError
+        If it is none, or a line is not as it was written.
+    """
+    data = read_bytes(path, "the log", "table")
+    check_within("events", data.count(b"\n"), StudyError, path, "lines")
+    *whole, torn = data.split(b"\n")
+    chain, lines = first_link(b""), list[LiveLine]()
+    for number, text in enumerate(whole, start=1):
+        try:
+            line = _LINE.validate_json(text)
+        except ValidationError as error:
+            found = error.errors()[0]
+            where = ".".join(str(part) for part in found["loc"]) or "the line"
+            raise StudyError(
+                f"{path}: line {number}: must be a line of a live log ({where}: {found['msg']});"
+                " name a file that 'metamerlab live --record' wrote"
+            ) from None
+        if stated(text) != (chain := due(text, chain)):
+            raise StudyError(
+                f"{path}: line {number}: must be as it was written (its checksum is another); this"
+                " line or one before it was changed"
+            )
+        lines.append(line)
+    if not lines or not isinstance(start := lines[0], LiveStart):
+        raise StudyError(f"{path}: must begin with the first line of a live log (it does not)")
+    notes = []
+    if torn:
+        notes.append("the last line is unfinished: the program was killed while writing it")
+    if not isinstance(lines[-1], LiveEnd):
+        notes.append("the log was not closed: the program was killed")
+    return ReadLog(start, tuple(lines), tuple(notes))

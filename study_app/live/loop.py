@@ -1,0 +1,164 @@
+"""The loop of a picture that follows the gaze: wait, poll, draw, swap, stamp.
+
+It waits as long as the frame's known cost still fits before the flip, so that gaze is as young as
+this machine allows. It makes no OpenGL object, and keeps nothing that grows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import moderngl
+
+from study_app.gaze.source import GazeSample
+from study_app.live.latency import AHEAD_S, SILENT_S, EyeState, Latency
+from study_app.live.renderer import Look, Place, Renderer, View, on_grid
+
+SPARE_SHARE = 0.15
+"""Of a refresh, between a frame that is drawn and its flip: stamps come a little after the line."""
+_FORGET = 0.95  # of the dearest frame's cost, from frame to frame
+_LINE_SLACK = 1e-6
+
+
+class Screen(Protocol):
+    """Where frames go: a window, or a screen that exists in numbers alone."""
+
+    @property
+    def refresh_hz(self) -> float:
+        """Nominal."""
+
+    def now(self) -> float:
+        """Return the clock that samples and flips are stamped by, in seconds."""
+
+    def wait_until(self, t_s: float) -> None:
+        """Take what events come until then."""
+
+    def paint(self, picture: moderngl.Texture, look: Look) -> None:
+        """Put a picture, and what lies over it, into the next frame; return once it is drawn."""
+
+    def flip(self) -> float:
+        """Show the next frame, and return when that was."""
+
+
+class Gaze(Protocol):
+    """Where samples come from."""
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples since the last call, oldest first. Never waits."""
+
+
+class Flip(NamedTuple):
+    """One frame that was shown, with all that decided it."""
+
+    number: int
+    t_s: float
+    """When it was flipped."""
+    poll_s: float
+    """When gaze was asked for."""
+    drawn_s: float
+    """When it was drawn."""
+    refreshes: int
+    """Since the flip before; 0 for the first one, and after a pause."""
+    view: View
+    look: Look
+    eye: EyeState
+    sample_s: float
+    """Stamp of the sample whose gaze is shown, not a number before the first one."""
+
+    @property
+    def age_s(self) -> float:
+        """Sample to flip."""
+        return self.t_s - self.sample_s
+
+
+class LiveLoop:
+    """Shows one renderer's pictures on a screen, each to the newest gaze.
+
+    Parameters
+    ----------
+    screen : Screen
+    gaze : Gaze
+        In pixels of the screen.
+    corner_px : (x, y)
+        Of the picture on the screen, upper left.
+    polled : bool
+        Each poll makes a sample, so that the source is never silent (the mouse).
+    """
+
+    def __init__(self, screen: Screen, gaze: Gaze, corner_px: Place, *, polled: bool) -> None:
+        self._screen, self._gaze, self._corner, self._polled = screen, gaze, corner_px, polled
+        self.latency = Latency()
+        self.missed = 0
+        """Refreshes without a frame of their own."""
+        self.number = 0
+        """Of the next frame."""
+        self._newest: GazeSample | None = None
+        self._seen: GazeSample | None = None  # the newest one in which the eye was found
+        self._cost_s = 0.0  # of a frame, until it is drawn
+        self._flip_s = self._poll_s = math.nan
+
+    def step(self, renderer: Renderer, view: View, seed: int) -> tuple[Flip, moderngl.Texture]:
+        """Show one frame; return it with its picture, which the next step draws over."""
+        screen, hz = self._screen, self._screen.refresh_hz
+        self._wait()
+        begin_s = screen.now()
+        renderer.hold(view)
+        poll_s = screen.now()
+        elapsed = 0 if self.number == 0 else max(1, round((poll_s - self._poll_s) * hz))
+        self._take(self._gaze.poll())
+        gaze_px, field_px = renderer.follow(self._eye_px(), elapsed / hz)
+        look = Look(gaze_px, field_px, seed)
+        picture = renderer.draw(look)
+        screen.paint(picture, look)
+        drawn_s = screen.now()
+        self._cost_s = max(drawn_s - begin_s, _FORGET * self._cost_s)
+        t_s = screen.flip()
+        began = math.isnan(self._flip_s)
+        refreshes = 0 if began else max(0, round((t_s - self._flip_s) * hz))
+        sample_s = math.nan if self._seen is None else self._seen.t_s
+        flip = Flip(
+            self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s
+        )
+        self.latency.add(flip.eye, flip.age_s)
+        self.missed += max(0, refreshes - 1)
+        self.number, self._flip_s, self._poll_s = self.number + 1, t_s, poll_s
+        return flip, picture
+
+    def pause(self) -> None:
+        """Forget the last flip: what comes between was asked for, and is no missed refresh."""
+        self._flip_s = math.nan
+
+    def _wait(self) -> None:
+        """Wait until the frame, begun then, is drawn just before a refresh."""
+        if math.isnan(self._flip_s):
+            return
+        period_s = 1 / self._screen.refresh_hz
+        need_s = self._cost_s + SPARE_SHARE * period_s
+        since_s = self._screen.now() + need_s - self._flip_s
+        refreshes = max(1, math.ceil(since_s / period_s - _LINE_SLACK))
+        self._screen.wait_until(self._flip_s + refreshes * period_s - need_s)
+
+    def _take(self, samples: Sequence[GazeSample]) -> None:
+        if samples:
+            self._newest = samples[-1]
+            if self._newest.valid:
+                self._seen = self._newest
+
+    def _eye_px(self) -> Place:
+        """Where the eye is in the picture, on the grid of gazes; not a number while it is lost."""
+        newest = self._newest
+        if newest is None or not newest.valid:
+            return math.nan, math.nan
+        return on_grid((newest.x_px - self._corner[0], newest.y_px - self._corner[1]))
+
+    def _eye(self, poll_s: float) -> EyeState:
+        newest = self._newest
+        if newest is None or self._seen is None:
+            return "none"
+        if not self._polled and poll_s - newest.t_s > SILENT_S:
+            return "silent"
+        if not newest.valid:
+            return "lost"
+        return "ahead" if newest.t_s > poll_s + AHEAD_S else "found"

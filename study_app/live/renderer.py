@@ -1,0 +1,69 @@
+"""What the loop asks of whoever draws. The front door fills it, so that a session knows no method.
+
+A frame is decided by what `Renderer.describe` says, a `View` and a `Look`, and by nothing else:
+whoever draws these again gets it again, bit for bit on the same renderer.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol, TypeAlias
+
+import moderngl
+
+from protocols.hashing import Json
+
+Place: TypeAlias = tuple[float, float]
+
+STEPS_PER_PX = 16
+"""Gaze is rounded to this part of a pixel before it is used: what is logged is what was used."""
+
+
+class View(NamedTuple):
+    """What is looked at."""
+
+    frame: int = 0
+    """Of a clip, from 0."""
+    right_deg: float = 0.0
+    """Of a panorama: where the middle of the view points, from the panorama's middle."""
+    down_deg: float = 0.0
+
+
+class Look(NamedTuple):
+    """What a view is shown to; places are pixels of the picture."""
+
+    gaze_px: Place
+    field_px: Place
+    """The gaze that displacements follow."""
+    seed: int
+
+
+class Renderer(Protocol):
+    """Draws one source by one method."""
+
+    def hold(self, view: View) -> None:
+        """Analyse what is looked at, unless it is what is held."""
+
+    def prepare(self, seed: int) -> None:
+        """Make what a seed decides, unless it is at hand; this may take longer than a frame."""
+
+    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
+        """Return the gaze, and that of the field, for an eye so long after the last call.
+
+        Not a number: the eye is lost, and both hold; the middle until it was ever found.
+        """
+
+    def draw(self, look: Look) -> moderngl.Texture:
+        """Show what is held, in a texture that stays the renderer's: rgba32f or rgba8."""
+
+    def describe(self) -> dict[str, Json]:
+        """Say all that decides pixels beside view and look."""
+
+
+def on_grid(place_px: Place) -> Place:
+    """Return a place on the grid of gazes; what is not a number stays so."""
+    x, y = (
+        round(STEPS_PER_PX * value) / STEPS_PER_PX if math.isfinite(value) else math.nan
+        for value in place_px
+    )
+    return x, y
