@@ -128,8 +128,9 @@ def foveate_clip(
                     shift = carried(shift, _read_flow(motion, size))
                 if index > 0:
                     state = state.after((eyes[index, 0], eyes[index, 1]), 1 / fps)
-                shown = foveator(
-                    opened.colour, state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
+                foveator.hold(opened.stored)
+                shown = foveator.show(
+                    state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
                     field_gaze_px=state.field_px,
                 )  # fmt: skip
                 save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -252,21 +253,25 @@ class _Showing:
             say(f"gaze: {info.source} {info.description}, {info.rate_hz:g} Hz")
             say(KEYS + ("; drag to look around" if self._renderer.source.panorama else ""))
             loop = LiveLoop(screen, gaze, self._corner, polled=info.polled)
-            self._begin_log()
-            self._loop(loop)
+            with self._logging() as self._log:
+                self._loop(loop)
+                self._end(loop, gaze.left_out)
         finally:
             gaze.close()
             screen.release()
+
+    def _end(self, loop: LiveLoop, left_out: int) -> None:
+        """Say what was measured, and write it."""
         latency = loop.latency.summary()
         if self._log is not None:
-            self._log.close(
-                flips=loop.number, missed=loop.missed, left_out=gaze.left_out,
+            self._log.end(
+                flips=loop.number, missed=loop.missed, left_out=left_out,
                 latency=latency.model_dump(mode="json"),
             )  # fmt: skip
             say(f"wrote {self._show.record}")
         say(f"{loop.number} frames, {loop.missed} refreshes missed")
-        if gaze.left_out:
-            say(f"note: {gaze.left_out} samples had stamps that fell or lay ahead: left out")
+        if left_out:
+            say(f"note: {left_out} samples had stamps that fell or lay ahead: left out")
         say(latency.words())
 
     def _loop(self, loop: LiveLoop) -> None:
@@ -342,22 +347,27 @@ class _Showing:
             self._screen.paint(self._renderer.draw(look), look)
             self._screen.flip()
 
-    def _begin_log(self) -> None:
+    @contextmanager
+    def _logging(self) -> Iterator[LiveLog | None]:
+        """Open the log, where one is asked for, and close it whatever comes."""
         from pipeline.gl.context import describe
         from protocols.revision import code_revision, package_version
         from study_app.live.log import LiveLog
         from study_app.recorder import utc_now
 
         if self._show.record is None:
+            yield None
             return
         drawn_by, reading = describe(self._window.ctx), self._show.reading
-        self._log = LiveLog(
+        log = LiveLog(
             self._show.record, at=utc_now(), source=self._show.source, reading=vars(reading),
             gaze=self._show.gaze, display=self._window.display.model_dump(mode="json"),
             renderer=drawn_by.name, driver=drawn_by.version,
             revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
         )  # fmt: skip
-        self._log.choice(self._renderer.describe())
+        with closing(log):
+            log.choice(self._renderer.describe())
+            yield log
 
     def _tell(self, loop: LiveLoop, rate_hz: float) -> None:
         self._screen.write(

@@ -118,6 +118,10 @@ class FoveatingRenderer:
         self, ctx: moderngl.Context, source: Source, geometry: FlatGeometry, choice: Choice
     ) -> None:
         self._ctx, self.source, self.geometry = ctx, source, geometry
+        self._view: View | None = None
+        self._foveator: Foveator | None = None
+        self.choice = choice
+        self.choose(choice)
         height, width = source.size
         kind = "rgba8" if source.frames[0].dtype == np.uint8 else "rgba32f"
         self._picture = create_texture(ctx, (width, height), kind)
@@ -131,11 +135,7 @@ class FoveatingRenderer:
             )
         self._target = create_texture(ctx, size, "rgba32f")
         self._frame = -1  # of the source that is uploaded
-        self._view: View | None = None
         self._steady: SteadyGaze | None = None
-        self._foveator: Foveator | None = None
-        self.choice = choice
-        self.choose(choice)
 
     def choose(self, choice: Choice) -> None:
         """Take another condition; the one before is freed.

@@ -192,9 +192,12 @@ class LiveLog:
             }
         )
 
-    def close(self, **end: Json) -> None:
+    def end(self, **end: Json) -> None:
         """Write the last line."""
         self._write({"kind": "end", **end})
+
+    def close(self) -> None:
+        """Close the file; all lines are whole."""
         self._file.close()
 
     def _write(self, line: Mapping[str, Json]) -> None:

@@ -1,0 +1,352 @@
+"""Live pictures on a virtual clock: the pixels of `foveate`, and logs that are drawn again."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from pipeline.errors import InputError
+from pipeline.foveation.geometry import Flat
+from pipeline.gl.texture import read_back
+from protocols.errors import StudyError
+from protocols.hashing import sha256_json
+from stimuli.choice import Choice
+from stimuli.foveated.any_picture import Reading
+from stimuli.foveated.clip_to_files import foveate_clip
+from study_app.cli.gaze_of_frames import track_of
+from study_app.cli.live_renderer import FoveatingRenderer, read_source
+from study_app.gaze.open_source import recorded
+from study_app.gaze.replay import ReplaySource
+from study_app.gaze.trusted import TrustedGaze
+from study_app.live.log import LiveChoice, LiveFlip, LiveLog, read_log
+from study_app.live.loop import SPARE_SHARE, LiveLoop
+from study_app.live.redraw import redraw
+from study_app.live.renderer import STEPS_PER_PX, Look, View, on_grid
+from study_app.virtual import VirtualClock, VirtualScreen
+
+HZ = 60.0
+WIDTH, HEIGHT, FRAMES = 96, 72, 9
+GEOMETRY = Flat(width_deg=40).of(WIDTH, HEIGHT)
+PERIOD_COST_S = (1 - SPARE_SHARE) / HZ
+"""A frame that takes so long is begun at the flip before its own."""
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """A folder of frames that move."""
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for k in range(FRAMES):
+        part = data.astronaut()[2 * k : 2 * k + HEIGHT, 3 * k : 3 * k + WIDTH]
+        Image.fromarray(part).save(folder / f"{k:04d}.png")
+    return folder
+
+
+@pytest.fixture
+def tape(tmp_path):
+    """Gaze at 250 Hz that drifts, jumps, and is lost once; finer than the grid of gazes."""
+    rng = np.random.default_rng(4)
+    t_s = np.arange(0, FRAMES / HZ, 0.004)
+    x = np.where(t_s < 0.07, 30.0, 70.0) + 40 * t_s + rng.normal(0, 0.2, len(t_s))
+    y = 36 + rng.normal(0, 0.2, len(t_s))
+    lost = (t_s > 0.09) & (t_s < 0.12)
+    path = tmp_path / "tape.csv"
+    rows = [
+        f"{t:.3f},," if gone else f"{t:.3f},{a:.5f},{b:.5f}"
+        for t, a, b, gone in zip(t_s, x, y, lost, strict=True)
+    ]
+    path.write_text("t_s,x_px,y_px\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def run(renderer, tape, *, seed=5, count=FRAMES, cost_s=PERIOD_COST_S, log=None, view=View):
+    """Show frames to a recording on a virtual clock; yield flips and pixels of 8 bits."""
+    clock = VirtualClock()
+    gaze = TrustedGaze(ReplaySource(recorded(str(tape)).on_screen(WIDTH, HEIGHT), clock), clock)
+    gaze.open()
+    loop = LiveLoop(VirtualScreen(clock, HZ, cost_s), gaze, (0, 0), polled=False)
+    if log is not None:
+        log.choice(renderer.describe())
+    for k in range(count):
+        flip, picture = loop.step(renderer, view(k), seed)
+        if log is not None:
+            log.flip(flip, picture)
+        shown = np.asarray(read_back(picture)[..., :3])
+        yield flip, shown if shown.dtype == np.uint8 else np.rint(255 * shown).astype(np.uint8)
+
+
+@pytest.mark.parametrize("method", ["reference", "blur", "metamer", "warped-metamer"])
+def test_a_replayed_recording_shows_the_frames_that_foveate_writes(
+    gl_context, frames, tape, tmp_path, method
+):
+    written = foveate_clip(
+        frames, tmp_path / "out", gaze=track_of(f"replay:{tape}", None, HZ, print), seed=5,
+        choice=Choice(method), fps=HZ, ctx=gl_context,
+    )  # fmt: skip
+    source = read_source(frames, Reading(), panorama=False)
+    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice(method))
+    renderer.prepare(5)
+
+    shown = list(run(renderer, tape))
+
+    renderer.release()
+    assert [flip.refreshes for flip, _ in shown] == [0] + [1] * (FRAMES - 1)
+    assert {flip.eye for flip, _ in shown} == {"found", "lost"}
+    for path, (flip, pixels) in zip(written, shown, strict=True):
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), pixels, f"{path} {flip}")
+
+
+class Faulty:
+    """A renderer that draws something else from flip 4 on than what is logged."""
+
+    def __init__(self, renderer, fault):
+        self._renderer, self._fault = renderer, fault
+        self._drawn, self._before, self._last = 0, None, None
+
+    def __getattr__(self, name):
+        return getattr(self._renderer, name)
+
+    def draw(self, look):
+        before = self._before
+        self._before, self._drawn = look, self._drawn + 1
+        if self._drawn > 4:
+            match self._fault:
+                case "wrong gaze":
+                    look = look._replace(gaze_px=(look.gaze_px[0] + 1 / STEPS_PER_PX, 0.0))
+                case "wrong field":
+                    look = look._replace(field_px=(look.field_px[0] + 4, 10.0))
+                case "old gaze":
+                    look = before
+                case "wrong seed":
+                    look = look._replace(seed=look.seed + 1)
+                case "stale texture":
+                    return self._last
+        self._last = self._renderer.draw(look)
+        return self._last
+
+
+@pytest.fixture
+def shown_to(frames, tmp_path, gl_context, tape, monkeypatch):
+    """Give a function that shows frames with a fault, and returns the log and a new renderer."""
+    monkeypatch.setattr("study_app.live.log.EVERY", 5)
+    made = []
+
+    def show(fault, method="warped-metamer", of=None):
+        source = read_source(of or frames, Reading(), panorama=False)
+        renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice(method))
+        made.append(renderer)
+        path = tmp_path / f"{len(made)}.jsonl"
+        log = LiveLog(path, **START)
+        renderer.prepare(5)
+        list(run(Faulty(renderer, fault), tape, log=log))
+        log.end(flips=FRAMES, missed=0, left_out=0, latency=LATENCY)
+        log.close()
+        return path, renderer
+
+    yield show
+    for renderer in made:
+        renderer.release()
+
+
+START = {"at": "2026-01-01T00:00:00.000000Z", "source": "frames", "reading": {}, "gaze": "replay",
+         "display": {}, "renderer": "r", "driver": "1", "revision": "0",
+         "refresh_hz": HZ}  # fmt: skip
+LATENCY = {"frames": 0, "median_ms": None, "p95_ms": None, "max_ms": None, "lost": 0, "silent": 0,
+           "ahead": 0}  # fmt: skip
+
+
+def test_a_log_draws_its_frames_again_bit_for_bit_with_other_passes(shown_to):
+    path, _ = shown_to("none")
+    log = read_log(path)
+    flips = [line for line in log.lines if isinstance(line, LiveFlip)]
+    assert [flip.n for flip in flips if flip.pixels] == [0, 5]
+    assert all(flip.look.gaze_px == on_grid(flip.look.gaze_px) for flip in flips)
+    assert log.notes == ()
+
+    _, again = shown_to("none")
+    found = redraw(log, lambda _: again, exactly=True)
+
+    assert (found.flips, found.drawn, found.equal, found.problems) == (FRAMES, 2, 2, ())
+
+
+@pytest.mark.parametrize(
+    ("fault", "exactly"),
+    [
+        ("wrong gaze", True),
+        ("wrong field", True),
+        ("old gaze", True),
+        ("wrong seed", True),
+        ("wrong seed", False),
+        ("stale texture", True),
+        ("stale texture", False),
+    ],
+)
+def test_a_frame_that_was_not_drawn_as_it_is_logged_is_found(shown_to, fault, exactly):
+    path, _ = shown_to(fault)
+    _, again = shown_to("none")
+
+    found = redraw(read_log(path), lambda _: again, exactly=exactly)
+
+    assert [text.partition(":")[0] for text in found.problems] == ["flip 5"]
+
+
+@pytest.mark.parametrize("exactly", [True, False])
+def test_another_source_is_found_by_its_hash_and_by_its_pixels(frames, shown_to, exactly):
+    path, _ = shown_to("none", method="blur")
+    for frame in frames.iterdir():
+        picture = np.asarray(Image.open(frame))
+        Image.fromarray(np.ascontiguousarray(picture[:, ::-1])).save(frame)
+    _, other = shown_to("none", method="blur")
+
+    by_hash, *by_pixels = redraw(read_log(path), lambda _: other, exactly=exactly).problems
+
+    assert by_hash.startswith("flips from 0 on: source_sha256 must be as in the log")
+    assert len(by_pixels) == 2
+
+
+def test_a_choice_whose_parameters_were_changed_is_found(shown_to):
+    path, renderer = shown_to("none", method="blur")
+    log = read_log(path)
+    choice = next(line for line in log.lines if isinstance(line, LiveChoice))
+    assert choice.sha256 == sha256_json(renderer.describe())
+    renderer.choose(Choice("blur", {"law": "authors"}))
+
+    found = redraw(log, lambda _: renderer, exactly=True)
+
+    assert "method" not in found.problems[0]
+    assert "parameters must be as in the log (got {'law': 'authors'})" in found.problems[0]
+    assert len(found.problems) == 3
+
+
+@pytest.mark.parametrize("change", ["gaze", "removed", "swapped"])
+def test_a_line_that_was_changed_afterwards_is_found_and_named(shown_to, change):
+    path, _ = shown_to("none", method="blur")
+    lines = path.read_bytes().splitlines(keepends=True)
+    match change:
+        case "gaze":
+            line = json.loads(lines[5])
+            line["gaze_px"][0] += 1
+            lines[5] = json.dumps(line).encode() + b"\n"
+        case "removed":
+            del lines[5]
+        case "swapped":
+            lines[5:7] = lines[6:4:-1]
+    path.write_bytes(b"".join(lines))
+
+    with pytest.raises(StudyError, match="line 6: must be as it was written"):
+        read_log(path)
+
+
+def test_the_log_of_a_killed_program_is_whole_up_to_its_last_line(shown_to):
+    path, renderer = shown_to("none", method="blur")
+    whole = path.read_bytes()
+    *_, last_flip, _ = whole.splitlines(keepends=True)
+    ends = whole.index(last_flip)
+    path.write_bytes(whole[: ends + 40])
+
+    log = read_log(path)
+
+    assert sum(isinstance(line, LiveFlip) for line in log.lines) == FRAMES - 1
+    assert "the last line is unfinished" in log.notes[0]
+    assert "was not closed" in log.notes[1]
+    assert redraw(log, lambda _: renderer, exactly=True).problems == ()
+
+
+def test_a_file_that_is_no_log_is_refused_with_its_line(tmp_path):
+    path = tmp_path / "x.jsonl"
+    for text, message in (
+        ("", "must begin with the first line of a live log"),
+        ("{}\n", "line 1: must be a line of a live log"),
+        ("\x00\n", "line 1: must be a line of a live log"),
+    ):
+        path.write_text(text)
+        with pytest.raises(StudyError, match=message):
+            read_log(path)
+
+
+def test_a_view_of_a_panorama_is_drawn_again_where_it_was_turned_to(
+    gl_context, tmp_path, tape, monkeypatch
+):
+    monkeypatch.setattr("study_app.live.log.EVERY", 1)
+    Image.fromarray(np.ascontiguousarray(data.astronaut()[:64, :128])).save(tmp_path / "p.png")
+    source = read_source(tmp_path / "p.png", Reading(), panorama=True)
+    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("metamer"))
+    renderer.prepare(5)
+    path = tmp_path / "log.jsonl"
+    log = LiveLog(path, **START)
+
+    shown = [
+        pixels
+        for _, pixels in run(
+            renderer, tape, count=4, log=log, view=lambda k: View(0, 20.0 * (k // 2), 5.0)
+        )
+    ]
+    log.close()
+    found = redraw(read_log(path), lambda _: renderer, exactly=True)
+    renderer.release()
+
+    assert (found.equal, found.problems) == (4, ())
+    assert np.abs(shown[1].astype(int) - shown[2]).mean() > 1  # it turned
+
+
+def test_after_the_second_frame_no_opengl_object_is_made(gl_context, frames, tape):
+    source = read_source(frames, Reading(), panorama=False)
+    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
+    renderer.prepare(5)
+    shown = run(renderer, tape)
+    next(shown), next(shown)
+    made = []
+    kinds = ("texture", "texture_array", "buffer", "framebuffer", "compute_shader", "program")
+    originals = {kind: getattr(type(gl_context), kind) for kind in kinds}
+    try:
+        for kind, original in originals.items():
+
+            def counting(*given, _kind=kind, _original=original, **more):
+                made.append(_kind)
+                return _original(*given, **more)
+
+            setattr(type(gl_context), kind, counting)
+        list(shown)
+    finally:
+        for kind, original in originals.items():
+            setattr(type(gl_context), kind, original)
+    renderer.release()
+
+    assert made == []
+
+
+def test_gaze_is_rounded_to_a_sixteenth_of_a_pixel_and_stays_lost():
+    assert on_grid((10.03, -0.04)) == (10.0, -0.0625)
+    assert math.isnan(on_grid((math.nan, 3.0))[0])
+
+
+def test_only_what_the_gpu_draws_can_be_live(gl_context, frames):
+    source = read_source(frames, Reading(), panorama=False)
+    with pytest.raises(InputError, match="must be one that the GPU draws"):
+        FoveatingRenderer(gl_context, source, GEOMETRY, Choice("metamer", {"chroma": "full"}))
+
+
+def test_a_look_is_all_that_a_frame_depends_on(gl_context, frames):
+    source = read_source(frames, Reading(), panorama=False)
+    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
+    look = Look((30.0, 20.0), (31.0, 22.0), 3)
+
+    def drawn():
+        renderer.prepare(look.seed)
+        renderer.hold(View(2))
+        return read_back(renderer.draw(look)).copy()
+
+    first = drawn()
+    renderer.hold(View(4))
+    renderer.prepare(9)
+    renderer.draw(Look((80.0, 60.0), (10.0, 10.0), 9))
+    renderer.choose(Choice("blur"))
+    renderer.choose(Choice("warped-metamer"))
+
+    np.testing.assert_array_equal(drawn(), first)
+    renderer.release()
