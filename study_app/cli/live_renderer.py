@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator, condition_names
-from pipeline.foveation.geometry import Flat, FlatGeometry
+from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
 from pipeline.foveation.gpu import OPAQUE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze
@@ -83,6 +83,8 @@ def read_source(path: Path, reading: Reading, *, panorama: bool) -> Source:
             )
         check_within("values", frame.size * len(paths), InputError, path, "numbers in its frames")
         digest.update(f"{frame.shape} {frame.dtype}".encode() + frame.data)
+        if panorama:
+            Equirectangular().of(*opened.size[::-1])
         notes = notes or opened.notes
         frames.append(frame)
     return Source(frames, digest.hexdigest(), panorama, notes)
@@ -182,7 +184,7 @@ class FoveatingRenderer:
         """Make the noise or the displacements of a seed."""
         check_seed(seed)
         if self._foveator is not None and self._foveator.passes is not None:
-            self._foveator.passes.set_seed(seed, carried=self._turned is not None)
+            self._foveator.passes.set_seed(seed, carried=self._shift_px is not None)
 
     def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
         """Let the field follow as `SteadyGaze` does."""
@@ -198,7 +200,7 @@ class FoveatingRenderer:
             return self._seen
         self._foveator.passes.show(
             self._target, look.gaze_px, seed=look.seed, field_gaze_px=look.field_px,
-            noise_shift_px=None if self._turned is None else self._turned[2],
+            noise_shift_px=self._shift_px,
         )  # fmt: skip
         return self._target
 
@@ -221,6 +223,14 @@ class FoveatingRenderer:
             self._foveator.release()
         for made in (self._picture, self._target, *(self._turned or ())):
             made.release()
+
+    @property
+    def _shift_px(self) -> moderngl.Texture | None:
+        """Where noise lies on directions of a panorama; displacements lie on the screen."""
+        passes = self._foveator.passes if self._foveator is not None else None
+        if self._turned is None or passes is None or not passes.carries_noise:
+            return None
+        return self._turned[2]
 
     @property
     def _seen(self) -> moderngl.Texture:

@@ -1,0 +1,141 @@
+"""`metamerlab live` in a real window on a virtual screen."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from study_app.live.log import LiveChoice, LiveEnd, LiveFlip, read_log
+
+pytestmark = pytest.mark.slow
+EDGE = 128
+
+
+@pytest.fixture
+def picture(tmp_path):
+    path = tmp_path / "picture.png"
+    Image.fromarray(np.ascontiguousarray(data.astronaut()[:EDGE, 128 : 128 + EDGE])).save(path)
+    return path
+
+
+@pytest.fixture
+def display(start_study):
+    return start_study().folder / "little.toml"
+
+
+def arguments(picture, display, log, *more):
+    return ["live", picture, "--display", display, "--software-pacing", "--record", log, *more]
+
+
+def lines(log):
+    return read_log(log).lines if log.exists() and log.stat().st_size else ()
+
+
+def test_keys_change_what_is_shown_and_the_log_draws_it_again(screen, picture, display, wait):
+    log = picture.with_name("seen.jsonl")
+    screen.point(320, 240)
+    process = screen.start(*arguments(picture, display, log, "-m", "blur", "-m", "metamer"))
+
+    def choices():
+        return [line for line in lines(log) if isinstance(line, LiveChoice)]
+
+    def seeds():
+        return {line.seed for line in lines(log) if isinstance(line, LiveFlip)}
+
+    wait(lambda: 0 in seeds(), "the first frame", process=process)
+    screen.keys("m")
+    wait(lambda: len(choices()) == 2, "another method", process=process)
+    screen.keys("l")
+    wait(lambda: len(choices()) == 3, "another law", process=process)
+    screen.keys("s", "o")
+    wait(lambda: 1 in seeds(), "another seed", process=process)
+    screen.keys("Escape")
+    out, err = process.communicate(timeout=60)
+
+    assert process.returncode == 0, out + err
+    assert [(c.described["method"], c.described["parameters"]) for c in choices()] == [
+        ("blur", {}), ("metamer", {}), ("metamer", {"law": "v2"})
+    ]  # fmt: skip
+    end = lines(log)[-1]
+    assert isinstance(end, LiveEnd)
+    assert end.latency.words() in out
+    assert end.latency.frames == end.flips > 0
+    flip = next(line for line in lines(log) if isinstance(line, LiveFlip))
+    assert flip.gaze_px == (320 - (640 - EDGE) / 2, 240 - (480 - EDGE) / 2)
+
+    done = screen.run("live", picture, "--verify", log)
+    assert done.returncode == 0, done.stdout + done.stderr
+    drawn = sum(line.pixels is not None for line in lines(log) if isinstance(line, LiveFlip))
+    assert f"{end.flips} flips, {drawn} drawn again: {drawn} bit-equal" in done.stdout
+    assert drawn >= 3
+
+    with Image.open(picture) as image:
+        image.transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(picture)
+    done = screen.run("live", picture, "--verify", log)
+    assert done.returncode == 2
+    assert "must be the source of" in done.stderr
+
+
+def test_a_killed_program_leaves_a_log_that_is_whole_and_the_screen_had_the_picture(
+    screen, picture, display, wait
+):
+    log = picture.with_name("killed.jsonl")
+    process = screen.start(*arguments(picture, display, log, "-m", "reference"))
+    wait(lambda: len(lines(log)) > 5, "frames", process=process)
+    left, top = (640 - EDGE) // 2, (480 - EDGE) // 2
+    with Image.open(picture) as image:
+        wanted = np.asarray(image)
+    wait(
+        lambda: (
+            np.array_equal(screen.picture()[top : top + EDGE, left : left + EDGE], wanted)
+            or np.abs(screen.picture()[top : top + EDGE, left : left + EDGE] - wanted).mean() < 3
+        ),
+        "the picture on the screen",
+        process=process,
+    )
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=30)
+
+    assert "was not closed" in read_log(log).notes[-1]
+    done = screen.run("live", picture, "--verify", log)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "note: the log was not closed: the program was killed" in done.stdout
+
+
+def test_the_overlay_draws_rings_around_the_gaze_and_goes_again(screen, picture, display, wait):
+    log = picture.with_name("rings.jsonl")
+    screen.point(300, 230)
+    process = screen.start(*arguments(picture, display, log, "-m", "reference", "--overlay"))
+
+    def yellow():
+        pixels = screen.picture().astype(int)
+        return int((pixels[..., 0] - pixels[..., 2] > 120).sum())
+
+    wait(lambda: len(lines(log)) > 5 and yellow() > 200, "rings", process=process)
+    before = yellow()
+    screen.keys("o")
+    wait(lambda: yellow() < before - 150, "no rings", process=process)
+    screen.keys("Escape")
+    process.communicate(timeout=60)
+
+    assert process.returncode == 0
+
+
+def test_mistakes_get_one_message_before_a_window_opens(screen, picture, display, tmp_path):
+    (tmp_path / "there.jsonl").write_text("kept")
+    for more, message in (
+        (("--record", tmp_path / "there.jsonl"), "must be a new file"),
+        (("--record", tmp_path / "log.csv"), "must end in .jsonl"),
+        (("-m", "noise-enhanced"), "must be one of reference, blur, metamer"),
+        (("--gaze", "mous"), "did you mean 'mouse'"),
+        (("--panorama",), "must be twice as wide as high"),
+    ):
+        done = screen.run("live", picture, "--display", display, "--software-pacing", *more)
+        assert done.returncode == 2, done.stdout + done.stderr
+        assert message in " ".join(done.stderr.split())
+        assert "Traceback" not in done.stderr
+    assert (tmp_path / "there.jsonl").read_text() == "kept"
