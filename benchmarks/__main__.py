@@ -10,6 +10,7 @@ BENCHMARKS = {
     "passes": "one fill, pass by pass: where its time goes",
     "warp": "the warp against a plain copy of its frame",
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
+    "live": "pictures that follow the gaze: CPU time, frames per second, latency, memory",
     "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
     "compress": "compressed pictures at equal size: statistics, fovea, time of decoding",

@@ -18,7 +18,7 @@ from pipeline.foveation.gpu import OPAQUE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.foveation.view_gpu import ViewPass
-from pipeline.gl.texture import create_texture, upload
+from pipeline.gl.texture import create_texture, texture_bytes, upload
 from protocols.hashing import Json
 from protocols.outside import check_within
 from stimuli.choice import Choice
@@ -216,6 +216,13 @@ class FoveatingRenderer:
             "method": self.choice.name,
             "parameters": dict(self.choice.parameters),
         }
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory on the GPU for what is held and drawn."""
+        passes = self._foveator.passes if self._foveator is not None else None
+        made = (self._picture, self._target, *(self._turned or ())[1:])
+        return sum(map(texture_bytes, made)) + (0 if passes is None else passes.held_bytes)
 
     def release(self) -> None:
         """Free all that was made."""
