@@ -8,13 +8,14 @@ go unseen (Loschky and Wolverton 2007).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import Geometry, check_gaze, eccentricity_deg
+from pipeline.foveation.geometry import Geometry, check_gaze
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,15 @@ class SteadyGaze:
         else:
             away = self._angle(field, eye)
             if away > self.rest_deg:
-                share = (1 - self.rest_deg / away) * (1 - np.exp(-elapsed_s / self.follow_s))
-                field = self._between(field, eye, float(share))
+                share = (1 - self.rest_deg / away) * (1 - math.exp(-elapsed_s / self.follow_s))
+                field = self._between(field, eye, share)
         return replace(self, eye_px=eye, field_px=field, lost_s=0.0)
 
     def _angle(self, a: tuple[float, float], b: tuple[float, float]) -> float:
-        return float(eccentricity_deg(self.geometry, a, np.array(b[0]), np.array(b[1])))
+        """Without arrays: for every frame of a live picture."""
+        (ax, ay, az), (bx, by, bz) = self.geometry.ray(*a), self.geometry.ray(*b)
+        sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+        return math.degrees(math.atan2(sine, ax * bx + ay * by + az * bz))
 
     def _between(
         self, start: tuple[float, float], end: tuple[float, float], share: float
@@ -96,7 +100,7 @@ class SteadyGaze:
 
 
 def _is_found(eye_px: tuple[float, float]) -> bool:
-    return bool(np.isfinite(eye_px).all())
+    return all(map(math.isfinite, eye_px))
 
 
 def carried(
