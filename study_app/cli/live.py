@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import FoveatingRenderer
     from study_app.live.log import LiveLog
-    from study_app.live.loop import LiveLoop
+    from study_app.live.loop import Flip, LiveLoop
     from study_app.live.renderer import View
     from study_app.live.screen import WindowScreen
     from study_app.window import Window
@@ -121,6 +122,9 @@ def live(
         exposed = panorama and stops is None and not clip
         reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
         if verify is not None:
+            if any((method, settings, display, fov, panorama, fps, record, seconds, stops, clip,
+                    encoded, overlay, seed, gaze != "mouse")):  # fmt: skip
+                raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
             _verify(source, verify)
             return
         show = _Show(
@@ -180,11 +184,14 @@ def _run(show: _Show, *, overlay: bool, pacing: Any) -> None:
 
     check_kind(show.gaze)
     shown_on = load_display(show.display) if show.display is not None else None
-    builtin = show.source.startswith(BUILTIN)
-    read, fps = None, show.fps or 0.0
-    if not builtin:
+    read, fps = None, 0.0
+    if not show.source.startswith(BUILTIN):
         with frames_of(Path(show.source), show.fps, say) as (path, fps):
             read = read_source(path, show.reading, panorama=show.panorama)
+    elif show.panorama:
+        raise StudyError(f"--panorama is for a file; {show.source} is flat")
+    if show.fps is not None and (read is None or len(read.frames) == 1):
+        raise StudyError("--fps is for a folder of frames or a video (SOURCE is neither)")
     shown_on = shown_on or monitor_display()
     screen_size = shown_on.height_px, shown_on.width_px
     flat_size = screen_size if read is None or show.panorama else read.size
@@ -234,6 +241,7 @@ class _Showing:
         self._turned = (0.0, 0.0)
         self._dragged: tuple[float, float] | None = None
         self._log: LiveLog | None = None
+        self._last: Flip
 
     def run(self) -> None:
         """Show until it is ended; say the latency."""
@@ -254,7 +262,8 @@ class _Showing:
             say(KEYS + ("; drag to look around" if self._renderer.source.panorama else ""))
             loop = LiveLoop(screen, gaze, self._corner, polled=info.polled)
             with self._logging() as self._log:
-                self._loop(loop)
+                with suppress(KeyboardInterrupt):
+                    self._loop(loop)
                 self._end(loop, gaze.left_out)
         finally:
             gaze.close()
@@ -285,7 +294,7 @@ class _Showing:
                 self._tell(loop, (loop.number - told) / (now_s - told_s))
                 told_s, told = now_s, loop.number
             flip, picture = loop.step(self._renderer, self._view(loop), self._seed)
-            self._spent_s, self._age_s = flip.drawn_s - flip.poll_s, flip.age_s
+            self._last = flip
             if self._log is not None:
                 self._log.flip(flip, picture)
 
@@ -299,7 +308,7 @@ class _Showing:
             return View(int(shown + 1e-6) % len(source.frames))
         here = self._window.cursor_px() if self._window.held_down() else None
         if here is not None and self._dragged is not None:
-            per_px = 57.29577951308232 / self._renderer.geometry.distance_px
+            per_px = math.degrees(1) / self._renderer.geometry.distance_px
             across, down = (per_px * (b - a) for a, b in zip(here, self._dragged, strict=True))
             right = (self._turned[0] + across + 180) % 360 - 180
             self._turned = right, min(90.0, max(-90.0, self._turned[1] + down))
@@ -316,7 +325,7 @@ class _Showing:
                 return False
             if press.key == "o":
                 self._screen.overlay = not self._screen.overlay
-            elif press.key in "mls":
+            elif press.key in ("m", "l", "s"):
                 self._change(press.key)
                 loop.pause()
         return True
@@ -370,12 +379,13 @@ class _Showing:
             yield log
 
     def _tell(self, loop: LiveLoop, rate_hz: float) -> None:
+        last = self._last
+        drawn_ms = 1e3 * (last.drawn_s - last.poll_s)
         self._screen.write(
             [
                 f"{self._choices[0].label}, seed {self._seed}",
-                f"{rate_hz:.1f} frames/s, drawn in {1e3 * self._spent_s:.1f} ms,"
-                f" {loop.missed} missed",
-                f"sample to flip {1e3 * self._age_s:.1f} ms",
+                f"{rate_hz:.1f} frames/s, drawn in {drawn_ms:.1f} ms, {loop.missed} missed",
+                f"sample to flip {1e3 * last.age_s:.1f} ms, gaze {last.eye}",
                 KEYS,
             ]
         )
@@ -406,8 +416,7 @@ def _verify(source: str, path: Path) -> None:
     if first is None:
         raise StudyError(f"{path}: must say what drew its flips (it ends before)")
     said = first.described
-    size, centre = said["size_px"], said["centre_px"]
-    geometry = FlatGeometry(size[0], size[1], said["distance_px"], (centre[0], centre[1]))
+    geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
     with lent_context() as ctx:
         here = describe(ctx)
         exactly = (here.name, here.version) == (log.start.renderer, log.start.driver)
@@ -416,18 +425,20 @@ def _verify(source: str, path: Path) -> None:
             read = draw_source(source, geometry, ctx)
         else:
             with frames_of(Path(source), None, say) as (folder, _):
-                read = read_source(folder, Reading(**log.start.reading), panorama=said["panorama"])
-        if read.sha256 != said["source_sha256"]:
+                read = read_source(
+                    folder, Reading(**log.start.reading.model_dump()), panorama=said.panorama
+                )
+        if read.sha256 != said.source_sha256:
             raise StudyError(
                 f"{source}: must be the source of {path}, {log.start.source!r} (its pixels are"
                 " others)"
             )
-        choice = Choice(said["method"], said["parameters"])
+        choice = Choice(said.method, said.parameters)
         renderer = FoveatingRenderer(ctx, read, geometry, choice)
         try:
 
             def renderer_of(line: LiveChoice) -> FoveatingRenderer:
-                wanted = Choice(line.described["method"], line.described["parameters"])
+                wanted = Choice(line.described.method, line.described.parameters)
                 if wanted != renderer.choice:
                     renderer.choose(wanted)
                 return renderer

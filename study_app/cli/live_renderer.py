@@ -19,13 +19,12 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, texture_bytes, upload
-from protocols.hashing import Json
 from protocols.outside import check_within
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
 from stimuli.frames_folder import frames_in
-from study_app.live.renderer import Look, Place, View
+from study_app.live.renderer import Described, Look, Place, View
 
 BUILTIN = "builtin:"
 REFERENCE = "reference"
@@ -170,6 +169,10 @@ class FoveatingRenderer:
         """Upload the frame, turn the panorama, and analyse what is seen."""
         if view == self._view:
             return
+        if not view.frame < len(self.source.frames):
+            raise InputError(
+                f"the source must have frame {view.frame} (it has {len(self.source.frames)})"
+            )
         if view.frame != self._frame:
             upload(self._picture, self.source.frames[view.frame])
             self._frame = view.frame
@@ -204,18 +207,18 @@ class FoveatingRenderer:
         )  # fmt: skip
         return self._target
 
-    def describe(self) -> dict[str, Json]:
+    def describe(self) -> Described:
         """Source, geometry, condition and parameters."""
         geometry = self.geometry
-        return {
-            "source_sha256": self.source.sha256,
-            "panorama": self.source.panorama,
-            "size_px": [geometry.width_px, geometry.height_px],
-            "centre_px": list(geometry.centre_px),
-            "distance_px": geometry.distance_px,
-            "method": self.choice.name,
-            "parameters": dict(self.choice.parameters),
-        }
+        return Described(
+            source_sha256=self.source.sha256,
+            panorama=self.source.panorama,
+            size_px=(geometry.width_px, geometry.height_px),
+            centre_px=geometry.centre_px,
+            distance_px=geometry.distance_px,
+            method=self.choice.name,
+            parameters=dict(self.choice.parameters),
+        )
 
     @property
     def held_bytes(self) -> int:

@@ -7,8 +7,10 @@ reach the system one by one: whoever kills the program loses the unfinished one 
 from __future__ import annotations
 
 import base64
+import errno
 import hashlib
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +19,11 @@ from typing import Annotated, Any, Literal, TypeAlias
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from pipeline.gl.texture import format_of
 from protocols.chain import due, first_link, sealed_line, stated
+from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import Json, canonical_json, sha256_json
 from protocols.journal import UtcTime
@@ -29,7 +32,7 @@ from protocols.read_file import read_bytes
 from protocols.units import Count, Model, Sha256
 from study_app.live.latency import EyeState, LatencySummary
 from study_app.live.loop import Flip
-from study_app.live.renderer import Look, View
+from study_app.live.renderer import Described, Look, View
 
 FORMAT: Literal[1] = 1
 EVERY = 30
@@ -38,8 +41,21 @@ GRID = 16
 """Along each edge, pixels of a frame that are kept."""
 
 
+Grid = Annotated[str, StringConstraints(pattern=rf"^[A-Za-z0-9+/]{{{4 * GRID * GRID}}}$")]
+
+
 class _Line(Model):
     chain: Sha256
+
+
+class LoggedReading(Model):
+    """How the source's file was read."""
+
+    background: float
+    clip: bool
+    stops: float
+    encoded: bool
+    exposed: bool
 
 
 class LiveStart(_Line):
@@ -50,10 +66,9 @@ class LiveStart(_Line):
     at: UtcTime
     source: str
     """As it was named."""
-    reading: dict[str, Any]
-    """How its file was read."""
+    reading: LoggedReading
     gaze: str
-    display: dict[str, Any]
+    display: Display
     renderer: str
     driver: str
     revision: str
@@ -64,8 +79,7 @@ class LiveChoice(_Line):
     """What draws the flips from here on."""
 
     kind: Literal["choice"]
-    described: dict[str, Any]
-    """What the renderer says of itself: source, size, method, parameters."""
+    described: Described
     sha256: Sha256
     """Of that."""
 
@@ -87,9 +101,9 @@ class LiveFlip(_Line):
     eye: EyeState
     age_s: float | None
     """From the sample whose gaze is shown to the flip; null before the first one."""
-    pixels: str | None = None
+    pixels: Sha256 | None = None
     """SHA-256 of the whole frame as it was drawn, of a few flips."""
-    grid: str | None = None
+    grid: Grid | None = None
     """Base64 of `GRID` x `GRID` of its pixels, red, green and blue of 8 bits, from the upper left.
     """
 
@@ -160,9 +174,10 @@ class LiveLog:
         self._pixels, self._due = Pixels(), 0
         self._write({"kind": "start", "format": FORMAT, **start})
 
-    def choice(self, described: dict[str, Json]) -> None:
+    def choice(self, described: Described) -> None:
         """Write what draws from here on; the next frame's pixels are kept."""
-        self._write({"kind": "choice", "described": described, "sha256": sha256_json(described)})
+        plain = described.model_dump(mode="json")
+        self._write({"kind": "choice", "described": plain, "sha256": sha256_json(described)})
         self._due = 0
 
     def flip(self, flip: Flip, picture: moderngl.Texture) -> None:
@@ -202,8 +217,10 @@ class LiveLog:
 
     def _write(self, line: Mapping[str, Json]) -> None:
         bare = canonical_json({**line, "chain": None}) + b"\n"
-        self._chain, sealed = sealed_line(bare, self._chain)
-        self._file.write(sealed)
+        chain, sealed = sealed_line(bare, self._chain)
+        if self._file.write(sealed) < len(sealed):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._chain = chain
 
 
 @dataclass(frozen=True)

@@ -46,11 +46,12 @@ def redraw(
     for line in log.lines:
         if isinstance(line, LiveChoice):
             renderer = renderer_of(line)
-            if (found := renderer.describe()) != line.described:
-                wrong = [key for key in line.described if found.get(key) != line.described[key]]
+            found, said = (one.model_dump() for one in (renderer.describe(), line.described))
+            wrong = [key for key in said if found[key] != said[key]]
+            if wrong:
                 problems.append(
                     f"flips from {flips} on: {', '.join(wrong)} must be as in the log (got"
-                    f" {', '.join(str(found.get(key)) for key in wrong)})"
+                    f" {', '.join(str(found[key]) for key in wrong)})"
                 )
             elif sha256_json(line.described) != line.sha256:
                 problems.append(f"flips from {flips} on: their choice must have its hash")

@@ -7,11 +7,12 @@ whoever draws these again gets it again, bit for bit on the same renderer.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import moderngl
+from pydantic import Field
 
-from protocols.hashing import Json
+from protocols.units import Model, Pixels, Sha256
 
 Place: TypeAlias = tuple[float, float]
 
@@ -38,6 +39,22 @@ class Look(NamedTuple):
     seed: int
 
 
+class Described(Model):
+    """All that decides pixels beside view and look."""
+
+    source_sha256: Sha256
+    """Of the source's pixels."""
+    panorama: bool
+    size_px: tuple[Pixels, Pixels]
+    """Width and height of what is shown."""
+    centre_px: tuple[float, float]
+    """Where the normal through the eye meets it."""
+    distance_px: Annotated[float, Field(gt=0)]
+    """How far the eye is."""
+    method: str
+    parameters: dict[str, bool | int | float | str | None]
+
+
 class Renderer(Protocol):
     """Draws one source by one method."""
 
@@ -56,8 +73,8 @@ class Renderer(Protocol):
     def draw(self, look: Look) -> moderngl.Texture:
         """Show what is held, in a texture that stays the renderer's: rgba32f or rgba8."""
 
-    def describe(self) -> dict[str, Json]:
-        """Say all that decides pixels beside view and look."""
+    def describe(self) -> Described:
+        """Say what else decides pixels."""
 
 
 def on_grid(place_px: Place) -> Place:

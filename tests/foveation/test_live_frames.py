@@ -15,6 +15,7 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.texture import read_back
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
+from protocols.load import load_display
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import Reading
 from stimuli.foveated.clip_to_files import foveate_clip
@@ -153,9 +154,11 @@ def shown_to(frames, tmp_path, gl_context, tape, monkeypatch):
         renderer.release()
 
 
-START = {"at": "2026-01-01T00:00:00.000000Z", "source": "frames", "reading": {}, "gaze": "replay",
-         "display": {}, "renderer": "r", "driver": "1", "revision": "0",
-         "refresh_hz": HZ}  # fmt: skip
+START = {
+    "at": "2026-01-01T00:00:00.000000Z", "source": "frames", "reading": vars(Reading()),
+    "gaze": "replay", "display": load_display("fhd27-60hz").model_dump(mode="json"),
+    "renderer": "r", "driver": "1", "revision": "0", "refresh_hz": HZ,
+}  # fmt: skip
 LATENCY = {"frames": 0, "median_ms": None, "p95_ms": None, "max_ms": None, "lost": 0, "silent": 0,
            "ahead": 0}  # fmt: skip
 

@@ -57,14 +57,14 @@ def test_keys_change_what_is_shown_and_the_log_draws_it_again(screen, picture, d
     out, err = process.communicate(timeout=60)
 
     assert process.returncode == 0, out + err
-    assert [(c.described["method"], c.described["parameters"]) for c in choices()] == [
+    assert [(c.described.method, c.described.parameters) for c in choices()] == [
         ("blur", {}), ("metamer", {}), ("metamer", {"law": "v2"})
     ]  # fmt: skip
     end = lines(log)[-1]
     assert isinstance(end, LiveEnd)
     assert end.latency.words() in out
     assert end.latency.frames == end.flips > 0
-    flip = next(line for line in lines(log) if isinstance(line, LiveFlip))
+    *_, flip = (line for line in lines(log) if isinstance(line, LiveFlip))
     assert flip.gaze_px == (320 - (640 - EDGE) / 2, 240 - (480 - EDGE) / 2)
 
     done = screen.run("live", picture, "--verify", log)
@@ -133,6 +133,8 @@ def test_mistakes_get_one_message_before_a_window_opens(screen, picture, display
         (("-m", "noise-enhanced"), "must be one of reference, blur, metamer"),
         (("--gaze", "mous"), "did you mean 'mouse'"),
         (("--panorama",), "must be twice as wide as high"),
+        (("--fps", "25"), "is for a folder of frames or a video"),
+        (("--verify", "x.jsonl"), "leave other options out"),
     ):
         done = screen.run("live", picture, "--display", display, "--software-pacing", *more)
         assert done.returncode == 2, done.stdout + done.stderr
