@@ -118,6 +118,12 @@ class FoveatingRenderer:
     def __init__(
         self, ctx: moderngl.Context, source: Source, geometry: FlatGeometry, choice: Choice
     ) -> None:
+        if not source.panorama and source.size != (geometry.height_px, geometry.width_px):
+            height, width = source.size
+            raise InputError(
+                f"what is shown must be as large as its source ({width} x {height} px; got"
+                f" {geometry.width_px} x {geometry.height_px} px)"
+            )
         self._ctx, self.source, self.geometry = ctx, source, geometry
         self._view: View | None = None
         self._foveator: Foveator | None = None

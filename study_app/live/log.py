@@ -171,20 +171,22 @@ class LiveLog:
     def __init__(self, path: Path, **start: Json) -> None:
         self._file = path.open("xb", buffering=0)
         self._chain = first_link(b"")
-        self._pixels, self._due = Pixels(), 0
+        self._pixels = Pixels()
+        self.next_kept = 0
+        """The first flip from which on pixels are kept again."""
         self._write({"kind": "start", "format": FORMAT, **start})
 
     def choice(self, described: Described) -> None:
         """Write what draws from here on; the next frame's pixels are kept."""
         plain = described.model_dump(mode="json")
         self._write({"kind": "choice", "described": plain, "sha256": sha256_json(described)})
-        self._due = 0
+        self.next_kept = 0
 
     def flip(self, flip: Flip, picture: moderngl.Texture) -> None:
         """Write a flip, and of every `EVERY`th what its pixels are."""
         pixels = grid = None
-        if flip.number >= self._due:
-            self._due = flip.number + EVERY
+        if flip.number >= self.next_kept:
+            self.next_kept = flip.number + EVERY
             pixels, some = self._pixels.of(picture)
             grid = base64.b64encode(some.tobytes()).decode()
         self._write(

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from study_app.cli.live import _Showing
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze
@@ -172,3 +173,27 @@ def test_a_million_frames_take_no_more_memory_than_one():
     assert len(counted._bins) == size
     assert counted.summary().max_ms == 9000.0
     assert counted.summary().median_ms == pytest.approx(20, abs=1)
+
+
+def test_dragging_turns_a_panorama_with_the_mouse_and_letting_go_stops_it():
+    showing = _Showing.__new__(_Showing)
+    mouse = SimpleNamespace(at=(50.0, 50.0), down=False)
+    showing._window = SimpleNamespace(cursor_px=lambda: mouse.at, held_down=lambda: mouse.down)
+    showing._renderer = SimpleNamespace(
+        source=SimpleNamespace(panorama=True), geometry=SimpleNamespace(distance_px=100.0)
+    )
+    showing._turned, showing._dragged = (0.0, 0.0), None
+
+    def turned(at, down):
+        mouse.at, mouse.down = at, down
+        view = showing._view(None)
+        return view.right_deg, view.down_deg
+
+    assert turned((90.0, 50.0), False) == (0.0, 0.0)
+    assert turned((50.0, 50.0), True) == (0.0, 0.0)  # where it is taken
+    right, down = turned((60.0, 45.0), True)  # 10 px to the right: the view turns to the left
+    assert (right, down) == pytest.approx((-math.degrees(0.1), math.degrees(0.05)), abs=1 / 64)
+    assert (64 * right, 64 * down) == (round(64 * right), round(64 * down))
+    assert turned((200.0, 200.0), False) == (right, down)
+    assert turned((0.0, 0.0), True) == (right, down)
+    assert turned((0.0, -900.0), True)[1] == 90.0

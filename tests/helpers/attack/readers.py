@@ -51,7 +51,7 @@ from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
 from stimuli.flow_file import read_flo, write_flo
-from stimuli.foveated.any_picture import read_any
+from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.one_picture import read_pose
 from stimuli.plane_file import load_plane
 from stimuli.png import decode
@@ -63,6 +63,10 @@ from study_app.archive.read import check, opened, restore
 from study_app.archive.write import Wanted, write_archive
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
+from study_app.live.latency import Latency
+from study_app.live.log import LiveLog, read_log
+from study_app.live.loop import Flip
+from study_app.live.renderer import Described, Look, View
 from study_app.simulate import Simulation, simulate_study
 from study_app.sittings import Sitting
 from study_app.verification import verify
@@ -190,6 +194,7 @@ READERS: tuple[Reader, ...] = (
     Reader("stimuli-csv", "stimuli.csv", mutations.PLAIN, read_stimuli, _anything),
     Reader("manifest", "manifest/manifest.json", mutations.TREE, lambda p: read_manifest(p.parent)),
     Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
+    Reader("live-log", "live.jsonl", mutations.JOURNAL, read_log, _anything),
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
     Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
@@ -269,6 +274,37 @@ def write_samples(folder: Path) -> None:
     (folder / "dn.onnx").write_bytes(to_onnx(layers, Facts("moments")))
     _write_tables(folder, rng)
     _write_studies(folder)
+    _write_live_log(folder / "live.jsonl")
+
+
+def _write_live_log(path: Path) -> None:
+    """A log of three frames, whose pixels were not kept."""
+    log = LiveLog(
+        path, at="2026-01-01T00:00:00.000000Z", source="p.png", reading=vars(Reading()),
+        gaze="mouse", display=load_display("fhd27-60hz").model_dump(mode="json"), renderer="r",
+        driver="1", revision="0", refresh_hz=60.0,
+    )  # fmt: skip
+    log.choice(
+        Described(
+            source_sha256="0" * 64,
+            panorama=False,
+            size_px=(20, 14),
+            centre_px=(10.0, 7.0),
+            distance_px=30.0,
+            method="metamer",
+            parameters={"law": "v2"},
+        )
+    )
+    log.next_kept = 3
+    latency = Latency()
+    look = Look((3.0625, 4.5), (3.0, 4.5), 5)
+    for n in range(3):
+        t_s = 10 + n / 60
+        flip = Flip(n, t_s, t_s - 0.01, t_s - 0.004, int(n > 0), View(), look, "found", t_s - 0.02)
+        latency.add(flip.eye, flip.age_s)
+        log.flip(flip, None)
+    log.end(flips=3, missed=0, left_out=0, latency=latency.summary().model_dump(mode="json"))
+    log.close()
 
 
 def _write_meshes(folder: Path, picture: Any) -> None:
