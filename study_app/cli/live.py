@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import FoveatingRenderer
+    from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
     from study_app.live.loop import Flip, LiveLoop
     from study_app.live.renderer import View
@@ -40,6 +41,7 @@ KEYS = "m: method, l: law, s: seed, o: overlay, escape: end"
 _LAWS = ("v1", "v2", "authors")
 _POOLING = ("law", "scaling", "alpha", "rate")
 _STEPS_PER_DEG = 64  # of a panorama's direction
+_MARKED_S = 10.0
 _TOLD_S = 0.5  # between two changes of what the overlay says
 _file_option = panel_option("The file")
 
@@ -263,7 +265,7 @@ class _Showing:
             loop = LiveLoop(screen, gaze, self._corner, polled=info.polled)
             with self._logging() as self._log:
                 with suppress(KeyboardInterrupt):
-                    self._loop(loop)
+                    self._loop(loop, gaze)
                 self._end(loop, gaze.left_out)
         finally:
             gaze.close()
@@ -283,13 +285,16 @@ class _Showing:
             say(f"note: {left_out} samples had stamps that fell or lay ahead: left out")
         say(latency.words())
 
-    def _loop(self, loop: LiveLoop) -> None:
+    def _loop(self, loop: LiveLoop, gaze: TrustedGaze) -> None:
         window, begin_s = self._window, self._window.now()
-        told_s, told = begin_s, 0
+        told_s, marked_s, told = begin_s, begin_s, 0
         while self._keys(loop):
             now_s = window.now()
             if self._show.seconds is not None and now_s - begin_s >= self._show.seconds:
                 return
+            if now_s - marked_s > _MARKED_S:
+                gaze.mark("live")  # the tracker's clock is measured anew: clocks drift
+                marked_s = now_s
             if self._screen.overlay and now_s - told_s > _TOLD_S and loop.number > told:
                 self._tell(loop, (loop.number - told) / (now_s - told_s))
                 told_s, told = now_s, loop.number
