@@ -67,6 +67,14 @@ class Event(Model):
     Null in journals of older versions."""
 
 
+class SideFile(Model):
+    """A file beside the journal, finished before the line that names it."""
+
+    file: str
+    """Path relative to the journal's folder."""
+    sha256: Sha256
+
+
 class DisplayReport(Model):
     """The measurement of the display."""
 
@@ -194,15 +202,22 @@ class Consent(Event):
     text_sha256: Sha256
 
 
-class Calibration(Event):
-    """A validation of the gaze source before a block."""
+class Calibration(Event, Grown):
+    """A validation of the gaze source before a block: means over its targets."""
 
     kind: Literal["calibration"] = "calibration"
     accuracy_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
-    """Mean angle between target and gaze."""
+    """Angle between target and the mean direction of gaze. In journals without `sd_deg`, the mean
+    angle."""
     precision_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
-    """Root mean square of angles between consecutive samples."""
+    """Root mean square of angles between consecutive samples (RMS-S2S)."""
     points: Count
+    sd_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None = None
+    """Standard deviation of gaze, of both axes together. Null in journals of older versions."""
+    lost_share: Share | None = None
+    """Share of the samples that did not see the eye. Null in journals of older versions."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("sd_deg", "lost_share")
 
 
 class BlockStart(Event):
@@ -279,14 +294,6 @@ class GazeQuality(Model):
     mean_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
     """Mean angle between gaze and target. Null without data."""
     max_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
-
-
-class SideFile(Model):
-    """A file beside the journal, finished before the line that names it."""
-
-    file: str
-    """Path relative to the journal's folder."""
-    sha256: Sha256
 
 
 class FurtherAnswer(Model):
@@ -403,11 +410,15 @@ class Answer(Event):
     """As typed or chosen. Escape it before use."""
 
 
-class Note(Event):
+class Note(Event, Grown):
     """A remark by the operator or the program."""
 
     kind: Literal["note"] = "note"
     text: Text
+    file: SideFile | None = None
+    """What the tracker recorded or sent, byte for byte. Left out if the note is of no file."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("file",)
 
 
 class Withdrawal(Event):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
-from protocols.journal import Attempt, DisplayReport, SessionResume, SessionStart, SideFile
+from protocols.journal import Attempt, DisplayReport, Note, SessionResume, SessionStart, SideFile
 from protocols.journal_file import Journal
 
 
@@ -31,7 +31,8 @@ class SideFiles:
 
 
 def check_side_files(journal: Journal) -> SideFiles:
-    """Hash every file that a journal names: gaze, flips, and the display's report.
+    """Hash every file that a journal names: gaze, flips, what a tracker recorded, and the
+    display's report.
 
     Raises
     ------
@@ -56,6 +57,8 @@ def _named(journal: Journal) -> Iterator[tuple[Path, SideFile | DisplayReport]]:
             for side in (event.gaze_file, event.flips_file):
                 if side is not None:
                     yield beside, side
+        elif isinstance(event, Note) and event.file is not None:
+            yield beside, event.file
         elif isinstance(event, SessionStart | SessionResume) and event.display_report is not None:
             yield root, event.display_report
 

@@ -28,8 +28,7 @@ from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.source import GazeSource
-from study_app.gaze.trusted import TrustedGaze
+from study_app.gaze.source import GazeSource, Tracker
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
 from study_app.pacing import cannot_keep_up
@@ -112,6 +111,7 @@ def conduct(
     except DiskError:
         raise
     except StudyError as error:
+        conductor.hear_tracker()
         done = _main_done(recorder)
         recorder.append(
             SessionEnd(
@@ -119,6 +119,7 @@ def conduct(
             )
         )
         raise
+    conductor.hear_tracker()
     attempts = [event for event in recorder.events if isinstance(event, Attempt)]
     done = _main_done(recorder)
     recorder.append(SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done))
@@ -307,7 +308,6 @@ class _Conductor:
             self._late = [*self._late, event] if late else []
             self._on_attempt(event)
 
-        left_out = self._left_out()
         result = run_attempt(
             script,
             self._stage,
@@ -315,14 +315,27 @@ class _Conductor:
             write,
             lambda phase, t_s: self._mark(f"{step.trial.id} attempt {step.attempt} {phase}", t_s),
         )
-        if (lacking := self._left_out() - left_out) > 0:
-            text = f"gaze: {lacking} samples were left out, their stamps fell or lay ahead"
-            self._recorder.append(Note(**self._recorder.stamps(), text=text))
+        self.hear_tracker(f"{step.position:04d}")
         return self._interrupted(result)
 
-    def _left_out(self) -> int:
+    def hear_tracker(self, stem: str = "end") -> None:
+        """Note what happened to the gaze source, and keep what its tracker recorded or sent."""
         source = self._watcher.source if self._watcher else None
-        return source.left_out if isinstance(source, TrustedGaze) else 0
+        if not isinstance(source, Tracker):
+            return
+        recorder, raw = self._recorder, None
+        told = list(source.news())
+        try:
+            raw = source.raw(over=stem == "end")
+        except StudyError as error:
+            told.append(str(error))
+        for text in told:
+            recorder.append(Note(**recorder.stamps(), text=text))
+        if raw is not None and self._protocol.privacy.store_gaze:
+            file = recorder.side_file(f"tracker/{stem}", raw.suffix, raw.data)
+            recorder.append(
+                Note(**recorder.stamps(), text="gaze: the tracker's own data", file=file)
+            )
 
     def _interrupted(self, result: AttemptResult) -> bool:
         """Ask once after the quit key; rest after the pause key or a disturbance."""

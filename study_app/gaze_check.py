@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from protocols.errors import StudyError
@@ -48,6 +49,8 @@ class GazeCheck:
                     accuracy_deg=round(result.accuracy_deg, 4),
                     precision_deg=round(result.precision_deg, 4),
                     points=result.points,
+                    sd_deg=_known(result.sd_deg),
+                    lost_share=_known(result.lost_share),
                 )
             )
             complaint = unfit_gaze(self._protocol.gaze, result)
@@ -67,3 +70,7 @@ class GazeCheck:
             (*keys.continue_keys, *keys.quit_keys),
         )
         return self._stage.page(page).key in keys.continue_keys
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else round(value, 4)

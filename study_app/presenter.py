@@ -216,9 +216,15 @@ class Presenter:
         return self._turner.turn(page)
 
     def look_at(
-        self, place_px: tuple[float, float], duration_s: float, poll: Callable[[], None]
+        self,
+        place_px: tuple[float, float] | None,
+        duration_s: float,
+        poll: Callable[[], None],
+        on_key: Callable[[str], None] = lambda _: None,
     ) -> bool:
-        """Show the fixation target somewhere, calling `poll` at every flip.
+        """Show the fixation target somewhere, or nothing, calling `poll` at every flip.
+
+        At least one flip is shown. `on_key` is told the other keys that go down.
 
         Returns
         -------
@@ -226,20 +232,24 @@ class Presenter:
             False if a quit key went down.
         """
         edge = self._target.width // 2
-        place = round(place_px[0]) - edge, round(place_px[1]) - edge
 
         def draw() -> None:
             self._painter.clear()
-            self._painter.image(self._target, place)
+            if place_px is not None:
+                place = round(place_px[0]) - edge, round(place_px[1]) - edge
+                self._painter.image(self._target, place)
 
         until_s = self.now() + duration_s
-        while self.now() < until_s:
+        while True:
             self._window.require_display()
             self._flip(draw)
             poll()
-            if any(press.key in self._protocol.response.quit_keys for press in self.key_presses()):
-                return False
-        return True
+            for press in self.key_presses():
+                if press.key in self._protocol.response.quit_keys:
+                    return False
+                on_key(press.key)
+            if self.now() >= until_s:
+                return True
 
     def _flip_and_load(self, draw: Callable[[], None]) -> None:
         self._window.require_display()

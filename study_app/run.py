@@ -20,6 +20,7 @@ from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
+from protocols.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
@@ -33,16 +34,16 @@ from study_app.display_check import (
 )
 from study_app.gaze.open_source import ADAPTERS, Desk, check_kind, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
-from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.gaze.source import CalibrationResult, GazeSource, Tracker
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter
-from study_app.recorder import utc_now
+from study_app.recorder import Recorder, utc_now
 from study_app.shown_texts import require_showable
 from study_app.sittings import is_stillborn, sitting_folder
 from study_app.strip import Extras
-from study_app.validation import PointQuality, summarise, validate
+from study_app.validation import PointQuality, nine_points_px, summarise, unfit_gaze, validate
 from study_app.window import Pacing, Window
 
 RecordedEvents = list[AnyEvent]
@@ -127,7 +128,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         if late and check.intervals.missed > protocol.trial.dropped_frames_max:
             raise StudyError(late)
         listener.on_check(check)
-        gaze = _gaze(options, window, check.measured_hz)
+        targets = _Targets()
+        gaze = _gaze(options, window, check.measured_hz, targets)
         if gaze is not None:
             stack.callback(gaze.close)
         presenter = stack.enter_context(
@@ -143,6 +145,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
                 on_prepare=_restart(options, gaze),
             )
         )
+        targets.presenter = presenter
         setting = Setting(
             protocol=protocol,
             display=display,
@@ -162,7 +165,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             recorder.append(Note(**recorder.stamps(), text=note))
         validated = None
         if gaze is not None and options.validate:
-            validated = _validation(display, gaze, presenter, listener)
+            calibrate = _Calibrated(gaze, targets, protocol.gaze, Viewing.of(display), recorder)
+            validated = _validation(display, gaze, presenter, listener, calibrate)
         elif gaze is not None:
             recorder.append(Note(**recorder.stamps(), text="gaze was not validated"))
         with recorder, _signals_quit(window, protocol):
@@ -219,7 +223,64 @@ def _check_gaze(options: SittingOptions) -> None:
         )
 
 
-def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSource | None:
+@dataclass
+class _Targets:
+    """The targets that a tracker asks for, in the window that the session opens after it."""
+
+    presenter: Presenter | None = None
+    quit: bool = False
+    """Whether someone pressed a quit key meanwhile."""
+
+    def __call__(
+        self,
+        place_px: tuple[float, float] | None,
+        duration_s: float,
+        poll: Callable[[], None],
+        on_key: Callable[[str], None],
+    ) -> bool:
+        """Show a target; False where someone quit."""
+        assert self.presenter is not None, "no block has begun"
+        self.quit = not self.presenter.look_at(place_px, duration_s, poll, on_key) or self.quit
+        return not self.quit
+
+
+@dataclass
+class _Calibrated:
+    """Has a tracker calibrated before its first validation, and where drift or that is too large."""
+
+    gaze: GazeSource
+    targets: _Targets
+    rules: Gaze
+    viewing: Viewing
+    recorder: Recorder
+    fit: bool = False
+    """Whether the last validation was good enough."""
+
+    def __call__(self) -> bool:
+        """Calibrate, or check drift, if the tracker can; False where someone quit."""
+        if not isinstance(self.gaze, Tracker):
+            return True
+        middle_px = self.viewing.width_px / 2, self.viewing.height_px / 2
+        drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
+        if drift_deg is not None:
+            self._note(f"gaze: the tracker's drift check found {drift_deg:.2f} deg")
+        if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
+            own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
+            if own is not None:
+                self._note(
+                    f"gaze: the tracker's own calibration says {own.accuracy_deg:.2f} deg at"
+                    f" {own.points} points"
+                )
+        quit_, self.targets.quit = self.targets.quit, False
+        return not quit_
+
+    def _note(self, text: str) -> None:
+        self.recorder.append(Note(**self.recorder.stamps(), text=text))
+
+
+def _gaze(
+    options: SittingOptions, window: Window, refresh_hz: float, targets: _Targets
+) -> GazeSource | None:
     protocol, display = options.protocol, options.display
     if protocol.gaze.mode == "none":
         return None
@@ -228,7 +289,17 @@ def _gaze(options: SittingOptions, window: Window, refresh_hz: float) -> GazeSou
         return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
     if options.gaze.startswith("mouse"):
         window.show_cursor(True, stays=True)
-    return open_gaze(options.gaze, Desk(display, window.now, window.cursor_px, refresh_hz))
+    return open_gaze(
+        options.gaze,
+        Desk(
+            display,
+            window.now,
+            window.cursor_px,
+            refresh_hz,
+            targets,
+            store=protocol.privacy.store_gaze,
+        ),
+    )
 
 
 def _restart(
@@ -245,7 +316,11 @@ def _restart(
 
 
 def _validation(
-    display: Display, gaze: GazeSource, presenter: Presenter, listener: Listener
+    display: Display,
+    gaze: GazeSource,
+    presenter: Presenter,
+    listener: Listener,
+    calibrated: _Calibrated,
 ) -> Callable[[], CalibrationResult | None]:
     viewing = Viewing.of(display)
 
@@ -254,12 +329,16 @@ def _validation(
             gaze.look_at(viewing.to_deg(*target_px))
 
     def run() -> CalibrationResult | None:
+        if not calibrated():
+            return None
         points = validate(gaze, viewing, presenter.look_at, on_target)
         if isinstance(gaze, SimulatedGaze):
             gaze.look_at(None)
         if points is None:
             return None
+        calibrated.fit = False  # an eye that is not seen needs a calibration too
         result = summarise(points)
+        calibrated.fit = not unfit_gaze(calibrated.rules, result)
         listener.on_validation(points, result)
         return result
 

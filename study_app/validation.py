@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -34,9 +33,13 @@ class PointQuality:
     samples: int
     """With the eye seen."""
     accuracy_deg: float
-    """Mean angle between gaze and target; nan without samples."""
+    """Angle between the mean direction of gaze and the target; nan without samples."""
     precision_deg: float
-    """Root mean square of the angles between successive samples; nan without two."""
+    """Root mean square of the steps between successive samples; nan without two in a row."""
+    sd_deg: float = math.nan
+    """Standard deviation, of azimuth and elevation together; nan without samples."""
+    lost_share: float = 1.0
+    """Share of the samples that did not see the eye."""
 
 
 def nine_points_px(viewing: Viewing) -> list[tuple[float, float]]:
@@ -54,23 +57,26 @@ def point_quality(
 
     Notes
     -----
-    Accuracy is the mean angle between the lines of sight to gaze and target, precision the root
-    mean square of sample-to-sample angles (Holmqvist et al. 2012, "Eye tracker data quality").
-    Angles between samples on both sides of a loss are left out.
+    As ETDQualitizer has it, in Fick angles: accuracy, RMS-S2S, STD and loss from invalid
+    samples. Steps between samples on both sides of a loss are left out.
     """
-    target = viewing.sight(*target_px)
-    sights = [viewing.sight(s.x_px, s.y_px) if s.valid else None for s in samples]
-    errors = [angle_between_deg(sight, target) for sight in sights if sight is not None]
-    steps = [
-        angle_between_deg(early, late)
-        for early, late in itertools.pairwise(sights)
-        if early is not None and late is not None
-    ]
+    seen = [sample.valid for sample in samples]
+    if not any(seen):
+        return PointQuality(*target_px, 0, math.nan, math.nan)
+    sights = np.array(
+        [viewing.sight(s.x_px, s.y_px) if s.valid else (math.nan,) * 3 for s in samples]
+    )
+    x, y, z = sights.T
+    angles_deg = np.degrees([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
+    steps = np.square(np.diff(angles_deg)).sum(axis=0)
+    direction = np.nanmean(sights / np.linalg.norm(sights, axis=1, keepdims=True), axis=0)
     return PointQuality(
         *target_px,
-        samples=len(errors),
-        accuracy_deg=float(np.mean(errors)) if errors else math.nan,
-        precision_deg=float(np.sqrt(np.mean(np.square(steps)))) if steps else math.nan,
+        samples=sum(seen),
+        accuracy_deg=angle_between_deg(tuple(direction), viewing.sight(*target_px)),
+        precision_deg=float(np.sqrt(np.nanmean(steps))) if np.isfinite(steps).any() else math.nan,
+        sd_deg=float(np.hypot(*np.nanstd(angles_deg, axis=1))),
+        lost_share=1 - sum(seen) / len(seen),
     )
 
 
@@ -92,6 +98,8 @@ def summarise(points: Sequence[PointQuality]) -> CalibrationResult:
         accuracy_deg=float(np.mean([point.accuracy_deg for point in points])),
         precision_deg=float(np.mean([point.precision_deg for point in points])),
         points=len(points),
+        sd_deg=float(np.mean([point.sd_deg for point in points])),
+        lost_share=float(np.mean([point.lost_share for point in points])),
     )
 
 
@@ -152,7 +160,7 @@ def validate(
                 return None
         quality = point_quality(viewing, target, kept)
         if quality.samples < MIN_VALID_SHARE * len(kept):
-            quality = PointQuality(*target, quality.samples, math.nan, math.nan)
+            quality = replace(quality, accuracy_deg=math.nan, precision_deg=math.nan)
         points.append(quality)
     return points
 

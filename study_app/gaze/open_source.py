@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -19,6 +20,18 @@ from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
 from study_app.gaze.trusted import TrustedGaze
+
+LookAt: TypeAlias = Callable[
+    [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
+]
+"""Called with the target's place in pixels (None: an empty screen), how long to show it (one flip
+at least), what to call at every flip, and what to tell the keys that go down. False: someone
+pressed a quit key."""
+
+
+def _no_window(*_: object) -> bool:
+    return False
+
 
 _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 """Of every `GazeSource`."""
@@ -32,6 +45,10 @@ class Desk:
     clock: Callable[[], float]
     cursor_px: Callable[[], tuple[float, float]]
     refresh_hz: float
+    look_at: LookAt = _no_window
+    """Shows a target in the session's window; for `calibrate` and `check_drift`."""
+    store: bool = True
+    """Whether gaze may be kept: a tracker's own recording too."""
 
 
 def _lsl(rest: str, desk: Desk) -> GazeSource:

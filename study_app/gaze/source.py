@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 
 class GazeSample(NamedTuple):
@@ -43,11 +44,24 @@ class SourceInfo:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """How good a validation was."""
+    """How good a validation was, or what a tracker says of its own calibration."""
 
     accuracy_deg: float
     precision_deg: float
+    """Root mean square of steps between samples; nan where a tracker does not say it."""
     points: int
+    sd_deg: float = math.nan
+    """Standard deviation; nan where it is not known."""
+    lost_share: float = math.nan
+    """Share of the samples without an eye; nan where it is not known."""
+
+
+class RawFile(NamedTuple):
+    """What a tracker recorded or sent, byte for byte."""
+
+    suffix: str
+    """Of the file's name, with its dot."""
+    data: bytes
 
 
 class GazeSource(Protocol):
@@ -70,3 +84,23 @@ class GazeSource(Protocol):
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
+
+
+@runtime_checkable
+class Tracker(GazeSource, Protocol):
+    """A source with a drift check, a recording and a connection of its own. None of it is a must.
+
+    Both routines show their targets in the session's window, by `Desk.look_at`.
+    """
+
+    def check_drift(self, point_px: tuple[float, float]) -> float | None:
+        """Run the tracker's own drift check; return the error in degrees, None without one."""
+
+    def raw(self, *, over: bool) -> RawFile | None:
+        """Return what was recorded or sent since the last call; None: nothing.
+
+        With `over` the session's run is over: a file that the tracker has is fetched now.
+        """
+
+    def news(self) -> Sequence[str]:
+        """Return what happened to the connection since the last call, for the journal."""

@@ -11,7 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource, SourceInfo
+from study_app.gaze.source import (
+    CalibrationResult,
+    GazeSample,
+    GazeSource,
+    RawFile,
+    SourceInfo,
+    Tracker,
+)
 
 AHEAD_S = 0.05
 """How far stamps may lie ahead: two clocks agree no better than some milliseconds."""
@@ -34,7 +41,7 @@ class TrustedGaze:
         self.source, self._clock = source, clock
         self._last_s = -math.inf
         self.left_out = 0
-        """Samples so far whose stamps were none, fell, or lay ahead."""
+        """Samples since the last `news` whose stamps were none, fell, or lay ahead."""
 
     def open(self) -> None:
         """Connect."""
@@ -72,6 +79,22 @@ class TrustedGaze:
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
         """Run the tracker's own calibration; None where it has none."""
         return self.source.calibrate(points_px)
+
+    def check_drift(self, point_px: tuple[float, float]) -> float | None:
+        """Run the tracker's own drift check; None where it has none."""
+        return self.source.check_drift(point_px) if isinstance(self.source, Tracker) else None
+
+    def raw(self, *, over: bool) -> RawFile | None:
+        """Return what the tracker recorded or sent since the last call; None: nothing."""
+        return self.source.raw(over=over) if isinstance(self.source, Tracker) else None
+
+    def news(self) -> Sequence[str]:
+        """Return what happened since the last call: to the connection, and to samples."""
+        told = list(self.source.news()) if isinstance(self.source, Tracker) else []
+        if self.left_out:
+            told.append(f"{self.left_out} samples were left out, their stamps fell or lay ahead")
+        self.left_out = 0
+        return [f"gaze: {text}" for text in told]
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
