@@ -1,22 +1,80 @@
-"""Validates the gaze source before a block, a few times if it must."""
+"""Has trackers calibrated, and validates gaze before a block, a few times if it must."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from protocols.errors import StudyError
 from protocols.journal import Calibration, Note
 from protocols.schema import StudyProtocol
-from study_app.gaze.source import CalibrationResult
+from protocols.session_schema import Gaze
+from protocols.viewing import Viewing
+from study_app.gaze.open_source import LookAt
+from study_app.gaze.source import CalibrationResult, GazeSource, Tracker
 from study_app.recorder import Recorder
 from study_app.stage import Page, Stage
-from study_app.validation import unfit_gaze
+from study_app.validation import nine_points_px, unfit_gaze
 
 VALIDATIONS_MAX = 3
 """Poor validations in a row before the run ends; calibrate the tracker, and resume."""
 Validate = Callable[[], CalibrationResult | None]
 """Shows the targets of a validation; None where the participant or operator quit."""
+
+
+@dataclass
+class Targets:
+    """The targets that a tracker asks for, in a window that is opened after it."""
+
+    show: LookAt | None = None
+    """What shows them, once it is there."""
+    quit: bool = False
+    """Whether someone pressed a quit key meanwhile."""
+
+    def __call__(
+        self,
+        place_px: tuple[float, float] | None,
+        duration_s: float,
+        poll: Callable[[], None],
+        on_key: Callable[[str], None],
+    ) -> bool:
+        """Show a target; False where someone quit."""
+        assert self.show is not None, "no block has begun"
+        self.quit = not self.show(place_px, duration_s, poll, on_key) or self.quit
+        return not self.quit
+
+
+@dataclass
+class Calibrated:
+    """Has a tracker calibrated before its first validation, and again where that was poor."""
+
+    gaze: GazeSource
+    targets: Targets
+    rules: Gaze
+    viewing: Viewing
+    recorder: Recorder
+    fit: bool = False
+    """Whether the last validation was good enough."""
+
+    def __call__(self) -> bool:
+        """Calibrate, or check drift, if the tracker can; False where someone quit."""
+        if not isinstance(self.gaze, Tracker):
+            return True
+        middle_px = self.viewing.width_px / 2, self.viewing.height_px / 2
+        drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
+        if drift_deg is not None:
+            self._note(f"gaze: the tracker's drift check found {drift_deg:.2f} deg")
+        if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
+            own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
+            if own is not None:
+                error = f"{own.accuracy_deg:.2f} deg at " if own.points else ""
+                self._note(f"gaze: the tracker's own calibration: {error}{own.points} valid points")
+        stopped, self.targets.quit = self.targets.quit, False
+        return not stopped
+
+    def _note(self, text: str) -> None:
+        self.recorder.append(Note(**self.recorder.stamps(), text=text))
 
 
 class GazeCheck:

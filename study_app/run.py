@@ -20,7 +20,6 @@ from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
-from protocols.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import Outcome, conduct
@@ -34,16 +33,17 @@ from study_app.display_check import (
 )
 from study_app.gaze.open_source import ADAPTERS, Desk, check_kind, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
-from study_app.gaze.source import CalibrationResult, GazeSource, Tracker
+from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.gaze_check import Calibrated, Targets
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter
-from study_app.recorder import Recorder, utc_now
+from study_app.recorder import utc_now
 from study_app.shown_texts import require_showable
 from study_app.sittings import is_stillborn, sitting_folder
 from study_app.strip import Extras
-from study_app.validation import PointQuality, nine_points_px, summarise, unfit_gaze, validate
+from study_app.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.window import Pacing, Window
 
 RecordedEvents = list[AnyEvent]
@@ -128,7 +128,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         if late and check.intervals.missed > protocol.trial.dropped_frames_max:
             raise StudyError(late)
         listener.on_check(check)
-        targets = _Targets()
+        targets = Targets()
         gaze = _gaze(options, window, check.measured_hz, targets)
         if gaze is not None:
             stack.callback(gaze.close)
@@ -145,7 +145,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
                 on_prepare=_restart(options, gaze),
             )
         )
-        targets.presenter = presenter
+        targets.show = presenter.look_at
         setting = Setting(
             protocol=protocol,
             display=display,
@@ -165,7 +165,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             recorder.append(Note(**recorder.stamps(), text=note))
         validated = None
         if gaze is not None and options.validate:
-            calibrate = _Calibrated(gaze, targets, protocol.gaze, Viewing.of(display), recorder)
+            calibrate = Calibrated(gaze, targets, protocol.gaze, Viewing.of(display), recorder)
             validated = _validation(display, gaze, presenter, listener, calibrate)
         elif gaze is not None:
             recorder.append(Note(**recorder.stamps(), text="gaze was not validated"))
@@ -223,63 +223,8 @@ def _check_gaze(options: SittingOptions) -> None:
         )
 
 
-@dataclass
-class _Targets:
-    """The targets that a tracker asks for, in the window that the session opens after it."""
-
-    presenter: Presenter | None = None
-    quit: bool = False
-    """Whether someone pressed a quit key meanwhile."""
-
-    def __call__(
-        self,
-        place_px: tuple[float, float] | None,
-        duration_s: float,
-        poll: Callable[[], None],
-        on_key: Callable[[str], None],
-    ) -> bool:
-        """Show a target; False where someone quit."""
-        assert self.presenter is not None, "no block has begun"
-        self.quit = not self.presenter.look_at(place_px, duration_s, poll, on_key) or self.quit
-        return not self.quit
-
-
-@dataclass
-class _Calibrated:
-    """Has a tracker calibrated before its first validation, and where drift or that is too large."""
-
-    gaze: GazeSource
-    targets: _Targets
-    rules: Gaze
-    viewing: Viewing
-    recorder: Recorder
-    fit: bool = False
-    """Whether the last validation was good enough."""
-
-    def __call__(self) -> bool:
-        """Calibrate, or check drift, if the tracker can; False where someone quit."""
-        if not isinstance(self.gaze, Tracker):
-            return True
-        middle_px = self.viewing.width_px / 2, self.viewing.height_px / 2
-        drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
-        if drift_deg is not None:
-            self._note(f"gaze: the tracker's drift check found {drift_deg:.2f} deg")
-        if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
-            own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
-            if own is not None:
-                self._note(
-                    f"gaze: the tracker's own calibration says {own.accuracy_deg:.2f} deg at"
-                    f" {own.points} points"
-                )
-        quit_, self.targets.quit = self.targets.quit, False
-        return not quit_
-
-    def _note(self, text: str) -> None:
-        self.recorder.append(Note(**self.recorder.stamps(), text=text))
-
-
 def _gaze(
-    options: SittingOptions, window: Window, refresh_hz: float, targets: _Targets
+    options: SittingOptions, window: Window, refresh_hz: float, targets: Targets
 ) -> GazeSource | None:
     protocol, display = options.protocol, options.display
     if protocol.gaze.mode == "none":
@@ -320,7 +265,7 @@ def _validation(
     gaze: GazeSource,
     presenter: Presenter,
     listener: Listener,
-    calibrated: _Calibrated,
+    calibrated: Calibrated,
 ) -> Callable[[], CalibrationResult | None]:
     viewing = Viewing.of(display)
 

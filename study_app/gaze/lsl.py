@@ -289,7 +289,7 @@ def _check_stream(pylsl: Any, stream: Any) -> None:
 
 def _checked_rate(nominal_hz: float, stamps: Sequence[float]) -> float:
     """Return the stream's rate; where it says one, its samples must come at about that rate."""
-    measured_hz = _rate_of(stamps)
+    measured_hz = rate_of(stamps)
     if nominal_hz == 0:
         return measured_hz
     if not nominal_hz / _RATE_FACTOR <= measured_hz <= nominal_hz * _RATE_FACTOR:
@@ -300,7 +300,8 @@ def _checked_rate(nominal_hz: float, stamps: Sequence[float]) -> float:
     return nominal_hz
 
 
-def _rate_of(stamps: Sequence[float]) -> float:
+def rate_of(stamps: Sequence[float]) -> float:
+    """Return the rate of samples with these stamps; `StudyError` if they do not move on."""
     span_s = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
     if span_s <= 0:
         raise StudyError("gaze: the stream must say its rate, or send samples steadily")

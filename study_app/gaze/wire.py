@@ -1,0 +1,182 @@
+"""What adapters over a network share: connections that come back, addresses, clocks' offsets."""
+
+from __future__ import annotations
+
+import math
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from protocols.errors import StudyError
+
+CONNECT_S = 3.0
+"""How long to wait for a connection, and for each answer on it."""
+RETRY_S = 0.25
+"""Between two attempts to connect again, and how soon a thread sees that it is to end."""
+_WAITING_MOST = 1 << 26
+"""Bytes that may wait to be taken, as over a long page; more are left to the other end."""
+_FEW = 30
+"""Samples that a clock's offset needs."""
+
+
+class Wire:
+    """A TCP connection that a thread reads, and makes anew once it breaks.
+
+    What arrives is stamped at once, also while nobody takes it: over pages and breaks.
+
+    Parameters
+    ----------
+    name : str
+        What is at the other end, for messages.
+    connect : callable
+        Connects and says all that must be said first; may wait. Raises `OSError` or `StudyError`.
+    clock : callable
+        The session's clock. Like `connect`, it is also called from the thread.
+    """
+
+    def __init__(
+        self, name: str, connect: Callable[[], socket.socket], clock: Callable[[], float]
+    ) -> None:
+        self._name, self._connect, self._clock = name, connect, clock
+        self._socket: socket.socket | None = None
+        self._came: deque[tuple[float, bytes]] = deque()
+        self._waiting = 0
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._news: deque[str] = deque()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection now."""
+        return self._socket is not None
+
+    def open(self, cure: str) -> None:
+        """Connect; `StudyError` with `cure` if there is nothing to connect to."""
+        try:
+            self._socket = self._connect()
+        except OSError as error:
+            raise StudyError(
+                f"gaze: {self._name} must be reachable (found: {error.strerror or error}); {cure}"
+            ) from None
+        self._thread.start()
+
+    def take(self) -> Sequence[tuple[float, bytes]]:
+        """Return what arrived since the last call, and when. Never waits.
+
+        Empty bytes stand for a connection that was made anew.
+        """
+        came = [self._came.popleft() for _ in range(len(self._came))]
+        self._waiting -= sum(len(data) for _, data in came)
+        return came
+
+    def send(self, data: bytes) -> None:
+        """Send, where there is a connection."""
+        if self._socket is not None:
+            with suppress(OSError):  # the thread sees that it broke
+                self._socket.sendall(data)
+
+    def give_up(self, reason: str) -> None:
+        """Break the connection: what comes makes no sense."""
+        if self._socket is not None:
+            self._news.append(f"{self._name} was not understood ({reason})")
+            with suppress(OSError):
+                self._socket.shutdown(socket.SHUT_RDWR)
+
+    def news(self) -> Sequence[str]:
+        """Return what happened since the last call."""
+        return [self._news.popleft() for _ in range(len(self._news))]
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        self._closed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _run(self) -> None:
+        while self._socket is not None and not self._closed.is_set():
+            reason = self._read(self._socket)
+            if self._closed.is_set():
+                return
+            broke_s = self._clock()
+            self._news.append(f"the connection to {self._name} broke ({reason})")
+            self._socket.close()
+            self._socket = None
+            while self._socket is None and not self._closed.is_set():
+                try:
+                    made = self._connect()
+                except (OSError, StudyError):
+                    self._closed.wait(RETRY_S)
+                    continue
+                now_s = self._clock()
+                self._news.append(
+                    f"{self._name} is connected again, after {now_s - broke_s:.2f} s without gaze"
+                )
+                self._came.append((now_s, b""))
+                self._socket = made
+
+    def _read(self, connection: socket.socket) -> str:
+        """Read until it breaks; return why."""
+        connection.settimeout(RETRY_S)
+        while not self._closed.is_set():
+            if self._waiting > _WAITING_MOST:
+                self._closed.wait(RETRY_S)
+                continue
+            try:
+                data = connection.recv(1 << 16)
+            except TimeoutError:
+                continue
+            except OSError as error:
+                return error.strerror or str(error)
+            if not data:
+                return "it was closed"
+            self._waiting += len(data)
+            self._came.append((self._clock(), data))
+        return ""
+
+
+class ClockOffset:
+    """The offset of a tracker's clock, from the samples that were under way for the least time.
+
+    It stays during an attempt; `renew` takes the least since the last call, so that clocks that
+    run apart are followed.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: the tracker's clock may have, too."""
+        self.offset_s, self._least_s, self._count = math.inf, math.inf, 0
+
+    def to_session(self, raw_s: float, arrived_s: float) -> float:
+        """Return a stamp on the session's clock, both in seconds."""
+        since_s = arrived_s - raw_s
+        self._least_s = min(self._least_s, since_s)
+        self._count += 1
+        if self.offset_s == math.inf:
+            self.offset_s = self._least_s
+        return raw_s + self.offset_s
+
+    def renew(self) -> None:
+        """Take what was measured since the last call, where that was enough."""
+        if self._count >= _FEW:
+            self.offset_s, self._least_s, self._count = self._least_s, math.inf, 0
+
+
+def address(text: str, kind: str, host: str, port: int) -> tuple[str, int]:
+    """Read ``HOST``, ``HOST:PORT`` or nothing, after ``KIND:`` in --gaze.
+
+    Raises
+    ------
+    StudyError
+        If it is none of these.
+    """
+    name, colon, number = text.partition(":")
+    if colon and not (number.isdecimal() and 0 < int(number) < 65536):
+        raise StudyError(f"--gaze: must read {kind}:HOST or {kind}:HOST:PORT (got {text!r})")
+    return name or host, int(number) if colon else port

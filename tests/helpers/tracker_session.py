@@ -1,0 +1,148 @@
+"""A session on a virtual stage with a tracker's adapter: calibration, blink, loss, break, death.
+
+The other end is a server of a test, which sends what an eye does up to the virtual clock.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from protocols.journal_file import Journal, read_journal
+from protocols.load import load_display, load_protocol
+from protocols.schema import StudyProtocol
+from protocols.viewing import Viewing
+from study_app.conduct import conduct
+from study_app.gaze.open_source import Desk
+from study_app.gaze.trusted import TrustedGaze
+from study_app.gaze_check import Calibrated, Targets
+from study_app.observers import ArtificialObserver, PreferenceModel
+from study_app.opening import begin
+from study_app.simulate import Simulation
+from study_app.validation import summarise, unfit_gaze, validate
+from study_app.virtual import VirtualClock, VirtualStage
+
+FHD = load_display("fhd27-60hz")
+VIEWING = Viewing.of(FHD)
+MIDDLE_PX = (960.0, 540.0)
+AT_S = 1.5
+"""After the beginning of its attempt, something happens."""
+
+
+@dataclass
+class Eye:
+    """Looks at the target, and does in each attempt what the plan says."""
+
+    plan: tuple[str, ...] = ()
+    """By attempt: `blink`, `loss`, `break`, `death`, or nothing."""
+    target_px: tuple[float, float] = MIDDLE_PX
+    attempt: int = -1
+    began_s: float = 0.0
+    offset_px: tuple[float, float] = (6.0, -4.0)
+
+    def now(self, t_s: float) -> str:
+        """Return what happens at a time."""
+        if not 0 <= self.attempt < len(self.plan):
+            return ""
+        what, since_s = self.plan[self.attempt], t_s - self.began_s - AT_S
+        length_s = {"blink": 0.1, "loss": 0.4, "break": 0.5, "death": 1e9}.get(what, 0.0)
+        return what if 0 <= since_s < length_s else ""
+
+    def place(self, t_s: float) -> tuple[float, float] | None:
+        """Return where it looks; None where it is not seen."""
+        if self.now(t_s) in ("blink", "loss"):
+            return None
+        return self.target_px[0] + self.offset_px[0], self.target_px[1] + self.offset_px[1]
+
+
+@dataclass
+class Sat:
+    """What a session left."""
+
+    journal: Journal
+    source: TrustedGaze
+    shown_px: list[tuple[float, float] | None] = field(default_factory=list)
+    """Targets that the tracker had shown, without repeats."""
+
+
+def pumped(adapter, server, eye: Eye, clock: VirtualClock):
+    """Return an adapter's class whose other end keeps up with the virtual clock."""
+
+    class Pumped(adapter):
+        opened = False
+
+        def open(self):
+            super().open()
+            self.opened = True
+
+        def poll(self):
+            if not self.opened:
+                clock.move_to(clock() + 1 / 60)
+            due, samples = server.advance(clock()), []
+            until_s = time.monotonic() + 5.0
+            while True:
+                samples += super().poll()
+                if len(samples) >= due or time.monotonic() > until_s:
+                    return samples
+                time.sleep(0.0005)
+
+        def mark(self, text):
+            eye.attempt, eye.began_s = eye.attempt + 1, clock()
+            super().mark(text)
+
+    return Pumped
+
+
+def study_of(**changes) -> StudyProtocol:
+    plain = load_protocol(Path("demo")).model_dump()
+    plain["gaze"] |= {"mode": "enforce"}
+    plain["design"] |= {"repeats": 1}
+    for section, values in changes.items():
+        plain[section] |= values
+    return StudyProtocol.model_validate(plain)
+
+
+def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **changes) -> Sat:
+    """Conduct a session; `make` makes the adapter of a `Desk`."""
+    study, shown = study_of(**changes), []
+    observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
+    stage, targets = VirtualStage(clock, 60.0, observer), Targets()
+
+    def look_at(place_px, duration_s, poll, _on_key=None):
+        if shown[-1:] != [place_px]:
+            shown.append(place_px)
+        eye.target_px = place_px or MIDDLE_PX
+        until_s = clock() + duration_s
+        while True:
+            clock.move_to(clock() + 1 / 60)
+            poll()
+            if clock() >= until_s:
+                eye.target_px = MIDDLE_PX
+                return True
+
+    targets.show = look_at
+    desk = Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, targets, store=study.privacy.store_gaze)
+    gaze = TrustedGaze(make(desk), clock)
+    gaze.open()
+    setting = Simulation(study, FHD).setting(folder, clock)
+    recorder, plan = begin(setting, "S001", "en", stage, gaze)
+    calibrated = Calibrated(gaze, targets, study.gaze, VIEWING, recorder)
+    asked = []
+
+    def validation():
+        if not calibrated():
+            return None
+        asked.extend(shown)
+        result = summarise(validate(gaze, VIEWING, look_at))
+        calibrated.fit = not unfit_gaze(study.gaze, result)
+        return result
+
+    try:
+        with recorder:
+            conduct(
+                setting, plan, recorder, stage, gaze, validate=validation if validates else None
+            )
+    finally:
+        gaze.close()
+    return Sat(read_journal(recorder.path), gaze, asked)
