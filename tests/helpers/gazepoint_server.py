@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import socket
 import threading
+from contextlib import suppress
 
 RATE_HZ = 150.0
 EPOCH_S = 1000.25
@@ -44,12 +45,11 @@ class GazepointServer:
 
     def drop(self) -> None:
         """Break the connection and take no other."""
-        if self._listener is not None:
-            self._listener.shutdown(socket.SHUT_RDWR)
-            self._listener.close()
-        if self._peer is not None:
-            self._peer.shutdown(socket.SHUT_RDWR)
-            self._peer.close()
+        for each in (self._listener, self._peer):
+            if each is not None:
+                with suppress(OSError):
+                    each.shutdown(socket.SHUT_RDWR)
+                each.close()
         self._listener = self._peer = None
 
     def _serve(self, listener) -> None:

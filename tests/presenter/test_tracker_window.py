@@ -1,4 +1,4 @@
-"""A tracker is calibrated at targets in the session's own window, and a quit key ends that."""
+"""A tracker is calibrated at targets in the session's own window."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from gazepoint_server import GazepointServer
 
 from protocols.journal import Calibration, Note
 from protocols.side_files import check_side_files
+
+HASTY = """
+from study_app import validation
+validation.SETTLE_S = validation.HOLD_S = 0.1
+from study_app.cli import main
+main()
+"""
 
 
 class Staring:
@@ -29,8 +36,7 @@ def test_a_session_in_the_window_calibrates_validates_and_keeps_what_was_sent(
     monkeypatch.setattr("gazepoint_server.POINT_S", 0.1)
     study = make_study({
         "pairings": '[["metameric", "push-pull"]]', "repeats": "1", "duration_s": "0.4",
-        "fixation_s": "0.2", "mode": '"enforce"', "accuracy_max_deg": "60.0",
-        "window_deg": "60.0",
+        "fixation_s": "0.2", "mode": '"enforce"', "window_deg": "60.0\naccuracy_max_deg = 60.0",
     })  # fmt: skip
     server, stop, began_s = GazepointServer(Staring()), threading.Event(), time.monotonic()
 
@@ -46,7 +52,7 @@ def test_a_session_in_the_window_calibrates_validates_and_keeps_what_was_sent(
     sender.start()
     try:
         gaze = f"gazepoint:127.0.0.1:{server.port}"
-        done = screen.run(*screen.session("run", study, "--simulate", "--gaze", gaze))
+        done = screen.run(*screen.session("run", study, "--simulate", "--gaze", gaze), code=HASTY)
     finally:
         stop.set()
         sender.join()
