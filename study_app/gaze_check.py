@@ -64,7 +64,8 @@ class Calibrated:
         middle_px = self.viewing.width_px / 2, self.viewing.height_px / 2
         drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
         if drift_deg is not None:
-            self._note(f"gaze: the tracker's drift check found {drift_deg:.2f} deg")
+            found = f"{drift_deg:.2f} deg" if math.isfinite(drift_deg) else "no fixation"
+            self._note(f"gaze: the tracker's drift check found {found}")
         if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
             own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
             if own is not None:

@@ -14,6 +14,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
+from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
@@ -84,7 +85,13 @@ def _replay(rest: str, desk: Desk) -> GazeSource:
 
 ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
     "trackers",
-    {"lsl": _lsl, "mouse": _mouse, "replay": _replay, "gazepoint": GazepointGaze},
+    {
+        "lsl": _lsl,
+        "mouse": _mouse,
+        "replay": _replay,
+        "eyelink": EyelinkGaze,
+        "gazepoint": GazepointGaze,
+    },
     "name a function of (text after the colon, Desk)",
     taking(2),
 )

@@ -98,6 +98,7 @@ def study_of(**changes) -> StudyProtocol:
     plain = load_protocol(Path("demo")).model_dump()
     plain["gaze"] |= {"mode": "enforce"}
     plain["design"] |= {"repeats": 1}
+    plain["task"] |= {"pairings": (("metameric", "push-pull"),)}
     for section, values in changes.items():
         plain[section] |= values
     return StudyProtocol.model_validate(plain)

@@ -1,0 +1,345 @@
+"""Gaze from an EyeLink, by SR Research's own package `pylink` (of sr-research-pylink).
+
+The Host PC records an EDF file, which is fetched at the end. Calibration and drift correction are
+the tracker's own; their targets are drawn in the session's window.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from protocols.errors import StudyError
+from study_app.gaze.lsl import rate_of
+from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
+
+if TYPE_CHECKING:
+    from study_app.gaze.open_source import Desk
+
+HOST = "100.1.1.1"
+WAIT_S = 3.0
+"""How long to wait for the first samples, and for a clock's answer at most a tenth of it."""
+_SAMPLES_MOST = 4096
+"""Per poll."""
+_SETUP = (
+    "screen_pixel_coords = 0 0 {right} {bottom}",
+    "calibration_type = HV9",
+    "calibration_area_proportion = {share} {share}",
+    "validation_area_proportion = {share} {share}",
+    "link_sample_data = LEFT,RIGHT,GAZE,AREA,STATUS",
+    "link_event_filter = LEFT,RIGHT,BLINK",
+    "file_sample_data = LEFT,RIGHT,GAZE,HREF,RAW,AREA,GAZERES,STATUS",
+    "file_event_filter = LEFT,RIGHT,FIXATION,SACCADE,BLINK,MESSAGE,BUTTON,INPUT",
+)
+SCREEN_SHARE = 0.8
+"""Of the screen, between the outermost targets."""
+_ERROR = re.compile(r"([0-9.]+)\s*(?:deg|avg)")
+
+
+def load_pylink() -> Any:
+    """Import SR Research's pylink.
+
+    Raises
+    ------
+    StudyError
+        If it is not installed.
+    """
+    try:
+        import pylink
+
+        pylink.EyeLink  # noqa: B018  (another package has the same name)
+    except (ImportError, AttributeError) as error:
+        raise StudyError(
+            f"an EyeLink needs SR Research's package pylink (found: {error}); pip install"
+            " 'metamerlab[eyelink]', if its licence suits you: it is free for education and"
+            " research that is not commercial"
+        ) from None
+    return pylink
+
+
+class EyelinkGaze:
+    """A gaze source on an EyeLink's Host PC.
+
+    Parameters
+    ----------
+    rest : str
+        ``HOST,eye=left|right``; both may be left out. Of two eyes the left is taken.
+    desk : Desk
+        Display, clock and targets of the session.
+    pylink : module, optional
+        Left out, SR Research's.
+    """
+
+    def __init__(self, rest: str, desk: Desk, pylink: Any = None) -> None:
+        host, _, eye = rest.partition(",eye=")
+        if eye not in ("", "left", "right") or "," in host:
+            raise StudyError(f"--gaze: must read eyelink:HOST,eye=left|right (got {rest!r})")
+        self._host, self._eye, self._desk = host or HOST, eye, desk
+        self._pylink = pylink or load_pylink()
+        self._tracker: Any = None
+        self._file = ""
+        self._offset_s = 0.0
+        self._news: list[str] = []
+        self._info = SourceInfo("eyelink", "", 0.0)
+
+    def open(self) -> None:
+        """Connect, and wait for the first samples.
+
+        Raises
+        ------
+        StudyError
+            If there is no Host PC, or it sends no samples.
+        """
+        try:
+            # None is pylink's dummy mode, which connects to nothing.
+            tracker = self._pylink.EyeLink(None if self._host == "dummy" else self._host)
+        except RuntimeError as error:
+            raise StudyError(
+                f"gaze: the EyeLink's Host PC must be reachable at {self._host} (found: {error});"
+                " start it, join both computers by cable, give this one an address of the same"
+                " net (100.1.1.2 of mask 255.255.255.0), and name another with --gaze eyelink:HOST"
+            ) from None
+        self._tracker = tracker
+        tracker.setOfflineMode()
+        display = self._desk.display
+        right, bottom = display.width_px - 1, display.height_px - 1
+        for command in _SETUP:
+            tracker.sendCommand(command.format(right=right, bottom=bottom, share=SCREEN_SHARE))
+        try:
+            self._record()
+            rate_hz = rate_of(self._first_stamps())
+        except StudyError:
+            self.close()
+            raise
+        eye = "" if not self._eye else f", {self._eye} eye"
+        version = tracker.getTrackerVersionString().strip()
+        self._info = SourceInfo(
+            "eyelink", f"{version} at {self._host}{eye}", rate_hz, self._offset_s
+        )
+
+    def info(self) -> SourceInfo:
+        """Name the tracker; its rate, and its clock's offset, are as measured on opening."""
+        return self._info
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return what has arrived. Never waits; a link that broke gives nothing."""
+        tracker, samples, number = self._tracker, list[GazeSample](), 0
+        if tracker is None:
+            return ()
+        if not tracker.isConnected():
+            self._news.append("the link to the EyeLink broke; its Host PC keeps its recording")
+            self._tracker = None
+            return ()
+        while number < _SAMPLES_MOST and (kind := tracker.getNextData()):
+            number += 1
+            if kind == self._pylink.SAMPLE_TYPE:
+                samples.append(self._sample(tracker.getFloatData()))
+            elif kind == self._pylink.LOSTDATAEVENT:
+                self._news.append("the EyeLink's link lost samples; its own recording has them")
+        return samples
+
+    def mark(self, text: str) -> None:
+        """Write a message into the tracker's recording, and measure its clock's offset again."""
+        if self._tracker is not None:
+            self._begin_file()
+            self._tracker.sendMessage(text)
+            self._measure_offset()
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """Open the tracker's setup; it ends with the operator, and places its own nine targets."""
+        del points_px
+        if self._tracker is None:
+            return None
+        self._routine(self._tracker.doTrackerSetup)
+        error_deg, said = self._said()
+        self._news.append(f"the EyeLink says of its calibration: {said}")
+        return None if math.isnan(error_deg) else CalibrationResult(error_deg, math.nan, 9)
+
+    def check_drift(self, point_px: tuple[float, float]) -> float | None:
+        """Run the tracker's drift correction; infinite where it asks to calibrate again."""
+        if self._tracker is None:
+            return None
+        x_px, y_px = (round(place) for place in point_px)
+        ended = self._routine(lambda: self._tracker.doDriftCorrect(x_px, y_px, 1, 0))
+        if ended != 0:
+            return math.inf
+        error_deg, said = self._said()
+        self._tracker.applyDriftCorrect()
+        self._news.append(f"the EyeLink says of its drift correction: {said}")
+        return None if math.isnan(error_deg) else error_deg
+
+    def raw(self, *, over: bool) -> RawFile | None:
+        """Return the EDF file, once the session is over.
+
+        Raises
+        ------
+        StudyError
+            If it cannot be fetched.
+        """
+        name, tracker = self._file, self._tracker
+        if not over or not name:
+            return None
+        self._file = ""
+        lost = f"it lies on the EyeLink's Host PC as {name}: copy it beside the journal"
+        if tracker is None:
+            raise StudyError(f"gaze: the EDF file cannot be fetched over a broken link; {lost}")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            try:
+                tracker.stopRecording()
+                tracker.setOfflineMode()
+                tracker.closeDataFile()
+                tracker.receiveDataFile(name, str(path))
+                data = path.read_bytes()
+            except (OSError, RuntimeError) as error:
+                raise StudyError(f"gaze: the EDF file must be fetched ({error}); {lost}") from None
+        if not data:
+            raise StudyError(f"gaze: the EDF file must be fetched (it came empty); {lost}")
+        return RawFile(".edf", data)
+
+    def news(self) -> Sequence[str]:
+        """Return what happened to the link since the last call."""
+        told, self._news = self._news, []
+        return told
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        if self._tracker is not None:
+            self._tracker.stopRecording()
+            if self._file:
+                self._tracker.closeDataFile()
+            self._tracker.close()
+            self._tracker = None
+
+    def _record(self) -> None:
+        """Record, into the file if there is one, and over the link."""
+        into = int(bool(self._file))
+        failed = self._tracker.startRecording(into, into, 1, 0)
+        if failed or not self._tracker.waitForBlockStart(1000, 1, 0):
+            raise StudyError(
+                f"gaze: the EyeLink must record (it answered {failed}); see its Host PC for the"
+                " reason"
+            )
+        self._measure_offset()
+
+    def _begin_file(self) -> None:
+        """Open the EDF file, once; before, nothing is kept. Its name is of this second alone."""
+        if self._file or not self._desk.store:
+            return
+        number, name = int(time.time()), ""
+        while number:
+            number, digit = divmod(number, 36)
+            name = "0123456789abcdefghijklmnopqrstuvwxyz"[digit] + name
+        self._tracker.stopRecording()
+        self._tracker.setOfflineMode()
+        if failed := self._tracker.openDataFile(f"m{name}.edf"):
+            raise StudyError(
+                f"gaze: the EyeLink's Host PC must open an EDF file (it answered {failed}); make"
+                " room on its disk"
+            )
+        self._file = f"m{name}.edf"
+        display = self._desk.display
+        self._tracker.sendMessage(
+            f"DISPLAY_COORDS 0 0 {display.width_px - 1} {display.height_px - 1}"
+        )
+        self._record()
+
+    def _routine(self, run: Callable[[], Any]) -> Any:
+        """Run one of the tracker's own routines with its targets in our window, then record."""
+        self._begin_file()
+        self._tracker.stopRecording()
+        self._tracker.setOfflineMode()
+        self._pylink.openGraphicsEx(graphics(self._pylink, self._desk))
+        try:
+            ended = run()
+        except RuntimeError as error:  # escape in a drift correction comes as one, too
+            self._news.append(f"the EyeLink's routine ended with: {error}")
+            ended = None
+        self._record()
+        return ended
+
+    def _said(self) -> tuple[float, str]:
+        """Return the error in degrees that the last routine's message names, and the message."""
+        said = str(self._tracker.getCalibrationMessage()).strip()
+        found = _ERROR.search(said)
+        return float(found[1]) if found else math.nan, said or "nothing"
+
+    def _measure_offset(self) -> None:
+        """Ask for the tracker's time; the answer is taken as of the middle of the way."""
+        tracker, clock = self._tracker, self._desk.clock
+        asked_s, until_s = clock(), time.monotonic() + WAIT_S / 10
+        tracker.requestTime()
+        while time.monotonic() < until_s:
+            if tracker_ms := tracker.readTime():
+                self._offset_s = (asked_s + clock()) / 2 - tracker_ms / 1000
+                return
+
+    def _first_stamps(self) -> list[float]:
+        stamps, until_s = list[float](), time.monotonic() + WAIT_S
+        while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.3):
+            stamps += [sample.raw_t / 1000 for sample in self.poll()]
+            time.sleep(0.002)
+        if not stamps:
+            raise StudyError(
+                f"gaze: the EyeLink must send samples (found none in {WAIT_S:g} s); see whether its"
+                " Host PC shows the eye, then try again"
+            )
+        return stamps
+
+    def _sample(self, sample: Any) -> GazeSample:
+        left, right = sample.getLeftEye(), sample.getRightEye()
+        eye = right if left is None or (self._eye == "right" and right is not None) else left
+        raw_ms = float(sample.getTime())
+        x_px, y_px = eye.getGaze() if eye is not None else (math.nan, math.nan)
+        if self._pylink.MISSING_DATA in (x_px, y_px):
+            x_px = y_px = math.nan
+        return GazeSample(raw_ms / 1000 + self._offset_s, raw_ms, float(x_px), float(y_px))
+
+
+def graphics(pylink: Any, desk: Desk) -> Any:
+    """Return what draws the tracker's targets in the session's window, and gives it our keys."""
+    codes = {
+        "enter": pylink.ENTER_KEY, "space": ord(" "), "up": pylink.CURS_UP,
+        "down": pylink.CURS_DOWN, "left": pylink.CURS_LEFT, "right": pylink.CURS_RIGHT,
+    }  # fmt: skip
+
+    class Graphics(pylink.EyeLinkCustomDisplay):  # type: ignore[misc]
+        """Targets and keys; the camera's picture stays on the Host PC."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.target_px: tuple[float, float] | None = None
+
+        def draw_cal_target(self, x: float, y: float) -> None:
+            self.target_px = float(x), float(y)
+
+        def erase_cal_target(self) -> None:
+            self.target_px = None
+
+        setup_cal_display = exit_cal_display = clear_cal_display = erase_cal_target
+
+        def get_input_key(self) -> list[Any]:
+            """Show one flip, and return the keys that went down; the quit key ends the setup."""
+            down: list[str] = []
+            if not desk.look_at(self.target_px, 0.0, lambda: None, down.append):
+                return [pylink.KeyInput(pylink.TERMINATE_KEY, 0)]
+            known = [codes.get(key, ord(key) if len(key) == 1 else 0) for key in down]
+            return [pylink.KeyInput(code, 0) for code in known if code]
+
+        def setup_image_display(self, *_: int) -> int:
+            """No picture of the camera here."""
+            return 0
+
+        def _nothing(self, *_: Any) -> None:
+            """No sound, and no picture of the camera: that is on the Host PC."""
+
+        play_beep = get_mouse_state = _nothing
+        image_title = draw_image_line = set_image_palette = exit_image_display = _nothing
+        draw_line = draw_lozenge = draw_cross_hair = alert_printf = record_abort_hide = _nothing
+
+    return Graphics()
