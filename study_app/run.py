@@ -31,7 +31,7 @@ from study_app.display_check import (
     shortfall,
     write_report,
 )
-from study_app.gaze.open_source import ADAPTERS, Desk, check_kind, open_gaze
+from study_app.gaze.open_source import Desk, check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.gaze_check import Calibrated, Targets
@@ -108,7 +108,7 @@ def resume_sitting(options: SittingOptions, listener: Listener | None = None) ->
 def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outcome:
     protocol, display = options.protocol, options.display
     # All that can be refused without a window is refused before one covers the screen.
-    _check_gaze(options)
+    check_choice(protocol.gaze, options.gaze, simulate=options.simulate)
     manifest = read_manifest(options.stimuli)
     check_manifest(protocol, manifest)
     language = _language(options, resuming=resuming)
@@ -203,24 +203,6 @@ def _observer(options: SittingOptions) -> ArtificialObserver | None:
     return ArtificialObserver(
         default_model(protocol), protocol.response, options.seed, options.participant
     )
-
-
-def _check_gaze(options: SittingOptions) -> None:
-    """Refuse a gaze source that is not the study's to have, or the lack of one that it needs."""
-    rules, given = options.protocol.gaze, options.gaze
-    if given is not None:
-        check_kind(given)
-        if rules.mode == "none":
-            raise StudyError(
-                "--gaze: this protocol watches no gaze (gaze.mode = 'none'); leave it out, or set"
-                " the mode to 'monitor'"
-            )
-    elif rules.mode != "none" and not options.simulate:
-        raise StudyError(
-            f"--gaze: this protocol needs a gaze source (gaze.mode = {rules.mode!r}, at least"
-            f" {rules.rate_min_hz:g} Hz): {', '.join(sorted(ADAPTERS))}, such as lsl:NAME; mouse is"
-            " for rehearsals. Without a tracker set gaze.mode = 'none'"
-        )
 
 
 def _gaze(

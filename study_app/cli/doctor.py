@@ -11,10 +11,13 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from protocols.load import load_display
 from protocols.outside import visible
 from protocols.revision import code_revision, package_version
+from study_app.cli.errors import user_errors
 from study_app.cli.terminal import PlainConsole, say
 from study_app.doctor import EVERY_JOB, Finding, Job, Status, examine, worst
+from study_app.doctor.tracker import check_tracker
 
 _STYLES = {Status.PASS: "#0072B2", Status.WARN: "bold #E69F00", Status.FAIL: "bold #D55E00"}
 
@@ -34,6 +37,16 @@ def doctor(
             "--for", help="Judge the machine for this job only; may be given more than once."
         ),
     ] = None,
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            help="Also open this gaze source, as 'session run --gaze' does, and listen for a"
+            " second."
+        ),
+    ] = None,
+    display: Annotated[
+        str, typer.Option(help="Display that the gaze source is of: a name or a .toml file.")
+    ] = "fhd27-60hz",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the findings as JSON, for a record or a script.")
     ] = False,
@@ -49,10 +62,14 @@ def doctor(
 
         metamerlab doctor --for sessions --folder recordings
 
+        metamerlab doctor --for sessions --gaze gazepoint
+
         metamerlab doctor --json > doctor.json
     """
     wanted = frozenset(jobs) if jobs else EVERY_JOB
-    findings = examine(folder, jobs=wanted)
+    with user_errors():
+        tracker = gaze and check_tracker(gaze, load_display(display))
+    findings = [*examine(folder, jobs=wanted), *([tracker] if tracker else ())]
     if as_json:
         say(json.dumps(_as_json(findings, wanted), indent=2))
     else:

@@ -39,6 +39,7 @@ from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.script_command import script
 from study_app.cli.terminal import PlainConsole, say, say_notes
+from study_app.gaze.open_source import check_choice
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -75,6 +76,9 @@ def check(
     web: Annotated[
         bool, typer.Option("--web", help="Also check whether it can run in a browser.")
     ] = False,
+    gaze: Annotated[
+        str | None, typer.Option(help="Gaze source of its sessions; 'doctor --gaze' opens it.")
+    ] = None,
 ) -> None:
     """Check a protocol: every mistake at once, and whether its display can show it.
 
@@ -87,6 +91,8 @@ def check(
             _check_display(protocol)
             return
         study, screen = load_study(protocol, display)
+        if gaze is not None:
+            check_choice(study.gaze, gaze, simulate=True)
         manifest = read_manifest(stimuli) if stimuli else None
         # Imported here: they bring the renderer and the statistics along.
         from analysis.planning import look_problems, planning_notes

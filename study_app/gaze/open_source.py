@@ -13,11 +13,13 @@ from typing import TypeAlias
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
+from protocols.session_schema import Gaze
 from protocols.suggest import did_you_mean
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
+from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
@@ -91,6 +93,7 @@ ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
         "replay": _replay,
         "eyelink": EyelinkGaze,
         "gazepoint": GazepointGaze,
+        "pupil": PupilGaze,
     },
     "name a function of (text after the colon, Desk)",
     taking(2),
@@ -113,6 +116,23 @@ def check_kind(specification: str) -> str:
             f"{did_you_mean(kind, ADAPTERS)}"
         )
     return kind
+
+
+def check_choice(rules: Gaze, given: str | None, *, simulate: bool) -> None:
+    """Refuse a gaze source that is not a study's to have, or the lack of one that it needs."""
+    if given is not None:
+        check_kind(given)
+        if rules.mode == "none":
+            raise StudyError(
+                "--gaze: this protocol watches no gaze (gaze.mode = 'none'); leave it out, or set"
+                " the mode to 'monitor'"
+            )
+    elif rules.mode != "none" and not simulate:
+        raise StudyError(
+            f"--gaze: this protocol needs a gaze source (gaze.mode = {rules.mode!r}, at least"
+            f" {rules.rate_min_hz:g} Hz): {', '.join(sorted(ADAPTERS))}, such as lsl:NAME; mouse is"
+            " for rehearsals. Without a tracker set gaze.mode = 'none'"
+        )
 
 
 def open_gaze(specification: str, desk: Desk) -> TrustedGaze:

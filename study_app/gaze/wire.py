@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -15,6 +16,7 @@ CONNECT_S = 3.0
 """How long to wait for a connection, and for each answer on it."""
 RETRY_S = 0.25
 """Between two attempts to connect again, and how soon a thread sees that it is to end."""
+KEEP_ALIVE_S = 15.0
 _WAITING_MOST = 1 << 26
 """Bytes that may wait to be taken, as over a long page; more are left to the other end."""
 _FEW = 30
@@ -34,12 +36,19 @@ class Wire:
         Connects and says all that must be said first; may wait. Raises `OSError` or `StudyError`.
     clock : callable
         The session's clock. Like `connect`, it is also called from the thread.
+    keep_alive : bytes
+        Sent every few seconds, where the other end wants to hear from us.
     """
 
     def __init__(
-        self, name: str, connect: Callable[[], socket.socket], clock: Callable[[], float]
+        self,
+        name: str,
+        connect: Callable[[], socket.socket],
+        clock: Callable[[], float],
+        keep_alive: bytes = b"",
     ) -> None:
         self._name, self._connect, self._clock = name, connect, clock
+        self._keep_alive = keep_alive
         self._socket: socket.socket | None = None
         self._came: deque[tuple[float, bytes]] = deque()
         self._waiting = 0
@@ -122,7 +131,11 @@ class Wire:
     def _read(self, connection: socket.socket) -> str:
         """Read until it breaks; return why."""
         connection.settimeout(RETRY_S)
+        heard_us_s = time.monotonic()
         while not self._closed.is_set():
+            if self._keep_alive and time.monotonic() > heard_us_s + KEEP_ALIVE_S:
+                heard_us_s = time.monotonic()
+                self.send(self._keep_alive)
             if self._waiting > _WAITING_MOST:
                 self._closed.wait(RETRY_S)
                 continue
