@@ -58,9 +58,9 @@ class SittingArguments:
     gaze: Annotated[
         str | None,
         typer.Option(
-            help="Gaze source: eyelink, gazepoint, pupil:HOST, lsl:NAME, or mouse; with --simulate"
-            " also replay:FILE. Needed if the protocol watches gaze; docs/trackers.md says what may"
-            " follow each."
+            help="Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with"
+            " --simulate also replay:FILE. Needed if the protocol watches gaze; docs/trackers.md says"
+            " what may follow each."
         ),
     ] = None
     strip: Annotated[

@@ -282,7 +282,7 @@ class EyelinkGaze:
     def _first_stamps(self) -> list[float]:
         stamps, until_s = list[float](), time.monotonic() + WAIT_S
         while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.3):
-            stamps += [sample.raw_t / 1000 for sample in self.poll()]
+            stamps += [sample.raw_t for sample in self.poll()]
             time.sleep(0.002)
         if not stamps:
             raise StudyError(
@@ -294,11 +294,11 @@ class EyelinkGaze:
     def _sample(self, sample: Any) -> GazeSample:
         left, right = sample.getLeftEye(), sample.getRightEye()
         eye = right if left is None or (self._eye == "right" and right is not None) else left
-        raw_ms = float(sample.getTime())
+        raw_s = float(sample.getTime()) / 1000
         x_px, y_px = eye.getGaze() if eye is not None else (math.nan, math.nan)
         if self._pylink.MISSING_DATA in (x_px, y_px):
             x_px = y_px = math.nan
-        return GazeSample(raw_ms / 1000 + self._offset_s, raw_ms, float(x_px), float(y_px))
+        return GazeSample(raw_s + self._offset_s, raw_s, float(x_px), float(y_px))
 
 
 def graphics(pylink: Any, desk: Desk) -> Any:

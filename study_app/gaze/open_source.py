@@ -23,6 +23,7 @@ from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource
+from study_app.gaze.tobii import TobiiGaze
 from study_app.gaze.trusted import TrustedGaze
 
 LookAt: TypeAlias = Callable[
@@ -94,6 +95,7 @@ ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
         "eyelink": EyelinkGaze,
         "gazepoint": GazepointGaze,
         "pupil": PupilGaze,
+        "tobii": TobiiGaze,
     },
     "name a function of (text after the colon, Desk)",
     taking(2),

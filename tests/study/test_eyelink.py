@@ -156,7 +156,7 @@ def test_gaze_of_a_recorded_stream_comes_through_unchanged(shared_data, name, ey
 
     assert len(got) == len(rows) > 100
     for sample, row in zip(got, rows, strict=True):
-        assert sample.raw_t == row[0]
+        assert sample.raw_t == row[0] / 1000
         assert sample.t_s == pytest.approx(row[0] / 1000 - EPOCH_MS / 1000, abs=1e-6)
         place = row[column : column + 2]
         assert (sample.x_px, sample.y_px) == pytest.approx(place, nan_ok=True)
