@@ -59,8 +59,8 @@ class SittingArguments:
         str | None,
         typer.Option(
             help="Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with"
-            " --simulate also replay:FILE. Needed if the protocol watches gaze; docs/trackers.md says"
-            " what may follow each."
+            " --simulate also replay:FILE. Needed if the protocol watches gaze. docs/trackers.md"
+            " says what may follow each."
         ),
     ] = None
     strip: Annotated[

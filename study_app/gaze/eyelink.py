@@ -11,6 +11,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ _SETUP = (
 )
 SCREEN_SHARE = 0.8
 """Of the screen, between the outermost targets."""
-_ERROR = re.compile(r"([0-9.]+)\s*(?:deg|avg)")
+_ERROR = re.compile(r"(\d+(?:\.\d+)?)\s*(?:deg|avg)")
 
 
 def load_pylink() -> Any:
@@ -146,9 +147,12 @@ class EyelinkGaze:
     def mark(self, text: str) -> None:
         """Write a message into the tracker's recording, and measure its clock's offset again."""
         if self._tracker is not None:
-            self._begin_file()
-            self._tracker.sendMessage(text)
-            self._measure_offset()
+            try:
+                self._begin_file()
+                self._tracker.sendMessage(text)
+                self._measure_offset()
+            except RuntimeError as error:  # `poll` finds out whether the link is there
+                self._news.append(f"the EyeLink did not take the marker {text!r} ({error})")
 
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
         """Open the tracker's setup; it ends with the operator, and places its own nine targets."""
@@ -210,10 +214,11 @@ class EyelinkGaze:
     def close(self) -> None:
         """Disconnect; safe to call twice."""
         if self._tracker is not None:
-            self._tracker.stopRecording()
-            if self._file:
-                self._tracker.closeDataFile()
-            self._tracker.close()
+            with suppress(RuntimeError):  # the link may be gone
+                self._tracker.stopRecording()
+                if self._file:
+                    self._tracker.closeDataFile()
+                self._tracker.close()
             self._tracker = None
 
     def _record(self) -> None:

@@ -153,7 +153,9 @@ class GazepointGaze:
             self.poll()
             for step in self._steps:
                 if step.get("ID") == "CALIB_START_PT":
-                    target = _number(step, "CALX") * width, _number(step, "CALY") * height
+                    x, y = _number(step, "CALX"), _number(step, "CALY")
+                    if 0 <= x <= 1 and 0 <= y <= 1:  # nan is neither
+                        target = x * width, y * height
                 elif step.get("ID") == "CALIB_RESULT":
                     self._wire.send(_set("CALIBRATE_START", STATE="0"))
                     return self._quality(step, len(points_px))

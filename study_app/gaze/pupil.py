@@ -18,6 +18,7 @@ import time
 import urllib.request
 from collections import deque
 from collections.abc import Sequence
+from http.client import HTTPException
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,10 +86,14 @@ class PupilGaze:
         StudyError
             If the phone cannot be reached, has no glasses, or sends nothing.
         """
-        self._wire.open(
-            "start the Companion app, join both to one network, and name the address that the app"
-            " shows with --gaze pupil:HOST"
-        )
+        try:
+            self._wire.open(
+                "start the Companion app, join both to one network, and name the address that the"
+                " app shows with --gaze pupil:HOST"
+            )
+        except StudyError:
+            self.close()
+            raise
         stamps, until_s = list[float](), time.monotonic() + self._wait_s
         while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.5):
             stamps += [sample.raw_t for sample in self.poll()]
@@ -213,8 +218,11 @@ class PupilGaze:
         host, port = self._where
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(f"http://{host}:{port}/api/{path}", data)
-        with urllib.request.urlopen(request, timeout=CONNECT_S) as answer:
-            said = json.loads(answer.read(_ANSWER_MOST))
+        try:
+            with urllib.request.urlopen(request, timeout=CONNECT_S) as answer:
+                said = json.loads(answer.read(_ANSWER_MOST))
+        except HTTPException as error:
+            raise OSError(f"it does not speak HTTP: {error}") from None
         return said.get("result") if isinstance(said, dict) else None
 
     def _connect(self) -> socket.socket:
@@ -229,7 +237,7 @@ class PupilGaze:
                 and part["data"]["connected"]
             )
             url = "rtsp://{ip}:{port}/?{params}".format(**sensor)
-            where = sensor["ip"], int(sensor["port"])
+            where = str(sensor["ip"]), int(sensor["port"])
         except StopIteration:
             raise StudyError(
                 "gaze: the phone must see its glasses (they are not connected)"
@@ -250,7 +258,7 @@ class PupilGaze:
         control = re.findall(r"a=control:(\S+)", said)
         track = control[-1] if control else url
         track = track if track.startswith("rtsp:") else f"{url.rstrip('/')}/{track}"
-        self._clock_hz = int(rate[1]) if rate else 90_000
+        self._clock_hz = max(1, int(rate[1])) if rate else 90_000
         ports = "{}-{}".format(*self._datagrams.ports)
         said = _rtsp(made, "SETUP", track, 2, f"Transport: RTP/AVP;unicast;client_port={ports}\r\n")
         name = re.search(r"(?im)^Session:\s*([^;\s]+)", said)
@@ -269,9 +277,11 @@ class PupilGaze:
             if channel == _RTCP and len(data) >= 20 and data[1] == 200:  # a sender's report
                 whole, part, stamp = struct.unpack("!III", data[8:20])
                 self._report = stamp, whole - _EPOCH_1900_S + part / 2**32
-            elif channel == _RTP and len(data) >= 21 and self._report:
+            elif channel == _RTP and len(data) >= 12 and self._report:
                 number, stamp = struct.unpack("!HI", data[2:8])
                 payload = data[12 + 4 * (data[0] & 15) :]
+                if len(payload) < 9:
+                    continue
                 if self._number is not None:
                     self._lost += (number - self._number - 1) % 65536
                 self._number = number

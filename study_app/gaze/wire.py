@@ -65,9 +65,10 @@ class Wire:
         """Connect; `StudyError` with `cure` if there is nothing to connect to."""
         try:
             self._socket = self._connect()
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # a host's name may be none
+            reason = getattr(error, "strerror", None) or error
             raise StudyError(
-                f"gaze: {self._name} must be reachable (found: {error.strerror or error}); {cure}"
+                f"gaze: {self._name} must be reachable (found: {reason}); {cure}"
             ) from None
         self._thread.start()
 
@@ -118,7 +119,7 @@ class Wire:
             while self._socket is None and not self._closed.is_set():
                 try:
                     made = self._connect()
-                except (OSError, StudyError):
+                except (OSError, UnicodeError, StudyError):
                     self._closed.wait(RETRY_S)
                     continue
                 now_s = self._clock()

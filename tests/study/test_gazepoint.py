@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import time
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -170,3 +171,26 @@ def test_a_flood_without_lines_breaks_the_connection_and_is_said(server_of):
     source.close()
 
     assert "was not understood" in told[0]
+
+
+@pytest.mark.parametrize("place", ["nan", "1e300", "-5", "", "abc"])
+def test_a_calibration_point_off_the_screen_is_never_drawn(server_of, place):
+    eye, clock = Eye(), VirtualClock()
+    server, drawn = server_of(eye), []
+
+    def look_at(target, *_):
+        drawn.append(target)
+        clock.move_to(clock() + 1.0)
+        return True
+
+    source = pumped(GazepointGaze, server, eye, clock)(
+        f"127.0.0.1:{server.port}", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at)
+    )
+    source.open()
+    server._send(f'<CAL ID="CALIB_START_PT" PT="1" CALX="{place}" CALY="0.5" />')
+    server._calibration = lambda _now_s: []  # nothing else comes, and no end
+    with suppress(StudyError):
+        source.calibrate([])
+    source.close()
+
+    assert set(drawn) == {None}

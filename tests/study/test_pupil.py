@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from functools import partial
 
 import numpy as np
@@ -125,6 +126,28 @@ def test_what_is_not_there_is_told_with_a_cure(phone_of):
     bare = phone_of(Eye(), glasses=False)
     with pytest.raises(StudyError, match="must see its glasses"):
         open_gaze(f"pupil:127.0.0.1:{bare.port}", desk(clock))
+    for host in ("a" * 70 + ".b", "no where"):
+        with pytest.raises(StudyError, match=r"must be reachable|was not understood"):
+            open_gaze(f"pupil:{host}", desk(clock))
     silent = phone_of(Eye())
     with pytest.raises(StudyError, match=r"must send gaze .*firewall"):
         PupilGaze(f"127.0.0.1:{silent.port}", desk(clock), wait_s=0.2).open()
+
+
+def test_packets_that_make_no_sense_are_left_out(phone_of):
+    eye, clock = Eye(), VirtualClock()
+    phone = phone_of(eye)
+    source = pumped(PupilGaze, phone, eye, clock)(f"127.0.0.1:{phone.port}", desk(clock))
+    source.open()
+    for data in (b"", b"\x80", bytes(12), b"\x8f" + bytes(30), struct.pack("!ffB", 1, 1, 255)):
+        for channel in (0, 1):
+            phone._send(data, channel)
+    clock.move_to(clock() + 0.1)
+    due = phone.advance(clock())
+    samples = []
+    for _ in range(100):
+        samples += PupilGaze.poll(source)
+        time.sleep(0.002)
+    source.close()
+
+    assert len(samples) == due
