@@ -119,9 +119,8 @@ class EyelinkGaze:
             raise
         eye = "" if not self._eye else f", {self._eye} eye"
         version = tracker.getTrackerVersionString().strip()
-        self._info = SourceInfo(
-            "eyelink", f"{version} at {self._host}{eye}", rate_hz, self._offset_s
-        )
+        told = f"{version} at {self._host}{eye}, pylink {self._pylink.__version__}"
+        self._info = SourceInfo("eyelink", told, rate_hz, self._offset_s)
 
     def info(self) -> SourceInfo:
         """Name the tracker; its rate, and its clock's offset, are as measured on opening."""

@@ -99,9 +99,8 @@ class TobiiGaze:
                 f"gaze: the Tobii must send samples (found none in {WAIT_S:g} s); see whether its"
                 " own manager shows the eyes"
             )
-        self._info = SourceInfo(
-            "tobii", f"{tracker.model} at {address}", rate_of(stamps), self._offset_s
-        )
+        told = f"{tracker.model} at {address}, Tobii's library {self._titta.get_SDK_version()}"
+        self._info = SourceInfo("tobii", told, rate_of(stamps), self._offset_s)
 
     def info(self) -> SourceInfo:
         """Name the tracker; its rate, and its clock's offset, are as measured on opening."""

@@ -61,6 +61,7 @@ class FakePylink:
     """
 
     SAMPLE_TYPE, LOSTDATAEVENT, MISSING_DATA = 200, 63, -32768
+    __version__ = "2.2.596.0"
     ENTER_KEY, TERMINATE_KEY = 13, 32767
     CURS_UP, CURS_DOWN, CURS_LEFT, CURS_RIGHT = 18432, 20480, 19200, 19712
     EyeLinkCustomDisplay, KeyInput = EyeLinkCustomDisplay, KeyInput

@@ -33,6 +33,9 @@ class FakeTitta:
     def get_system_timestamp(self):
         return self.clock() * 1e6 + EPOCH_US
 
+    def get_SDK_version(self):  # noqa: N802
+        return "2.1.0.1"
+
     def start(self, stream):
         self.calls.append(("start", stream))
 
