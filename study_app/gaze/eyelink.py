@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocols.errors import StudyError
-from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
+from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.open_source import Desk
@@ -113,7 +113,11 @@ class EyelinkGaze:
             tracker.sendCommand(command.format(right=right, bottom=bottom, share=SCREEN_SHARE))
         try:
             self._record()
-            rate_hz = rate_of(self._first_stamps())
+            rate_hz = first_rate(
+                self,
+                WAIT_S,
+                "the EyeLink must send samples; see whether its Host PC shows the eye",
+            )
         except StudyError:
             self.close()
             raise
@@ -282,18 +286,6 @@ class EyelinkGaze:
             if tracker_ms := tracker.readTime():
                 self._offset_s = (asked_s + clock()) / 2 - tracker_ms / 1000
                 return
-
-    def _first_stamps(self) -> list[float]:
-        stamps, until_s = list[float](), time.monotonic() + WAIT_S
-        while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.3):
-            stamps += [sample.raw_t for sample in self.poll()]
-            time.sleep(0.002)
-        if not stamps:
-            raise StudyError(
-                f"gaze: the EyeLink must send samples (found none in {WAIT_S:g} s); see whether its"
-                " Host PC shows the eye, then try again"
-            )
-        return stamps
 
     def _sample(self, sample: Any) -> GazeSample:
         left, right = sample.getLeftEye(), sample.getRightEye()

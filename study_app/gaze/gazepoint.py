@@ -9,16 +9,14 @@ from __future__ import annotations
 import math
 import re
 import socket
-import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 from protocols.errors import StudyError
 from protocols.viewing import Viewing
-from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
-from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address
+from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.open_source import Desk
@@ -73,16 +71,11 @@ class GazepointGaze:
             "start Gazepoint Control on the computer that has the tracker, and name it with"
             " --gaze gazepoint:HOST"
         )
-        stamps, until_s = list[float](), time.monotonic() + self._wait_s
-        while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.5):
-            stamps += [sample.raw_t for sample in self.poll() if math.isfinite(sample.raw_t)]
-            time.sleep(0.002)
-        if not stamps:
-            self.close()
-            raise StudyError(
-                f"gaze: Gazepoint Control must send samples (found none in {self._wait_s:g} s);"
-                " see whether it shows the eyes, then try again"
-            )
+        rate_hz = first_rate(
+            self,
+            self._wait_s,
+            "Gazepoint Control must send samples; see whether it shows the eyes, then try again",
+        )
         self._clock.renew()
         product = self._said.get("PRODUCT_ID", {}).get("VALUE", "tracker")
         there = self._said.get("SCREEN_SIZE", {})
@@ -94,7 +87,7 @@ class GazepointGaze:
         self._info = SourceInfo(
             "gazepoint",
             f"Gazepoint {product} at {self._where[0]}:{self._where[1]}",
-            rate_of(stamps),
+            rate_hz,
             self._clock.offset_s,
             notes=() if not all(size) or size == tuple(map(str, self._screen)) else notes,
         )

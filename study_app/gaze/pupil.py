@@ -14,7 +14,6 @@ import select
 import socket
 import struct
 import threading
-import time
 import urllib.request
 from collections import deque
 from collections.abc import Sequence
@@ -26,9 +25,8 @@ from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from protocols.viewing import Viewing
-from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
-from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address
+from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.open_source import Desk
@@ -94,21 +92,17 @@ class PupilGaze:
         except StudyError:
             self.close()
             raise
-        stamps, until_s = list[float](), time.monotonic() + self._wait_s
-        while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.5):
-            stamps += [sample.raw_t for sample in self.poll()]
-            time.sleep(0.002)
-        if not stamps:
-            self.close()
-            raise StudyError(
-                f"gaze: the glasses must send gaze (found none in {self._wait_s:g} s); see whether"
-                " the Companion app shows it, and let UDP through this computer's firewall"
-            )
+        rate_hz = first_rate(
+            self,
+            self._wait_s,
+            "the glasses must send gaze; see whether the Companion app shows it, and let UDP"
+            " through this computer's firewall",
+        )
         self._clock.renew()
         self._info = SourceInfo(
             "pupil",
             "Pupil Labs at {}:{}".format(*self._where),
-            rate_of(stamps),
+            rate_hz,
             self._clock.offset_s,
             notes=(_NOTE,),
         )

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import importlib
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from protocols.errors import StudyError
 from protocols.viewing import Viewing
-from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
+from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.open_source import Desk
@@ -89,18 +88,11 @@ class TobiiGaze:
                 f"gaze: the Tobii must answer (found: {error}); see it in Tobii's own manager"
             ) from None
         self._measure_offset()
-        stamps, until_s = list[float](), time.monotonic() + WAIT_S
-        while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > 0.3):
-            stamps += [sample.raw_t for sample in self.poll()]
-            time.sleep(0.002)
-        if not stamps:
-            self.close()
-            raise StudyError(
-                f"gaze: the Tobii must send samples (found none in {WAIT_S:g} s); see whether its"
-                " own manager shows the eyes"
-            )
+        rate_hz = first_rate(
+            self, WAIT_S, "the Tobii must send samples; see whether its own manager shows the eyes"
+        )
         told = f"{tracker.model} at {address}, Tobii's library {self._titta.get_SDK_version()}"
-        self._info = SourceInfo("tobii", told, rate_of(stamps), self._offset_s)
+        self._info = SourceInfo("tobii", told, rate_hz, self._offset_s)
 
     def info(self) -> SourceInfo:
         """Name the tracker; its rate, and its clock's offset, are as measured on opening."""

@@ -11,9 +11,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from protocols.errors import StudyError
+from study_app.gaze.lsl import rate_of
+from study_app.gaze.source import GazeSource
 
 CONNECT_S = 3.0
 """How long to wait for a connection, and for each answer on it."""
+ENOUGH_S = 0.5
+"""Of first samples, for their rate."""
 RETRY_S = 0.25
 """Between two attempts to connect again, and how soon a thread sees that it is to end."""
 KEEP_ALIVE_S = 15.0
@@ -180,6 +184,24 @@ class ClockOffset:
         """Take what was measured since the last call, where that was enough."""
         if self._count >= _FEW:
             self.offset_s, self._least_s, self._count = self._least_s, math.inf, 0
+
+
+def first_rate(source: GazeSource, wait_s: float, silent: str) -> float:
+    """Return the rate of an open source's first samples, some tenths of a second of them.
+
+    Raises
+    ------
+    StudyError
+        If there are none within `wait_s`: then the source is closed, and `silent` says the cure.
+    """
+    stamps, until_s = list[float](), time.monotonic() + wait_s
+    while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > ENOUGH_S):
+        stamps += [sample.raw_t for sample in source.poll() if math.isfinite(sample.raw_t)]
+        time.sleep(0.002)
+    if not stamps:
+        source.close()
+        raise StudyError(f"gaze: {silent} (found no sample in {wait_s:g} s)")
+    return rate_of(stamps)
 
 
 def address(text: str, kind: str, host: str, port: int) -> tuple[str, int]:

@@ -130,7 +130,7 @@ def test_what_is_not_there_is_told_with_a_cure(phone_of):
         with pytest.raises(StudyError, match=r"must be reachable|was not understood"):
             open_gaze(f"pupil:{host}", desk(clock))
     silent = phone_of(Eye())
-    with pytest.raises(StudyError, match=r"must send gaze .*firewall"):
+    with pytest.raises(StudyError, match=r"must send gaze.*firewall"):
         PupilGaze(f"127.0.0.1:{silent.port}", desk(clock), wait_s=0.2).open()
 
 
