@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from protocols.journal import Calibration, Note, SideFile, event_line
+from protocols.load import load_protocol
 from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
+from study_app.gaze.trusted import TrustedGaze
+from study_app.gaze_check import Calibrated, Targets
 from study_app.validation import point_quality, summarise
 
 ORACLE = json.loads(Path(__file__).with_name("oracles").joinpath("gaze_quality.json").read_text())
@@ -68,3 +71,67 @@ def test_lines_without_what_came_later_are_the_bytes_that_they_were():
     assert b"lost_share" not in event_line(old)
     assert b"file" not in event_line(note)
     assert b"tracker/0001.xml" in event_line(kept)
+
+
+class Asking:
+    """A tracker whose calibration shows one target."""
+
+    def __init__(self, show) -> None:
+        self.show, self.calibrated = show, 0
+
+    def open(self):
+        pass
+
+    def info(self):
+        pass
+
+    def poll(self):
+        return []
+
+    def mark(self, text):
+        pass
+
+    def calibrate(self, points_px):
+        self.calibrated += 1
+        self.show(points_px[0], 0.0, lambda: None, lambda _: None)
+
+    def check_drift(self, point_px):
+        self.show(point_px, 0.0, lambda: None, lambda _: None)
+
+    def raw(self, *, over):
+        pass
+
+    def news(self):
+        return []
+
+    def close(self):
+        pass
+
+
+def test_a_quit_key_during_the_trackers_own_routine_stops_the_block_and_asks_anew_later():
+    targets, going = Targets(lambda *_: going[0]), [False]
+    tracker = Asking(targets)
+    calibrated = Calibrated(tracker, targets, load_protocol(Path("demo")).gaze, VIEWING, None)
+
+    assert not calibrated()
+    going[0] = True
+    assert calibrated()
+    assert tracker.calibrated == 2
+    calibrated.fit = True  # validated: from here on only drift is checked
+    assert calibrated()
+    going[0] = False
+    assert not calibrated()
+    assert tracker.calibrated == 2
+
+
+def test_a_source_of_six_methods_needs_no_more():
+    """As plug-ins of older versions have them."""
+
+    class Old:
+        open = info = poll = mark = calibrate = close = lambda *_: None
+
+    source = TrustedGaze(Old(), lambda: 0.0)
+
+    assert source.check_drift((0.0, 0.0)) is None
+    assert source.raw(over=True) is None
+    assert source.news() == []
