@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
+from task_cases import CASES, Case, case_text
 from web_kernel import Kernel
 
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_file
-from protocols.load import load_display
+from protocols.load import load_display, load_study
 from protocols.manifest import Manifest, write_manifest
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Web
 from study_app.web.export import WebBuild
+from study_app.web.import_lines import Imported, Inbox, import_results
 
+SURE = '\n[task.confidence]\nsteps = 4\nquestion = { en = "How sure?" }\n'
+SCALE = ("bad", "poor", "fair", "good", "excellent")
+WEB_CASES = CASES | {
+    "yes-no with confidence": replace(CASES["yes-no"], task=CASES["yes-no"].task + SURE),
+    "rating": Case(
+        f'kind = "rating"\nstimulus_s = 0.1\nscale = {list(SCALE)}', SCALE, 'kind = "ratings"', 12,
+        "repeats = 1\nblocks = 2\npractice = { trials = 2 }",
+    ),
+}  # fmt: skip
 FHD = load_display("fhd27-60hz")
 NO_FAULTS = {"missed": 0.0, "paused": 0.0, "disturbed": 0.0, "killed": 0.0}
 
@@ -89,3 +102,29 @@ def built(study: StudyProtocol, folder: Path) -> BuiltWebStudy:
     manifest = with_pixels(study, folder / "stimuli")
     WebBuild(study, FHD, manifest).write(folder / "stimuli", folder / "out")
     return BuiltWebStudy(study, FHD, manifest, folder / "stimuli", folder / "out")
+
+
+def cases_in(
+    folders: pytest.TempPathFactory, short_study: Callable[..., str]
+) -> Callable[[str], BuiltWebStudy]:
+    """Return what gives a built case by its name, made once; `short_study` is the fixture."""
+    made: dict[str, BuiltWebStudy] = {}
+
+    def of(name: str) -> BuiltWebStudy:
+        if name not in made:
+            folder = folders.mktemp("case")
+            path = folder / "study.toml"
+            path.write_text(case_text(short_study, WEB_CASES[name]), encoding="utf-8")
+            study, _ = load_study(path)
+            made[name] = built(for_browsers(study, tolerance_s=0.01), folder)
+        return made[name]
+
+    return of
+
+
+def brought_home(of: BuiltWebStudy, results: list[str], root: Path) -> list[Imported]:
+    """Import lines, none of which may be damaged."""
+    inbox = Inbox()
+    inbox.read("results", "".join(results).encode())
+    assert not inbox.damaged
+    return import_results(inbox, of.study, of.display, of.manifest, root)

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from task_cases import CASES, Case, case_text
 from web_kernel import running_kernel
-from web_study import BuiltWebStudy, built, for_browsers
+from web_study import WEB_CASES, BuiltWebStudy, brought_home, cases_in
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
-from protocols.load import load_study
 from study_app.sittings import find_sittings
 from study_app.verification import verify
-from study_app.web.import_lines import Inbox, import_results, read_results
+from study_app.web.import_lines import import_results, read_results
 
-SURE = '\n[task.confidence]\nsteps = 4\nquestion = { en = "How sure?" }\n'
-SCALE = ("bad", "poor", "fair", "good", "excellent")
-WEB_CASES = CASES | {
-    "yes-no with confidence": replace(CASES["yes-no"], task=CASES["yes-no"].task + SURE),
-    "rating": Case(
-        f'kind = "rating"\nstimulus_s = 0.1\nscale = {list(SCALE)}', SCALE, 'kind = "ratings"', 12,
-        "repeats = 1\nblocks = 2\npractice = { trials = 2 }",
-    ),
-}  # fmt: skip
 FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 
 
@@ -39,25 +26,7 @@ def kernel(tmp_path_factory):
 @pytest.fixture(scope="module")
 def case(short_study, tmp_path_factory):
     """Give a built case by its name, made once."""
-    made: dict[str, BuiltWebStudy] = {}
-
-    def of(name: str) -> BuiltWebStudy:
-        if name not in made:
-            folder = tmp_path_factory.mktemp("case")
-            path = folder / "study.toml"
-            path.write_text(case_text(short_study, WEB_CASES[name]), encoding="utf-8")
-            study, _ = load_study(path)
-            made[name] = built(for_browsers(study, tolerance_s=0.01), folder)
-        return made[name]
-
-    return of
-
-
-def brought_home(of: BuiltWebStudy, results: list[str], root: Path):
-    inbox = Inbox()
-    inbox.read("results", "".join(results).encode())
-    assert not inbox.damaged
-    return import_results(inbox, of.study, of.display, of.manifest, root)
+    return cases_in(tmp_path_factory, short_study)
 
 
 @pytest.mark.parametrize("name", WEB_CASES)

@@ -1,0 +1,39 @@
+// A stand-in for jatos.js 3.10: what our page uses of it, with its behaviour at the edges. The server
+// of the tests keeps the data. Appended strings are joined without a separator; a request that times
+// out is sent again, though it may have arrived; a page that is loaded again has a new component result.
+window.jatos = (() => {
+  const state = STATE;
+  const ask = async (what, body) => {
+    const answer = await fetch(`/jatos/${what}`, { method: "POST", body: JSON.stringify(body) });
+    if (!answer.ok) throw new Error(`${answer.status}`);
+    return answer.json();
+  };
+  const patch = async (op, path, value) => {
+    const told = await ask("batch", { op, path, value, version: state.version });
+    Object.assign(state, { batch: told.batch, version: told.version });
+    if (!told.done) throw new Error("409");
+  };
+  let count = 0;
+  const jatos = {
+    version: "3.10.4",
+    studySessionData: state.session,
+    urlQueryParameters: Object.fromEntries(new URLSearchParams(location.search)),
+    onLoad: (call) => { if (document.readyState === "complete") call(); else addEventListener("load", call); },
+    appendResultData: async (data) => {
+      await ask("append", { data, component: state.component });
+      if (++count % 7 === 0) await ask("append", { data, component: state.component });
+    },
+    setStudySessionData: async (data) => { await ask("session", data); jatos.studySessionData = data; },
+    endStudy: async (done, message) => { await ask("end", { done, message }); document.title = "ended"; },
+    endStudyAndRedirect: async (url, done) => { await ask("end", { done, url }); document.title = "ended"; },
+    abortStudy: async (message) => { await ask("abort", { message }); document.title = "aborted"; },
+    batchSession: {
+      get: (name) => state.batch[name],
+      defined: (path) => path.slice(1) in state.batch,
+      add: (path, value) => patch("add", path, value),
+      replace: (path, value) => patch("replace", path, value),
+      test: (path, value) => patch("test", path, value),
+    },
+  };
+  return jatos;
+})();
