@@ -47,9 +47,14 @@ class Browser:
         assert "error" not in told, told["error"]
         return told["answer"]
 
-    def open(self, url: str, *scripts: str) -> None:
-        """Open a page with fresh storage; scripts run before its own."""
-        self.ask("open", url=url, scripts=scripts)
+    def open(
+        self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400)
+    ) -> None:
+        """Open a page with storage of its own, whose scripts run before its own.
+
+        Without a size it is the window as it is, whose ratio of pixels no browser makes up.
+        """
+        self.ask("open", url=url, scripts=scripts, size=size)
 
     def evaluate(self, script: str) -> Any:
         """Return what a script gives, awaited."""
@@ -91,8 +96,9 @@ def running_browser(
     )  # fmt: skip
     plain = ("--no-sandbox", "--disable-gpu", "--mute-audio", "--force-color-profile=srgb")
     with subprocess.Popen(
-        ["node", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+        ["node", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"MOZ_HEADLESS_WIDTH": "1920", "MOZ_HEADLESS_HEIGHT": "1080"},
+    ) as process:  # fmt: skip
         browser = Browser(process)
         try:
             browser.ask(
@@ -170,6 +176,7 @@ class Site:
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
+    wbufsize = -1  # header and body in one packet: two wait for each other
 
     def __init__(self, site: Site, *rest: Any) -> None:
         self.site = site
@@ -243,4 +250,4 @@ def served(folder: Path, *, jatos: bool = True) -> Iterator[Site]:
 def whole(browser: Browser, site: Site, *scripts: str, link: str = "?slot=3&simulated") -> None:
     """Let the artificial observer run a study to its end on the virtual clock."""
     browser.open(f"{site.url}index.html{link}", CLOCK, OBSERVER, *scripts)
-    browser.until("['ended', 'aborted'].includes(document.title)", float(os.environ.get("W", "60")))
+    browser.until("['ended', 'aborted'].includes(document.title)", 60)

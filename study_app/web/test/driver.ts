@@ -4,8 +4,9 @@ import { launch, type Browser, type Page } from "puppeteer-core";
 
 interface Orders {
   launch: { browser: "chrome" | "firefox"; path: string; args: string[]; prefs: Record<string, unknown> };
-  /** Open a page, whose scripts run before its own. */
-  open: { url: string; scripts: string[] };
+  /** Open a page with storage of its own, whose scripts run before its own; without a size, in the
+   * window as it is. */
+  open: { url: string; scripts: string[]; size: [number, number] | null };
   goto: { url: string };
   evaluate: { script: string };
   /** Ask until the answer is true, or time is over; the last answer. */
@@ -66,8 +67,9 @@ async function obey(order: Order): Promise<unknown> {
     }
     case "open": {
       if (page) await kill(false);
-      const context = await there(browser).createBrowserContext();
-      page = await context.newPage();
+      const { size } = order;
+      page = await (size ? await there(browser).createBrowserContext() : there(browser)).newPage();
+      if (size) await page.setViewport({ width: size[0], height: size[1] });
       page.on("pageerror", (error) => errors.push(String(error)));
       for (const script of order.scripts) await page.evaluateOnNewDocument(script);
       await page.goto(order.url);
@@ -96,7 +98,7 @@ async function obey(order: Order): Promise<unknown> {
       return there(page).screenshot({ encoding: "base64", captureBeyondViewport: false });
     case "devtools": {
       const session = await there(page).createCDPSession();
-      return session.send(order.method as "Page.enable", order.params as never);
+      return session.send(order.method as "Page.enable", order.params);
     }
     case "kill":
       return kill(order.crash);

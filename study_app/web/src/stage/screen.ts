@@ -84,7 +84,9 @@ export class Screen implements Stage {
             resolve();
             return;
           }
-          this.painter.paint(run.shows());
+          const shown = run.shows();
+          this.painter.paint(shown);
+          this.canvas.dataset["phase"] = shown.phase.name; // for whoever drives the page
           this.canvas.style.cursor = run.asks ? "default" : "none";
           drawn = true;
           requestAnimationFrame(frame);

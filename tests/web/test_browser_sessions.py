@@ -1,0 +1,122 @@
+"""Whole sessions in Chromium and Firefox, on a virtual clock: they come home as ordinary ones."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import pytest
+from web_browser import CLOCK, OBSERVER, Browser, Site, running_browser, served, whole
+from web_study import WEB_CASES, BuiltWebStudy, brought_home, cases_in
+
+from protocols.journal import SessionResume
+from protocols.journal_file import Journal, read_journal
+from study_app.sittings import find_sittings
+from study_app.verification import verify
+
+# In the first attempts: a lost focus, the pause key, refreshes that were missed in a row.
+DISTURBED = """
+let attempts = 0, was = "";
+observer.each = (frames) => {
+  const phase = document.querySelector("canvas")?.dataset.phase ?? "";
+  if (!frames || phase === was) return;
+  was = phase;
+  if (phase === "fixate") attempts += 1;
+  else if (attempts === 2) dispatchEvent(new Event("blur"));
+  else if (attempts === 4) observer.press("p");
+  else if (attempts === 6) for (let n = 1; n <= 5; n++) clock.drop.add(clock.frame + n);
+};
+"""
+TYPED = "<b>edges</b> & \U0001f440"
+DEFAULT = "yes-no with confidence"
+
+
+@pytest.fixture(scope="module")
+def case(short_study, tmp_path_factory):
+    """Give a built case by its name, made once."""
+    return cases_in(tmp_path_factory, short_study)
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome") as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def firefox(tmp_path_factory):
+    with running_browser(tmp_path_factory.mktemp("firefox"), "firefox") as browser:
+        yield browser
+
+
+def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
+    """Bring home what a site holds: one whole session, to which Python agrees."""
+    (imported,) = brought_home(of, site.lines, root)
+    assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
+    (sitting,) = find_sittings(root)
+    assert (sitting.state, list(verify(sitting, of.study).problems)) == ("completed", [])
+    return read_journal(root / of.study.study.name / imported.participant / "journal.jsonl")
+
+
+def whole_session(browser: Browser, of: BuiltWebStudy, root) -> None:
+    with served(of.out) as site:
+        whole(browser, site, DISTURBED)
+    assert site.ended == {"done": True}
+    assert browser.ask("errors") == []
+    journal = session_of(of, site, root)
+    said = {n: line for n, line in enumerate(map(json.loads, dict.fromkeys(site.lines)))}
+    attempts = [line for line in said.values() if line["kind"] == "attempt"]
+    assert [(one.trial, one.outcome, one.answer) for one in journal.attempts] == [
+        (line["trial"], line["outcome"], line["answer"]) for line in attempts
+    ]
+    voids = {one.void_reason for one in journal.attempts}
+    assert voids >= {None, "focus-lost", "paused", "dropped-frames"}
+    (text,) = (line["text"] for line in said.values() if line.get("question") == "strategy")
+    assert text == TYPED
+    assert len(site.lines) > len(said), "the server's retries were not tried"
+
+
+def test_a_session_in_chromium_comes_home(chromium, case, tmp_path):
+    whole_session(chromium, case(DEFAULT), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted({*WEB_CASES} - {DEFAULT}))
+def test_a_session_of_every_task_comes_home_from_chromium(chromium, case, tmp_path, name):
+    whole_session(chromium, case(name), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WEB_CASES)
+def test_a_session_of_every_task_comes_home_from_firefox(firefox, case, tmp_path, name):
+    whole_session(firefox, case(name), tmp_path)
+
+
+@pytest.mark.slow
+def test_tabs_that_are_killed_lose_nothing_and_double_nothing(chromium, case, tmp_path, full):
+    of, chance = case("yes-no"), random.Random(5)
+    kills, runs = 0, 0
+    while kills < (60 if full else 12):
+        runs += 1
+        with served(of.out) as site:
+            for _ in range(13):
+                chromium.open(f"{site.url}?slot={runs}", CLOCK, OBSERVER)
+                between = chance.choice(["append", "session", None])
+                if between is None:
+                    time.sleep(chance.uniform(0.1, 1.5))
+                else:  # between the two writes: one of them arrives, or does not, and no answer comes
+                    dies_at(site, between, 1 + chance.randrange(6), arrives=chance.random() < 0.5)
+                    chromium.until("document.title === 'ended' || window.hung", 5)
+                if site.ended:
+                    break
+                chromium.ask("kill", crash=chance.random() < 0.5)
+                kills += 1
+                site.hang = site.lost = lambda what: False
+            else:
+                whole(chromium, site)
+        journal = session_of(of, site, tmp_path / str(runs))
+        done = [one.trial for one in journal.attempts if one.outcome == "completed"]
+        assert len(done) == len(set(done))
+        numbers = {json.loads(line)["n"] for line in site.lines}
+        assert numbers == set(range(len(numbers)))
+        assert sum(isinstance(event, SessionResume) for event in journal.events) > 0
