@@ -1,0 +1,146 @@
+"""What a browser shows is, pixel by pixel, what `study_app/paint.py` paints."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from PIL import Image
+from web_browser import Browser, Site, running_browser, served
+from web_kernel import WEB, node_modules
+from web_study import WEB_CASES, BuiltWebStudy, cases_in
+
+from protocols.script import Frames, Picture, ScriptPhase
+from study_app.paint import Pixels, bitmaps_of, paint
+from study_app.web.export import WebBuild
+
+RATIOS = (1, 1.1, 1.25, 1.5, 2)
+
+
+@pytest.fixture(scope="module")
+def case(short_study, tmp_path_factory):
+    """Give a built case by its name, made once."""
+    return cases_in(tmp_path_factory, short_study)
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """Give the page that paints what it is told, as bytes of a script."""
+    script = tmp_path_factory.mktemp("lab") / "lab.js"
+    esbuild = node_modules() / ".bin" / "esbuild"
+    subprocess.run(
+        [esbuild, "test/lab.ts", "--bundle", "--format=iife", "--log-level=warning",
+         f"--outfile={script}"],
+        cwd=WEB, check=True, timeout=60,
+    )  # fmt: skip
+    return script.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome") as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def firefox(tmp_path_factory):
+    with running_browser(tmp_path_factory.mktemp("firefox"), "firefox") as browser:
+        yield browser
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Something that a flip shows: for the page as JSON, and as Python paints it."""
+
+    told: str
+    screen: Pixels
+
+
+def scenes(of: BuiltWebStudy) -> Iterator[Scene]:
+    """Yield all that the study's scripts show: each phase with each notice, and as of a clip."""
+    build = WebBuild(of.study, of.display, of.manifest)
+    bitmaps = bitmaps_of(build.shown, of.display)
+    frames = dict(enumerate([pixels_of(of, name) for name in names] for names in held(of)))
+    seen = set()
+    for script in build.scripts[60.0]["en"]:
+        for phase in script.phases:
+            second = [
+                entry.model_copy(update={"every": 2, "last": 1})
+                if isinstance(entry, Frames)
+                else entry
+                for entry in phase.show
+            ]
+            clip = phase.model_copy(update={"show": tuple(second)})
+            shown = [(phase, 0, notice) for notice in (None, *phase.follows.values())]
+            for one, refreshes, notice in (*shown, (clip, 3, None)):
+                told = json.dumps([_told(build, one), refreshes, _shown(build, notice)])[1:-1]
+                if told not in seen:
+                    seen.add(told)
+                    yield Scene(told, paint(script, one, frames, bitmaps, refreshes=refreshes,
+                                            notice=notice))  # fmt: skip
+
+
+def _shown(build: WebBuild, entry):
+    if entry is None:
+        return None
+    shown = build._entry(entry) if isinstance(entry, Picture) else entry
+    return shown.model_dump(mode="json")
+
+
+def _told(build: WebBuild, phase: ScriptPhase):
+    return {"show": [_shown(build, entry) for entry in phase.show]}
+
+
+def held(of: BuiltWebStudy) -> list[list[str]]:
+    """Return the stimuli of a trial; more than one still stands for the frames of a clip."""
+    names = list(of.exported["stimuli"])
+    return [names[2 * n : 2 * n + 2] for n in range(len(names) // 2)]
+
+
+def pixels_of(of: BuiltWebStudy, name: str) -> Pixels:
+    clip = next(clip for clip in of.manifest.clips if clip.name == name)
+    return np.asarray(Image.open(of.stimuli / clip.frame_path(0)).convert("RGB"))
+
+
+def on_canvas(screen: Pixels, width: int, height: int, scale: int) -> Pixels:
+    """Return the part of a screen about its middle that a canvas shows."""
+    large = np.kron(screen, np.ones((scale, scale, 1), np.uint8))
+    down, across = scale * (screen.shape[0] // 2), scale * (screen.shape[1] // 2)
+    top, left = down - height // 2, across - width // 2
+    assert min(top, left) >= 0
+    return large[top : top + height, left : left + width]
+
+
+def opened(
+    browser: Browser, site: Site, of: BuiltWebStudy, lab: bytes, scale: int, flat: bool, **how
+) -> tuple[int, int, str]:
+    site.faults["lab.js"] = lambda _: (200, lab)
+    page = '<!doctype html><link rel="stylesheet" href="metamerlab.css"><body><script src="lab.js">'
+    site.faults["lab.html"] = lambda _: (200, f"{page}</script>".encode())
+    browser.open(f"{site.url}lab.html", **how)
+    width, height, kind = browser.evaluate(
+        f"lab.open({json.dumps(held(of))}, {scale}, {json.dumps(flat)})"
+    )
+    return width, height, kind
+
+
+def differences(browser: Browser, of: BuiltWebStudy, lab: bytes, scale: int, flat: bool):
+    """Yield how many pixels of each scene differ, and by how many codes at most."""
+    with served(of.out, jatos=False) as site:
+        width, height, kind = opened(browser, site, of, lab, scale, flat)
+        assert kind == ("2d" if flat else "webgl")
+        for number, scene in enumerate(scenes(of)):
+            wanted = on_canvas(scene.screen, width, height, scale).tobytes()
+            site.faults[f"wanted-{number}"] = lambda _, wanted=wanted: (200, wanted)
+            browser.evaluate(f"lab.paint({scene.told})")
+            yield *browser.evaluate(f"lab.differs('wanted-{number}')"), scene.told
+
+
+def test_a_canvas_in_chromium_shows_what_is_painted(chromium, case, lab):
+    found = [*differences(chromium, case("which-half"), lab, 1, flat=False)]
+    assert [one for one in found if one[0]] == []
+    assert len(found) > 15
