@@ -144,3 +144,34 @@ def test_a_canvas_in_chromium_shows_what_is_painted(chromium, case, lab):
     found = [*differences(chromium, case("which-half"), lab, 1, flat=False)]
     assert [one for one in found if one[0]] == []
     assert len(found) > 15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WEB_CASES)
+def test_canvases_show_what_is_painted(chromium, firefox, case, lab, name):
+    for browser, flat in ((chromium, False), (chromium, True), (firefox, True)):
+        found = [*differences(browser, case(name), lab, 1, flat=flat)]
+        # Firefox blends smooth edges on a flat canvas with less than eight bits.
+        near = browser is firefox
+        assert [one for one in found if one[0] > (8 if near else 0) or one[1] > near] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_the_composited_page_shows_what_is_painted_at_any_ratio(case, lab, tmp_path, ratio):
+    of, scale = case("two-alternative"), max(1, round(ratio))
+    args = f"--force-device-scale-factor={ratio}", "--window-size=900,500"
+    with (
+        running_browser(tmp_path, "chrome", *args) as browser,
+        served(of.out, jatos=False) as site,
+    ):
+        width, height, _ = opened(browser, site, of, lab, scale, flat=False, size=None)
+        assert browser.evaluate("devicePixelRatio") == pytest.approx(ratio)
+        some = [one for one in scenes(of) if '"frames"' in one.told][:3]
+        assert some
+        for scene in some:
+            browser.evaluate(f"lab.paint({scene.told})")
+            shot = browser.screen()
+            assert shot.shape[:2] == (height, width)
+            wanted = on_canvas(scene.screen, width, height, scale)
+            assert np.count_nonzero((shot != wanted).any(axis=2)) == 0

@@ -8,6 +8,13 @@ import { cover } from "../src/stage/screen";
 const canvas = document.createElement("canvas");
 let painter: Painter;
 
+type Contexts = HTMLCanvasElement["getContext"];
+
+/** As in a browser without WebGL. */
+function flatOnly(all: Contexts): Contexts {
+  return ((kind: string, wishes?: unknown) => (kind === "2d" ? all(kind, wishes) : null)) as Contexts;
+}
+
 const lab = {
   /** Size of the canvas, and what draws on it. Frames of one stimulus are those of several. */
   async open(stimuli: string[][], scale: number, flat: boolean): Promise<[number, number, string]> {
@@ -20,7 +27,7 @@ const lab = {
     const frames = await Promise.all(
       stimuli.map(async (names) => (await Promise.all(names.map((one) => files.frames(one)))).flat()),
     );
-    if (flat) canvas.getContext = canvas.getContext.bind(canvas, "2d") as typeof canvas.getContext;
+    if (flat) canvas.getContext = flatOnly(canvas.getContext.bind(canvas));
     painter = painterOf(canvas, { background: study.background, scale, pictures });
     painter.resize(width, height);
     painter.hold(frames);

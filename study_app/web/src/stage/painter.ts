@@ -1,8 +1,8 @@
 /** Draws what a script shows, pixel by pixel, as `study_app/paint.py` defines it.
  *
  * WebGL where there is one: frames of a trial are texture arrays, and pictures are blended with
- * straight alpha. Without it, a 2D canvas, whose smooth edges of pictures over stimuli may be off by
- * one code.
+ * straight alpha. Without it, a 2D canvas, on which smooth edges of pictures may be off by one code in
+ * Firefox. Nothing is ever read back: some browsers answer with noise.
  */
 import { frameOf, type Entry, type Picture } from "../kernel/script";
 import type { Shown } from "../kernel/attempt";
@@ -48,15 +48,11 @@ function entriesOf(shown: Shown | null): { entry: Entry; refreshes: number }[] {
 class Painter2D implements Painter {
   readonly kind = "2d";
   private stimuli: readonly (readonly ImageBitmap[])[] = [];
-  private readonly pictures: Map<string, HTMLCanvasElement>;
 
   constructor(
     private readonly context: CanvasRenderingContext2D,
     private readonly look: Look,
-  ) {
-    const { pictures, background } = look;
-    this.pictures = new Map([...pictures].map(([name, one]) => [name, opaque(one, background)]));
-  }
+  ) {}
 
   hold(stimuli: readonly (readonly ImageBitmap[])[]): void {
     this.stimuli = stimuli;
@@ -84,7 +80,7 @@ class Painter2D implements Painter {
       const image =
         entry.kind === "frames"
           ? frames?.[frameOf(entry, refreshes)]
-          : this.pictures.get(entry.of);
+          : look.pictures.get(entry.of);
       if (!image) throw new Error("what a phase shows is not ready");
       const crop = (entry.kind === "frames" && entry.crop) || [0, 0, image.width, image.height];
       const [left, top] = entry.at;
@@ -97,26 +93,6 @@ class Painter2D implements Painter {
     const { width, height } = this.context.canvas;
     return new Uint8Array(this.context.getImageData(0, 0, width, height).data);
   }
-}
-
-/** A picture blended with the background where it is drawn at all, and nothing elsewhere. */
-function opaque(picture: ImageBitmap, background: number): HTMLCanvasElement {
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [picture.width, picture.height];
-  const context = canvas.getContext("2d");
-  if (!context) throw new Error("this browser draws on no canvas");
-  context.drawImage(picture, 0, 0);
-  const image = context.getImageData(0, 0, canvas.width, canvas.height);
-  for (let at = 0; at < image.data.length; at += 4) {
-    const alpha = (image.data[at + 3] ?? 0) / 255;
-    for (let channel = 0; channel < 3; channel++) {
-      const code = image.data[at + channel] ?? 0;
-      image.data[at + channel] = Math.round(code * alpha + background * (1 - alpha));
-    }
-    image.data[at + 3] = alpha > 0 ? 255 : 0;
-  }
-  context.putImageData(image, 0, 0);
-  return canvas;
 }
 
 function greyOf(grey: number): string {
