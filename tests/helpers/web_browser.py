@@ -62,7 +62,7 @@ class Browser:
 
     def until(self, script: str, timeout_s: float = 60.0) -> Any:
         """Wait until a script gives something true; say what the page shows where it does not."""
-        told = self.ask("until", script=script, timeout_s=timeout_s)
+        told = self.ask("until", script=f"Boolean({script})", timeout_s=timeout_s)
         assert told, f"{script}: {self.text()!r}, errors {self.ask('errors')}"
         return told
 
@@ -136,6 +136,8 @@ class Site:
     """Which requests to JATOS are never answered, though they arrive."""
     lost: Callable[[str], bool] = lambda what: False
     """Which requests to JATOS never arrive."""
+    refuses: bool = False
+    """JATOS takes nothing."""
     url: str = ""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -199,7 +201,7 @@ class _Handler(BaseHTTPRequestHandler):
         what = self.path.removeprefix("/jatos/")
         if self.site.lost(what):
             return self.hang()
-        if self.site.ended and what != "end":
+        if self.site.refuses or (self.site.ended and what != "end"):
             return self.answer(403, b"{}", ".json")
         if what == "append" and len(self.site.results[body["component"]]) > 5_000_000:
             return self.answer(413, b"{}", ".json")

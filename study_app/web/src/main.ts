@@ -13,7 +13,7 @@ import {
 } from "./stage/gate";
 import { cover, fillScreen, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
-import { CopyingStore, JatosStore, LocalStore, insist, type Jatos } from "./store/stores";
+import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos } from "./store/stores";
 
 export type { Ending };
 
@@ -76,19 +76,25 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     try {
       ending = await conduct(study, rate, lines, screen, hash);
     } catch (error) {
-      offerCopy(pages, words, study.study, store.lines());
+      const unsent = error instanceof UnsentError;
+      showNote(pages, unsent ? words.unsent : filled(words.broken, { why: messageOf(error) }));
+      pages.append(copyLink(words.save, study.study, store.lines()));
       throw error;
     }
     await thank(study, language, words, pages, ending, store.lines(), options.jatos);
     return ending;
   } catch (error) {
-    const why = error instanceof Error ? error.message : String(error);
+    const why = messageOf(error);
     const said = error instanceof Refusal ? why : filled(words.broken, { why });
     if (!pages.querySelector("a")) showNote(pages, said);
     if (error instanceof Refusal) return "refused";
-    if (error instanceof FileError) return "error";
+    if (error instanceof FileError || error instanceof UnsentError) return "error";
     throw error;
   }
+}
+
+function messageOf(error: unknown): string {
+  return error instanceof Error ? error.message : String(error);
 }
 
 /** The canvas over the whole viewport, and the pages over it. */
@@ -175,7 +181,7 @@ async function thank(
 ): Promise<void> {
   if (document.fullscreenElement) await document.exitFullscreen();
   const thanks = ending === "completed" ? study.pages[language]?.thanks : undefined;
-  showNote(pages, thanks ?? words.over);
+  showNote(pages, thanks ?? (ending === "quit" ? words.left : words.over));
   if (ending === "completed" && study.completion_code !== null) {
     const code = document.createElement("p");
     code.textContent = filled(words.code, { code: study.completion_code });
@@ -188,12 +194,27 @@ async function thank(
     back.textContent = words.go;
     pages.append(back);
   }
-  if (jatos && ending !== "quit") await insist(() => jatos.endStudy(ending === "completed"));
+  if (jatos && ending === "quit") pages.append(withdrawal(words, pages, jatos));
+  else if (jatos) await insist(() => jatos.endStudy(ending === "completed"));
 }
 
-function offerCopy(pages: HTMLElement, words: Words, study: string, lines: string): void {
-  showNote(pages, words.unsent);
-  pages.append(copyLink(words.save, study, lines));
+/** A button by which a participant takes back all that was sent. */
+function withdrawal(words: Words, pages: HTMLElement, jatos: Jatos): HTMLButtonElement {
+  const button = document.createElement("button");
+  button.className = "withdraw";
+  button.textContent = words.withdraw;
+  button.addEventListener("click", () => {
+    button.disabled = true;
+    insist(() => jatos.abortStudy("withdrawn by the participant"))
+      .then(() => {
+        showNote(pages, words.withdrawn);
+      })
+      .catch((error: unknown) => {
+        button.disabled = false;
+        button.textContent = filled(words.broken, { why: messageOf(error) });
+      });
+  });
+  return button;
 }
 
 /** A link that saves the lines as a file. */

@@ -98,9 +98,9 @@ class Screen implements Stage {
     return Promise.resolve({ leaves: false, answer, duration_s });
   }
 
-  prepare(): Promise<void> {
+  prepare(): Promise<null> {
     this.now_us += 2e5;
-    return Promise.resolve();
+    return Promise.resolve(null);
   }
 
   attempt(run: AttemptRun): Promise<void> {

@@ -40,8 +40,12 @@ export interface PageResult {
 
 export interface Stage {
   page(page: Page): Promise<PageResult>;
-  /** Make a trial's stimuli ready, and begin to fetch the next one's. */
-  prepare(trial: PlannedTrial, next: PlannedTrial | null, script: TrialScript): Promise<void>;
+  /** Make a trial's stimuli ready, and begin to fetch the next one's; what is worth a note. */
+  prepare(
+    trial: PlannedTrial,
+    next: PlannedTrial | null,
+    script: TrialScript,
+  ): Promise<string | null>;
   /** Show an attempt flip by flip until it is done. */
   attempt(run: AttemptRun): Promise<void>;
 }
@@ -170,7 +174,8 @@ class Conductor {
     const { trial, attempt, position } = step;
     const script = scriptOf(study, rate, lines.begun.language, trial);
     const next = following(study.design, this.plan, lines.history, trial);
-    await this.stage.prepare(trial, next, script);
+    const note = await this.stage.prepare(trial, next, script);
+    if (note !== null) await lines.say({ kind: "note", text: note });
     let sent = Promise.resolve();
     const run = new AttemptRun(script, rate.refresh_hz, ({ state }) => {
       const { answer, completed, void_reason } = state;

@@ -10,10 +10,14 @@ export async function sha256(data: BufferSource): Promise<string> {
 }
 
 /** Fetch a file whole; three tries, for lines that break. */
-export async function fetched(url: string, tries = 3): Promise<ArrayBuffer> {
+export async function fetched(
+  url: string,
+  cache: RequestCache = "default",
+  tries = 3,
+): Promise<ArrayBuffer> {
   for (let left = tries; ; left--) {
     try {
-      const response = await fetch(url, { cache: "force-cache" });
+      const response = await fetch(url, { cache });
       if (response.ok) return await response.arrayBuffer();
       if (left <= 1 || response.status === 404) {
         throw new FileError(`${url} did not come (the server says ${response.status})`);
@@ -88,8 +92,16 @@ export class Files {
   }
 
   private async load(name: string, pack: Pack): Promise<ImageBitmap[]> {
+    try {
+      return await this.checked(name, pack, "force-cache");
+    } catch {
+      return await this.checked(name, pack, "reload"); // what was kept may be what is broken
+    }
+  }
+
+  private async checked(name: string, pack: Pack, cache: RequestCache): Promise<ImageBitmap[]> {
     const [width, height] = this.study.stimulus_px;
-    const data = await fetched(`${this.base}packs/${encodeURIComponent(pack.file)}`);
+    const data = await fetched(`${this.base}packs/${encodeURIComponent(pack.file)}`, cache);
     if (data.byteLength !== pack.bytes) {
       throw new FileError(
         `packs/${pack.file} must have ${pack.bytes} bytes (has ${data.byteLength})`,

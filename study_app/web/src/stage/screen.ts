@@ -11,6 +11,9 @@ import { keyName } from "./keys";
 import { painterOf, type Painter } from "./painter";
 import type { Words } from "./words";
 
+/** Who waits longer for pictures is told why. */
+const SLOW_MS = 5000;
+
 export class Screen implements Stage {
   readonly painter: Painter;
   private presses: Press[] = [];
@@ -55,17 +58,27 @@ export class Screen implements Stage {
     return { t_s, at: new Date().toISOString() };
   }
 
-  async prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<void> {
+  async prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<string | null> {
     const later = next?.stimuli ?? [];
     this.files.keep([...trial.stimuli, ...later]);
     showNote(this.pages, this.words.wait);
-    const frames = await Promise.all(trial.stimuli.map((name) => this.files.frames(name)));
+    const began_ms = performance.now();
+    const slow = setTimeout(() => {
+      showNote(this.pages, this.words.slow);
+    }, SLOW_MS);
+    const loading = Promise.all(trial.stimuli.map((name) => this.files.frames(name)));
+    const frames = await loading.finally(() => {
+      clearTimeout(slow);
+    });
+    const waited_ms = performance.now() - began_ms;
     // Fetched a trial ahead; what goes wrong is told when its trial comes.
     later.forEach((name) => void this.files.frames(name).catch(() => undefined));
     this.painter.hold(frames);
     const [width, height] = await cover(this.canvas);
     this.painter.resize(width, height);
     this.painter.paint(null);
+    if (waited_ms < SLOW_MS) return null;
+    return `the stimuli of ${trial.id} came after ${Math.round(waited_ms / 1000)} s`;
   }
 
   attempt(run: AttemptRun): Promise<void> {

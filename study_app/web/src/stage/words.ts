@@ -21,6 +21,10 @@ const EN = {
   over: "This session is over. You may close the window.",
   code: "Your completion code: {code}",
   go: "Back to the panel",
+  slow: "The line is slow. The next pictures are still on their way; please wait.",
+  left: "You have left the study. To go on, open its link again.",
+  withdraw: "Withdraw: delete all my answers",
+  withdrawn: "All your answers were deleted. You may close the window.",
 };
 export type Words = typeof EN;
 
@@ -46,6 +50,10 @@ const DE: Words = {
   over: "Diese Sitzung ist beendet. Sie können das Fenster schließen.",
   code: "Ihr Abschlusscode: {code}",
   go: "Zurück zum Panel",
+  slow: "Die Leitung ist langsam. Die nächsten Bilder sind noch unterwegs; bitte warten Sie.",
+  left: "Sie haben die Studie verlassen. Um weiterzumachen, öffnen Sie ihren Link noch einmal.",
+  withdraw: "Zurücktreten: alle meine Antworten löschen",
+  withdrawn: "Alle Ihre Antworten wurden gelöscht. Sie können das Fenster schließen.",
 };
 
 export function wordsOf(language: string): Words {

@@ -19,13 +19,16 @@ export interface Jatos {
   abortStudy(message?: string): Promise<unknown>;
 }
 
+/** What a server did not take, though it was asked again and again. */
+export class UnsentError extends Error {}
+
 /** Ask until it is done, ever more slowly; then give up. */
 export async function insist<T>(what: () => Promise<T>, tries = 6): Promise<T> {
   for (let wait_ms = 500; ; wait_ms *= 2) {
     try {
       return await what();
     } catch (error) {
-      if (--tries <= 0) throw error;
+      if (--tries <= 0) throw new UnsentError(String(error));
       await new Promise((resolve) => setTimeout(resolve, wait_ms));
     }
   }

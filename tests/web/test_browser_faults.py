@@ -1,0 +1,190 @@
+"""What goes wrong in a participant's browser is said in words, and in the lines that come home."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+
+import pytest
+from web_browser import CLOCK, OBSERVER, running_browser, served, whole
+from web_study import brought_home, built, cases_in, for_browsers
+
+from protocols.journal import Note
+from protocols.journal_file import read_journal
+
+
+@pytest.fixture(scope="module")
+def of(short_study, tmp_path_factory):
+    """A built study."""
+    return cases_in(tmp_path_factory, short_study)("yes-no")
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    args = ("--host-resolver-rules=MAP lab.test 127.0.0.1",)
+    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome", *args) as browser:
+        yield browser
+
+
+@pytest.fixture
+def site(of):
+    with served(of.out) as site:
+        yield site
+
+
+def said(site, kind):
+    return [line for line in map(json.loads, dict.fromkeys(site.lines)) if line["kind"] == kind]
+
+
+def changed(data: bytes) -> bytes:
+    """Change one byte in the middle."""
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+@pytest.mark.slow
+def test_a_wrong_file_is_named_never_shown_and_the_session_goes_on_once_it_is_mended(
+    chromium, site, of, tmp_path
+):
+    packs = [path.name for path in (of.out / "packs").iterdir()]
+    faults = {
+        r"frame 0 of [\w-]+ is not the one that was hashed": lambda data: (200, changed(data)),
+        r"packs/[\w-]+\.pack must have \d+ bytes \(has \d+\)": lambda data: (200, data[:-1]),
+        r"packs/[\w-]+\.pack did not come \(the server says 404\)": lambda data: (404, b""),
+        r"packs/[\w-]+\.pack did not come \(the server says 503\)": lambda data: (503, b""),
+    }
+    for number, (words, fault) in enumerate(faults.items()):
+        site.faults = {f"packs/{name}": fault for name in packs}
+        chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
+        chromium.until("document.querySelector('main a')")
+        text = chromium.text()
+        assert text.startswith("Something went wrong: ")
+        assert re.search(words, text), text
+        assert said(site, "attempt") == []
+        notes = said(site, "note")
+        assert len(notes) == number + 1
+        assert re.search(words, notes[-1]["text"])
+        assert said(site, "end")[-1]["reason"] == "error"
+    site.faults = {}
+    whole(chromium, site)
+    (imported,) = brought_home(of, site.lines, tmp_path)
+    assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
+    journal = read_journal(tmp_path / "short" / imported.participant / "journal.jsonl")
+    assert sum(isinstance(event, Note) for event in journal.events) >= len(faults)
+
+
+@pytest.mark.slow
+def test_a_wrong_picture_is_named(chromium, site, of):
+    name = next((of.out / "pictures").iterdir()).name
+    site.faults = {f"pictures/{name}": lambda data: (200, changed(data))}
+    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
+    chromium.until("document.body.innerText.includes('went wrong')")
+    assert f"pictures/{name} is not the picture that was hashed" in chromium.text()
+
+
+@pytest.mark.slow
+def test_a_slow_line_is_told_and_noted(chromium, site, of, tmp_path):
+    def slow(data: bytes) -> tuple[int, bytes]:
+        time.sleep(0.25)
+        return 200, data
+
+    # Time jumps to the next timer: a quarter of a second is long enough.
+    site.faults = {f"packs/{path.name}": slow for path in (of.out / "packs").iterdir()}
+    seen = "setInterval(() => { if (document.body?.innerText.includes('The line is slow')) slow = 1 }, 5)"
+    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, f"let slow = 0; {seen}")
+    chromium.until("document.title === 'ended'")
+    assert chromium.evaluate("slow") == 1
+    assert re.fullmatch(
+        r"the stimuli of practice-\d+ came after \d+ s", said(site, "note")[0]["text"]
+    )
+    assert brought_home(of, site.lines, tmp_path)[0].state == "imported"
+
+
+DISTURBED = """
+let attempts = 0, was = "";
+observer.each = (frames) => {
+  const phase = document.querySelector("canvas")?.dataset.phase ?? "";
+  if (!frames || phase === was) return;
+  was = phase;
+  if (phase === "fixate") attempts += 1;
+  if (phase !== "stimulus") return;
+  if (attempts === 1) dispatchEvent(new Event("blur"));
+  const tells = (name, value, event) => {
+    Object.defineProperty(document, name, { value, configurable: true });
+    document.dispatchEvent(new Event(event));
+    delete document[name];
+  };
+  if (attempts === 2) tells("hidden", true, "visibilitychange");
+  if (attempts === 3) tells("fullscreenElement", null, "fullscreenchange");
+  if (attempts === 4) dispatchEvent(new Event("resize"));
+};
+"""
+
+
+@pytest.mark.slow
+def test_whatever_comes_between_voids_the_attempt_and_is_named(chromium, site, of, tmp_path):
+    whole(chromium, site, DISTURBED)
+    disturbed = [line["disturbed"][1] for line in said(site, "attempt") if line["disturbed"]]
+    assert disturbed == ["focus", "hidden", "full-screen", "size"]
+    assert len(said(site, "pause")) == 4
+    assert brought_home(of, site.lines, tmp_path)[0].reason == "completed"
+
+
+@pytest.mark.slow
+def test_answers_that_a_server_does_not_take_are_offered_as_a_file(chromium, site):
+    def from_now_on(_: str) -> bool:
+        site.refuses = len(site.lines) > 8
+        return False
+
+    site.lost = from_now_on
+    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
+    chromium.until("document.querySelector('main a[download]')")
+    assert chromium.text().startswith("Your answers could not be sent.")
+    copy = chromium.evaluate(
+        "fetch(document.querySelector('a[download]').href).then((file) => file.text())"
+    )
+    kept = [json.loads(line)["n"] for line in copy.splitlines()]
+    assert kept == [*range(len(kept))]
+    assert set(dict.fromkeys(site.lines)) < set(copy.splitlines(keepends=True))
+
+
+@pytest.mark.slow
+def test_who_leaves_may_come_back_or_withdraw(chromium, site):
+    leaves = 'observer.leave = ["start", "quit"];'
+    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, leaves)
+    chromium.until("document.querySelector('main button.withdraw')")
+    assert chromium.text().startswith("You have left the study.")
+    assert said(site, "end")[-1]["reason"] == "quit"
+    assert site.ended is None
+    chromium.evaluate("document.querySelector('button.withdraw').click()")
+    chromium.until("document.title === 'aborted'")
+    assert site.results == []
+
+
+@pytest.mark.slow
+def test_screens_that_cannot_run_the_study_are_refused_before_anything_is_asked(
+    chromium, site, of, tmp_path
+):
+    def refused(*scripts: str, url: str = site.url, size: tuple[int, int] = (1920, 400)) -> str:
+        chromium.open(f"{url}?slot=1", CLOCK, OBSERVER, *scripts, size=size)
+        chromium.until("document.querySelector('main')?.innerText.length > 60")
+        return chromium.text()
+
+    exact = built(for_browsers(of.study), tmp_path)
+    with served(exact.out) as other:
+        text = refused("clock.hz = 75;", url=other.url)
+    assert text.startswith("This study runs at")
+    assert "(this screen has 75)" in text
+    assert "It must be at least" in refused(size=(640, 480))
+    insecure = refused(url=site.url.replace("localhost", "lab.test"))
+    assert insecure.startswith("This page must come over https")
+    chromium.open("about:blank", CLOCK, OBSERVER)
+    phone = {"width": 390, "height": 844, "deviceScaleFactor": 3, "mobile": True}
+    chromium.ask("devtools", method="Emulation.setDeviceMetricsOverride", params=phone)
+    touch = {"enabled": True, "maxTouchPoints": 5}
+    chromium.ask("devtools", method="Emulation.setTouchEmulationEnabled", params=touch)
+    chromium.ask("goto", url=f"{site.url}?slot=1")
+    chromium.until("document.querySelector('main')?.innerText.length > 60")
+    assert chromium.text().startswith("This study needs a computer")
+    assert site.lines == []
