@@ -82,7 +82,7 @@ export class LocalStore implements Store {
 
 /** Keeps a copy of every line, so that a participant can save them where sending fails. */
 export class CopyingStore implements Store {
-  private copy = "";
+  private readonly copy = new Set<string>();
 
   constructor(private readonly store: Store) {}
 
@@ -91,15 +91,18 @@ export class CopyingStore implements Store {
   }
 
   keep(history: History): Promise<void> {
+    this.copy.add(history.last); // before anything can fail
     return this.store.keep(history);
   }
 
   send(line: string): Promise<void> {
-    this.copy += line;
+    this.copy.add(line);
     return this.store.send(line);
   }
 
+  /** All lines so far; of JATOS, those since the page was opened. */
   lines(): string {
-    return this.store instanceof LocalStore ? this.store.lines() : this.copy;
+    const before = this.store instanceof LocalStore ? this.store.lines() : "";
+    return before + [...this.copy].filter((line) => !before.includes(line)).join("");
   }
 }
