@@ -124,6 +124,7 @@ class Site:
     jatos: bool = True
     results: list[str] = field(default_factory=list)
     """Of JATOS: a text for each component result."""
+    files: dict[str, str] = field(default_factory=dict)
     session: dict[str, Any] = field(default_factory=dict)
     batch: dict[str, Any] = field(default_factory=dict)
     version: int = 0
@@ -151,6 +152,8 @@ class Site:
         match what:
             case "append":
                 self.results[body["component"]] += body["data"]
+            case "file":
+                self.files[body["name"]] = body["data"]
             case "session":
                 self.session = body
             case "batch":
@@ -249,7 +252,9 @@ def served(folder: Path, *, jatos: bool = True) -> Iterator[Site]:
         server.server_close()
 
 
-def whole(browser: Browser, site: Site, *scripts: str, link: str = "?slot=3&simulated") -> None:
+def whole(
+    browser: Browser, site: Site, *scripts: str, page: str = "index.html?slot=3&simulated"
+) -> None:
     """Let the artificial observer run a study to its end on the virtual clock."""
-    browser.open(f"{site.url}index.html{link}", CLOCK, OBSERVER, *scripts)
+    browser.open(f"{site.url}{page}", CLOCK, OBSERVER, *scripts)
     browser.until("['ended', 'aborted'].includes(document.title)", 60)

@@ -94,6 +94,37 @@ def test_a_session_of_every_task_comes_home_from_firefox(firefox, case, tmp_path
     whole_session(firefox, case(name), tmp_path)
 
 
+FORMS = """
+const shown = (window.shown = []);
+observer.each = () => {
+  const form = document.querySelector("form.lab");
+  if (!form || form.done) return;
+  form.done = true;
+  for (const field of form.querySelectorAll("input")) field.value = "33";
+  shown.push(form.innerText.split("\\n")[0]);
+  form.requestSubmit();
+};
+"""
+
+
+@pytest.mark.slow
+def test_a_labs_own_pages_stand_around_a_session_in_jspsych(chromium, case, tmp_path):
+    of = case("yes-no")
+    with served(of.out) as site:
+        chromium.open(f"{site.url}lab.html?slot=3", CLOCK, OBSERVER, FORMS)
+        chromium.until("shown.length === 2 && document.querySelector('canvas')?.dataset.phase")
+        chromium.ask("kill", crash=False)
+        whole(chromium, site, FORMS, page="lab.html?slot=3")
+        # Whoever comes back is not asked again.
+        assert chromium.evaluate("shown.length") == 1
+        assert "Thank you." in chromium.text()
+    assert site.ended == {"done": True}
+    first, second = (site.files[f"{number}/jspsych.json"] for number in range(2))
+    assert '"age":"33"' in first
+    assert '"odd":"33"' in second
+    assert session_of(of, site, tmp_path).attempts
+
+
 def dies(site: Site, chance: random.Random) -> None:
     """Wait for a moment to die: any, or after the first or the second write of a line."""
     what = chance.choice(["session", "append", None])

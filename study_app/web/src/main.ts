@@ -27,6 +27,14 @@ export interface Options {
   readonly jatos?: Jatos;
   /** Parameters of the link. Left out: those of the page. */
   readonly link?: URLSearchParams;
+  /** What comes between the session's end and the thanks, after which a server takes nothing. */
+  readonly rest?: (ending: Ending) => Promise<void>;
+}
+
+/** Whether a participant who opens the page goes on with a session. */
+export async function begun(options: Options = {}): Promise<boolean> {
+  const [, study] = await studyOf(options);
+  return (await storeOf(options, study).load()) !== null;
 }
 
 /** Run a study to its end; how it ended. */
@@ -36,11 +44,8 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
   const [canvas, pages] = stageElements();
   let words = wordsOf(navigator.language);
   try {
-    const bytes = await fetched(`${base}study.json`);
-    const study = JSON.parse(new TextDecoder().decode(bytes)) as WebStudy;
-    const store = new CopyingStore(
-      options.jatos ? new JatosStore(options.jatos) : new LocalStore(study.study, localStorage),
-    );
+    const [bytes, study] = await studyOf(options);
+    const store = storeOf(options, study);
     const past = await store.load();
     const language = past?.begun.language ?? languageOf(study, link);
     words = wordsOf(language);
@@ -81,6 +86,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
       pages.append(copyLink(words.save, study.study, store.lines()));
       throw error;
     }
+    await options.rest?.(ending);
     await thank(study, language, words, pages, ending, store.lines(), options.jatos);
     return ending;
   } catch (error) {
@@ -91,6 +97,15 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     if (error instanceof FileError || error instanceof UnsentError) return "error";
     throw error;
   }
+}
+
+async function studyOf(options: Options): Promise<[ArrayBuffer, WebStudy]> {
+  const bytes = await fetched(`${options.base ?? ""}study.json`);
+  return [bytes, JSON.parse(new TextDecoder().decode(bytes)) as WebStudy];
+}
+
+function storeOf({ jatos }: Options, study: WebStudy): CopyingStore {
+  return new CopyingStore(jatos ? new JatosStore(jatos) : new LocalStore(study.study, localStorage));
 }
 
 function messageOf(error: unknown): string {

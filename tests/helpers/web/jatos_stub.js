@@ -26,6 +26,7 @@ window.jatos = (() => {
     setStudySessionData: async (data) => { await ask("session", data); jatos.studySessionData = data; },
     endStudy: async (done, message) => { await ask("end", { done, message }); document.title = "ended"; },
     endStudyAndRedirect: async (url, done) => { await ask("end", { done, url }); document.title = "ended"; },
+    uploadResultFile: async (data, name) => { await ask("file", { data, name: `${state.component}/${name}` }); },
     abortStudy: async (message) => { await ask("abort", { message }); document.title = "aborted"; },
     batchSession: {
       get: (name) => state.batch[name],

@@ -17,6 +17,7 @@ export interface Jatos {
   endStudy(successful: boolean): Promise<unknown>;
   endStudyAndRedirect(url: string, successful: boolean): Promise<unknown>;
   abortStudy(message?: string): Promise<unknown>;
+  uploadResultFile(data: string, name: string): Promise<unknown>;
 }
 
 /** What a server did not take, though it was asked again and again. */
