@@ -47,9 +47,7 @@ class Browser:
         assert "error" not in told, told["error"]
         return told["answer"]
 
-    def open(
-        self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400)
-    ) -> None:
+    def open(self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400)) -> None:
         """Open a page with storage of its own, whose scripts run before its own.
 
         Without a size it is the window as it is, whose ratio of pixels no browser makes up.

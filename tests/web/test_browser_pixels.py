@@ -128,20 +128,21 @@ def opened(
     return width, height, kind
 
 
-def differences(browser: Browser, of: BuiltWebStudy, lab: bytes, scale: int, flat: bool):
+def differences(browser: Browser, of: BuiltWebStudy, shown: list[Scene], lab: bytes, flat: bool):
     """Yield how many pixels of each scene differ, and by how many codes at most."""
     with served(of.out, jatos=False) as site:
-        width, height, kind = opened(browser, site, of, lab, scale, flat)
+        width, height, kind = opened(browser, site, of, lab, 1, flat)
         assert kind == ("2d" if flat else "webgl")
-        for number, scene in enumerate(scenes(of)):
-            wanted = on_canvas(scene.screen, width, height, scale).tobytes()
+        for number, scene in enumerate(shown):
+            wanted = on_canvas(scene.screen, width, height, 1).tobytes()
             site.faults[f"wanted-{number}"] = lambda _, wanted=wanted: (200, wanted)
             browser.evaluate(f"lab.paint({scene.told})")
             yield *browser.evaluate(f"lab.differs('wanted-{number}')"), scene.told
 
 
 def test_a_canvas_in_chromium_shows_what_is_painted(chromium, case, lab):
-    found = [*differences(chromium, case("which-half"), lab, 1, flat=False)]
+    of = case("which-half")
+    found = [*differences(chromium, of, [*scenes(of)], lab, flat=False)]
     assert [one for one in found if one[0]] == []
     assert len(found) > 15
 
@@ -149,8 +150,10 @@ def test_a_canvas_in_chromium_shows_what_is_painted(chromium, case, lab):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WEB_CASES)
 def test_canvases_show_what_is_painted(chromium, firefox, case, lab, name):
+    of = case(name)
+    shown = [*scenes(of)]
     for browser, flat in ((chromium, False), (chromium, True), (firefox, True)):
-        found = [*differences(browser, case(name), lab, 1, flat=flat)]
+        found = [*differences(browser, of, shown, lab, flat=flat)]
         # Firefox blends smooth edges on a flat canvas with less than eight bits.
         near = browser is firefox
         assert [one for one in found if one[0] > (8 if near else 0) or one[1] > near] == []

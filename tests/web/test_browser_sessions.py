@@ -63,6 +63,9 @@ def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
 def whole_session(browser: Browser, of: BuiltWebStudy, root) -> None:
     with served(of.out) as site:
         whole(browser, site, DISTURBED)
+        fetched = "performance.getEntriesByType('resource').map((file) => file.name)"
+        assert [name for name in browser.evaluate(fetched) if not name.startswith(site.url)] == []
+        assert browser.evaluate("document.cookie") == ""
     assert site.ended == {"done": True}
     assert browser.ask("errors") == []
     journal = session_of(of, site, root)
