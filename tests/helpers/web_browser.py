@@ -1,4 +1,4 @@
-"""Chromium and Firefox, driven from Python, and a server on loopback with what surrounds a study."""
+"""Chromium and Firefox, driven from Python, and a server on loopback around a study."""
 
 from __future__ import annotations
 
@@ -131,9 +131,9 @@ class Site:
     """Paths, in the order in which they were asked for."""
     faults: dict[str, Callable[[bytes], tuple[int, bytes]]] = field(default_factory=dict)
     """What is answered in place of a file: status and bytes."""
-    hang: Callable[[str], bool] = lambda what: False
+    hang: Callable[[str], bool] = lambda _: False
     """Which requests to JATOS are never answered, though they arrive."""
-    lost: Callable[[str], bool] = lambda what: False
+    lost: Callable[[str], bool] = lambda _: False
     """Which requests to JATOS never arrive."""
     refuses: bool = False
     """JATOS takes nothing."""

@@ -51,8 +51,8 @@ def test_a_wrong_file_is_named_never_shown_and_the_session_goes_on_once_it_is_me
     faults = {
         r"frame 0 of [\w-]+ is not the one that was hashed": lambda data: (200, changed(data)),
         r"packs/[\w-]+\.pack must have \d+ bytes \(has \d+\)": lambda data: (200, data[:-1]),
-        r"packs/[\w-]+\.pack did not come \(the server says 404\)": lambda data: (404, b""),
-        r"packs/[\w-]+\.pack did not come \(the server says 503\)": lambda data: (503, b""),
+        r"packs/[\w-]+\.pack did not come \(the server says 404\)": lambda _: (404, b""),
+        r"packs/[\w-]+\.pack did not come \(the server says 503\)": lambda _: (503, b""),
     }
     for number, (words, fault) in enumerate(faults.items()):
         site.faults = {f"packs/{name}": fault for name in packs}
@@ -91,8 +91,9 @@ def test_a_slow_line_is_told_and_noted(chromium, site, of, tmp_path):
 
     # Time jumps to the next timer: a quarter of a second is long enough.
     site.faults = {f"packs/{path.name}": slow for path in (of.out / "packs").iterdir()}
-    seen = "setInterval(() => { if (document.body?.innerText.includes('The line is slow')) slow = 1 }, 5)"
-    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, f"let slow = 0; {seen}")
+    told = "document.body?.innerText.includes('The line is slow')"
+    seen = f"let slow = 0; setInterval(() => {{ if ({told}) slow = 1; }}, 5)"
+    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, seen)
     chromium.until("document.title === 'ended'")
     assert chromium.evaluate("slow") == 1
     assert re.fullmatch(

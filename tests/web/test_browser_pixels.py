@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import io
 import json
 import subprocess
 from collections.abc import Iterator
@@ -10,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from web_browser import Browser, Site, running_browser, served
 from web_kernel import WEB, node_modules
 from web_study import WEB_CASES, BuiltWebStudy, cases_in
 
+from protocols.hashing import sha256_bytes
 from protocols.script import Frames, Picture, ScriptPhase
 from study_app.paint import Pixels, bitmaps_of, paint
 from study_app.web.export import WebBuild
@@ -157,6 +161,35 @@ def test_canvases_show_what_is_painted(chromium, firefox, case, lab, name):
         # Firefox blends smooth edges on a flat canvas with less than eight bits.
         near = browser is firefox
         assert [one for one in found if one[0] > (8 if near else 0) or one[1] > near] == []
+
+
+def with_gamma(of: BuiltWebStudy, name: str, site: Site) -> None:
+    """Give a stimulus a chunk that asks for other colours: its pixels are the same."""
+    chunk = PngInfo()
+    chunk.add(b"gAMA", (100_000).to_bytes(4, "big"))
+    file = io.BytesIO()
+    Image.fromarray(pixels_of(of, name)).save(file, "png", pnginfo=chunk)
+    data = file.getvalue()
+    assert b"gAMA" in data
+    pack = {"bytes": len(data), "ends": [len(data)], "sha256": [sha256_bytes(data)]}
+    site.faults[f"packs/{of.exported['stimuli'][name]['file']}"] = lambda _: (200, data)
+    changed = copy.deepcopy(of.exported)
+    changed["stimuli"][name].update(pack)
+    site.faults["study.json"] = lambda _: (200, json.dumps(changed).encode())
+
+
+@pytest.mark.slow
+def test_a_colour_chunk_changes_no_pixel(chromium, firefox, case, lab):
+    of = case("two-alternative")
+    scene = next(one for one in scenes(of) if '"frames"' in one.told)
+    for browser, flat in ((chromium, False), (chromium, True), (firefox, True)):
+        with served(of.out, jatos=False) as site:
+            with_gamma(of, held(of)[0][0], site)
+            width, height, _ = opened(browser, site, of, lab, 1, flat)
+            wanted = on_canvas(scene.screen, width, height, 1).tobytes()
+            site.faults["wanted"] = lambda _, wanted=wanted: (200, wanted)
+            browser.evaluate(f"lab.paint({scene.told})")
+            assert browser.evaluate("lab.differs('wanted')") == [0, 0]
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def whole_session(browser: Browser, of: BuiltWebStudy, root) -> None:
     assert site.ended == {"done": True}
     assert browser.ask("errors") == []
     journal = session_of(of, site, root)
-    said = {n: line for n, line in enumerate(map(json.loads, dict.fromkeys(site.lines)))}
+    said = dict(enumerate(map(json.loads, dict.fromkeys(site.lines))))
     attempts = [line for line in said.values() if line["kind"] == "attempt"]
     assert [(one.trial, one.outcome, one.answer) for one in journal.attempts] == [
         (line["trial"], line["outcome"], line["answer"]) for line in attempts
