@@ -22,6 +22,8 @@ from protocols.script import Frames, Picture, ScriptPhase
 from study_app.paint import Pixels, bitmaps_of, paint
 from study_app.web.export import WebBuild
 
+SMOOTH = {False: (0, 0), True: (8, 1)}
+"""Most pixels and codes that differ: on a flat canvas, Firefox blends smooth edges a little off."""
 RATIOS = (1, 1.1, 1.25, 1.5, 2)
 
 
@@ -158,9 +160,8 @@ def test_canvases_show_what_is_painted(chromium, firefox, case, lab, name):
     shown = [*scenes(of)]
     for browser, flat in ((chromium, False), (chromium, True), (firefox, True)):
         found = [*differences(browser, of, shown, lab, flat=flat)]
-        # Firefox blends smooth edges on a flat canvas with less than eight bits.
-        near = browser is firefox
-        assert [one for one in found if one[0] > (8 if near else 0) or one[1] > near] == []
+        most = SMOOTH[browser is firefox]
+        assert [one for one in found if one[0] > most[0] or one[1] > most[1]] == []
 
 
 def with_gamma(of: BuiltWebStudy, name: str, site: Site) -> None:
@@ -189,7 +190,10 @@ def test_a_colour_chunk_changes_no_pixel(chromium, firefox, case, lab):
             wanted = on_canvas(scene.screen, width, height, 1).tobytes()
             site.faults["wanted"] = lambda _, wanted=wanted: (200, wanted)
             browser.evaluate(f"lab.paint({scene.told})")
-            assert browser.evaluate("lab.differs('wanted')") == [0, 0]
+            pixels, codes = browser.evaluate("lab.differs('wanted')")
+            most = SMOOTH[browser is firefox]
+            assert pixels <= most[0]
+            assert codes <= most[1]
 
 
 @pytest.mark.slow
