@@ -20,7 +20,7 @@ def needed(name: str, found: object) -> None:
     """Skip where a tool of the web part is missing; fail where it must be there."""
     if found:
         return
-    why = f"{name} is not here: script/setup --web installs it"
+    why = f"{name} is not here: script/setup --tools installs it"
     if os.environ.get("REQUIRE_WEB") == "1":
         pytest.fail(why)
     pytest.skip(why)
