@@ -7,15 +7,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.answers import codes_of
-from analysis.contrasts import IN_CONDITION
-from analysis.glmm import CrossedFit, fit_crossed
-from analysis.pairings import as_numbers
+from analysis.models.contrasts import IN_CONDITION
+from analysis.models.glmm import CrossedFit, fit_crossed
+from analysis.models.pairings import as_numbers
+from analysis.models.response import LOGIT, Response
+from analysis.models.thresholds import fit_thresholds
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.sensitivity import with_shared_noise
-from analysis.plans.rates import RateSettings, prepared
-from analysis.plans.ratings import RatingSettings
-from analysis.response import LOGIT, Response
-from analysis.thresholds import fit_thresholds
+from analysis.plans.rates import RatePlan, prepared
+from analysis.plans.ratings import RatingPlan
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
@@ -88,7 +88,7 @@ def preference_deviations(decisions: pd.DataFrame) -> Found:
 
 def sensitivity_deviations(
     decisions: pd.DataFrame,
-    settings: RateSettings,
+    settings: RatePlan,
     share: Callable[[Floats], Floats] | None,
 ) -> Found:
     """Estimate how much d' differs between participants, and between scenes.
@@ -148,7 +148,7 @@ def sensitivity_deviations(
     return values, rough_guesses(people, scenes)
 
 
-def threshold_deviations(decisions: pd.DataFrame, settings: RateSettings, span: float) -> Found:
+def threshold_deviations(decisions: pd.DataFrame, settings: RatePlan, span: float) -> Found:
     """Estimate how much thresholds of adaptive levels differ, as shares of the levels' range.
 
     Raises
@@ -182,7 +182,7 @@ def threshold_deviations(decisions: pd.DataFrame, settings: RateSettings, span: 
     return values, rough_guesses(model.participants, 1)
 
 
-def rating_deviations(decisions: pd.DataFrame, settings: RatingSettings) -> Found:
+def rating_deviations(decisions: pd.DataFrame, settings: RatingPlan) -> Found:
     """Estimate how much participants, and scenes, differ on the latent axis of ratings.
 
     Raises

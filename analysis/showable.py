@@ -1,6 +1,6 @@
 """What so few participants, or scenes, can show at all."""
 
-from analysis.clustered import least_p
+from analysis.models.clustered import least_p
 from protocols.prose import count_of
 
 MOST_PEOPLE = 1000

@@ -12,7 +12,8 @@ from scipy import optimize
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.answers import Answers, codes_of, crossed_effects
-from analysis.pairings import as_numbers
+from analysis.models.pairings import as_numbers
+from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
 from analysis.pilot import (
     Found,
@@ -21,17 +22,16 @@ from analysis.pilot import (
     sensitivity_deviations,
     threshold_deviations,
 )
-from analysis.plans.preference import Settings
-from analysis.plans.rates import RateSettings, combined, prepared
-from analysis.plans.ratings import RatingSettings
+from analysis.plans.preference import PreferencePlan
+from analysis.plans.rates import RatePlan, combined, prepared
+from analysis.plans.ratings import RatingPlan
 from analysis.power import Assumption, Simulation, default_participants
-from analysis.psychometric import sigmoid
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 
 Floats = NDArray[np.float64]
-C = TypeVar("C", bound=RateSettings | RatingSettings)
+C = TypeVar("C", bound=RatePlan | RatingPlan)
 
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
@@ -63,7 +63,7 @@ def tabulated(share: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     return lambda found: np.interp(found, d_prime, values)
 
 
-class Choices(Simulation[Settings]):
+class Choices(Simulation[PreferencePlan]):
     """Choices between pairs: random effects of participants and scenes on the logit.
 
     They are drawn anew for every pairing. `size_correlation` is how alike the effects of one
@@ -74,7 +74,7 @@ class Choices(Simulation[Settings]):
     studies: ClassVar[int] = 10_000
     at_once: ClassVar[int] = 500
 
-    def __init__(self, plan: Settings, parts: Sequence[AnyPart]) -> None:
+    def __init__(self, plan: PreferencePlan, parts: Sequence[AnyPart]) -> None:
         if not plan.comparisons:
             raise ValueError("the study must declare comparisons (a protocol, not a plain table)")
         columns = ["method", "against", "size", "scene"]
@@ -149,7 +149,7 @@ class Choices(Simulation[Settings]):
             f" {assumed['size_correlation']:g} between sizes"
         )
 
-    def from_pilot(self, decisions: pd.DataFrame, _settings: Settings) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> Found:
         """Return the deviations of a pilot's participants and scenes."""
         return preference_deviations(decisions)
 
@@ -164,7 +164,7 @@ class _Conditions(Simulation[C]):
         if not cells:
             raise StudyError("task: must show at least one condition (there is no stimulus for it)")
         shown = [cell.arrangements[0] for cell in cells]
-        columns = plan.by_columns if isinstance(plan, RateSettings) else plan.compared
+        columns = plan.by_columns if isinstance(plan, RatePlan) else plan.compared
         frame = pd.DataFrame([one.condition for one in shown]).assign(
             scene=[cell.scene for cell in cells],
             expected=[one.correct or "" for one in shown],
@@ -215,7 +215,7 @@ class _Conditions(Simulation[C]):
         return [self.plan.label(name) for name in self.compared] if own else []
 
 
-class RightAnswers(_Conditions[RateSettings]):
+class RightAnswers(_Conditions[RatePlan]):
     """Right answers by d' of participants in conditions; yes-no where there is no `share`.
 
     `share`: from d' to the chance of a right answer.
@@ -224,7 +224,7 @@ class RightAnswers(_Conditions[RateSettings]):
     def __init__(
         self,
         study: StudyProtocol,
-        plan: RateSettings,
+        plan: RatePlan,
         parts: Sequence[AnyPart],
         share: Callable[[Floats], Floats] | None,
     ) -> None:
@@ -302,16 +302,16 @@ class RightAnswers(_Conditions[RateSettings]):
             rows["answer"] = np.where(event, expected, other)
         return prepared(rows.assign(correct=(rows["answer"] == expected).astype(int)), self.plan)
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RateSettings) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
         """Return how much d' of a pilot's participants and scenes differs."""
         _same_levels(self.plan, settings)
         return sensitivity_deviations(decisions, settings, self.share)
 
 
-class Tracks(_Conditions[RateSettings]):
+class Tracks(_Conditions[RatePlan]):
     """Thresholds of levels that are chosen from the answers, as shares of the levels' range."""
 
-    def __init__(self, study: StudyProtocol, plan: RateSettings, parts: Sequence[AnyPart]) -> None:
+    def __init__(self, study: StudyProtocol, plan: RatePlan, parts: Sequence[AnyPart]) -> None:
         super().__init__(study, plan, parts, plan.values[0])
         rule = study.task.adaptation
         if not isinstance(rule, AdaptiveLevels):
@@ -391,13 +391,13 @@ class Tracks(_Conditions[RateSettings]):
             " observers' psychometric functions are cumulative normal distributions"
         ]
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RateSettings) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
         """Return how much thresholds of a pilot's participants differ."""
         _same_levels(self.plan, settings)
         return threshold_deviations(decisions, settings, float(np.ptp(self._levels)))
 
 
-def _same_levels(own: RateSettings, pilots: RateSettings) -> None:
+def _same_levels(own: RatePlan, pilots: RatePlan) -> None:
     if own.adaptive != pilots.adaptive:
         raise StudyError(
             "--from: must hold levels chosen as the study chooses them"
@@ -405,15 +405,13 @@ def _same_levels(own: RateSettings, pilots: RateSettings) -> None:
         )
 
 
-class RatedSteps(_Conditions[RatingSettings]):
+class RatedSteps(_Conditions[RatingPlan]):
     """Ratings: places of conditions on a latent axis that thresholds cut.
 
     Where conditions are nowhere different, all steps of the scale are given equally often.
     """
 
-    def __init__(
-        self, study: StudyProtocol, plan: RatingSettings, parts: Sequence[AnyPart]
-    ) -> None:
+    def __init__(self, study: StudyProtocol, plan: RatingPlan, parts: Sequence[AnyPart]) -> None:
         super().__init__(study, plan, parts, plan.reference_in(()))
         unit = "SD of a rating" if plan.link == "probit" else "logits"
         more = "every other condition has more"
@@ -455,6 +453,6 @@ class RatedSteps(_Conditions[RatingSettings]):
             " mixed model, which takes seconds a study",
         ]
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RatingSettings) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, settings: RatingPlan) -> Found:
         """Return the deviations of the model of a pilot's ratings."""
         return rating_deviations(decisions, settings)

@@ -27,23 +27,23 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import expit
 
-from analysis.bootstrap import bootstrap_scale, bootstrap_scores
-from analysis.clustered import two_way
-from analysis.learning import trend
-from analysis.metacognition import (
+from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
+from analysis.models.clustered import two_way
+from analysis.models.learning import trend
+from analysis.models.metacognition import (
     fit_meta,
     fit_unequal,
     graded_area,
     mean_over_people,
     ratio_of_means,
 )
-from analysis.observers import check_observers
-from analysis.paired_model import paired_model
-from analysis.pairs import Model, pair_index, probability
+from analysis.models.observers import check_observers
+from analysis.models.paired_model import paired_model
+from analysis.models.pairs import Model, pair_index, probability
+from analysis.models.scaling import scale
 from analysis.parts.preferences import PreferencesPart
 from analysis.plans.preference import from_protocol
 from analysis.power import power
-from analysis.scaling import scale
 from analysis.simulations import Choices, mean_logit
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record

@@ -17,14 +17,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from analysis.cells import checked, grid
-from analysis.clustered import two_way
-from analysis.interaction import jod_interactions, share_interactions
-from analysis.models import models_beside
-from analysis.ordinal import paired_ratings, rating_model
-from analysis.psychometric import sigmoid
-from analysis.reaction_model import time_model
-from analysis.thresholds import fit_thresholds
+from analysis.models.cells import checked, grid
+from analysis.models.clustered import two_way
+from analysis.models.interaction import jod_interactions, share_interactions
+from analysis.models.logistic import models_beside
+from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.models.psychometric import sigmoid
+from analysis.models.reaction_model import time_model
+from analysis.models.thresholds import fit_thresholds
 from benchmarks.output import file_to_write, write_record
 from protocols.revision import code_revision
 

@@ -8,9 +8,9 @@ from typing import ClassVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.bayesian import PRIORS, BayesianPreference, bayesian_preference
+from analysis.models.bayesian import PRIORS, BayesianPreference, bayesian_preference
 from analysis.parts import PartFigure, Shown, SimplePart, tried
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots.style import (
     BLUE,
     GREY,
@@ -35,17 +35,17 @@ class Posteriors:
     notes: tuple[str, ...]
 
 
-class BayesPart(SimplePart[Settings, Posteriors]):
+class BayesPart(SimplePart[PreferencePlan, Posteriors]):
     """Posteriors of every pairing, all sizes together."""
 
     name: ClassVar[str] = "bayes"
     section: ClassVar[tuple[str, str]] = ("bayes", "Posteriors")
 
-    def wanted(self, _table: pd.DataFrame, plan: Settings) -> bool:
+    def wanted(self, _table: pd.DataFrame, plan: PreferencePlan) -> bool:
         """Return whether the plan asks for them: sampling takes seconds a pair."""
         return plan.bayes
 
-    def of(self, table: pd.DataFrame, plan: Settings) -> Posteriors:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Posteriors:
         """Sample each pairing."""
         notes: list[str] = []
         found = [
@@ -62,7 +62,7 @@ class BayesPart(SimplePart[Settings, Posteriors]):
             raise ValueError("; ".join(notes))
         return Posteriors(tuple(one for one in found if one is not None), tuple(notes))
 
-    def show(self, found: Posteriors, plan: Settings) -> Shown:
+    def show(self, found: Posteriors, plan: PreferencePlan) -> Shown:
         """Return shares with credible limits under each prior, and the verdicts."""
         every, name = found.comparisons, partial(_over, label=plan.label)
         limits = f"{100 * plan.confidence:g} % credible limits"

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import pandas as pd
 
-from analysis.bias import Bias, order_bias, side_bias
+from analysis.models.bias import Bias, order_bias, side_bias
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, limits
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots import bias_bars
 from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.values import flat_table
@@ -25,17 +25,17 @@ class Biases:
     notes: tuple[str, ...] = ()
 
 
-class BiasPart(SimplePart[Settings, Biases]):
+class BiasPart(SimplePart[PreferencePlan, Biases]):
     """How often the first interval and the left key were picked, whatever they showed."""
 
     name: ClassVar[str] = "bias"
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
-    def of(self, table: pd.DataFrame, plan: Settings) -> Biases:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Biases:
         """Return both."""
         return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
 
-    def show(self, found: Biases, plan: Settings) -> Shown:
+    def show(self, found: Biases, plan: PreferencePlan) -> Shown:
         """Return the figure, a table, and each as a sentence."""
         biases = [one for one in (found.order, found.side) if one is not None]
         caption = (

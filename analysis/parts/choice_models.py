@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models import Coefficient, ModelFit, glmm_logit
-from analysis.paired_model import PairedModel, paired_model
-from analysis.pairings import Comparisons
+from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
+from analysis.models.paired_model import PairedModel, paired_model
+from analysis.models.pairings import Comparisons
+from analysis.models.preference import Preference
 from analysis.parts import Part, Shown, tried
 from analysis.parts.preferences import Preferences
 from analysis.parts.shared import rows_of, sd_text
-from analysis.plans.preference import Settings
-from analysis.preference import Preference
+from analysis.plans.preference import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.blocks import Block, Cautions, Paragraph, Table
 from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text, t_text
@@ -53,7 +53,7 @@ class ChoiceModels:
     notes: tuple[str, ...]
 
 
-class ChoiceModelsPart(Part[Settings, ChoiceModels]):
+class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
     """Preferences with participants and scenes as random effects."""
 
     name: ClassVar[str] = "choice_models"
@@ -61,7 +61,11 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
     needs: ClassVar[tuple[str, ...]] = ("preferences",)
 
     def compute(
-        self, table: pd.DataFrame, plan: Settings, found: Mapping[str, Any], _chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: PreferencePlan,
+        found: Mapping[str, Any],
+        _chance: Generator,
     ) -> ChoiceModels:
         """Fit each comparison, and all pairings of each size."""
         preferences: Preferences = found["preferences"]
@@ -84,7 +88,7 @@ class ChoiceModelsPart(Part[Settings, ChoiceModels]):
         )
         return ChoiceModels(pairs, tuple(together), tuple(notes))
 
-    def show(self, found: ChoiceModels, plan: Settings) -> Shown:
+    def show(self, found: ChoiceModels, plan: PreferencePlan) -> Shown:
         """Return a table of each kind of model, and what each says."""
         mixed = any(
             one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
@@ -141,11 +145,11 @@ def _mixed(decisions: Comparisons, cell: Preference) -> ModelFit:
     )
 
 
-def _over(method: str, against: str, size: str, plan: Settings) -> str:
+def _over(method: str, against: str, size: str, plan: PreferencePlan) -> str:
     return f"{plan.label(method)} over {plan.label(against)}{plan.at(size, ' ({})')}"
 
 
-def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
+def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
     for one in found.pairs:
         fit, row = one.fit, one.fit["Intercept"]
         about = _over(one.method, one.against, one.size, plan)
@@ -174,7 +178,7 @@ def _sentences(found: ChoiceModels, plan: Settings) -> Iterator[str]:
             )
 
 
-def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
+def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
     def name(one: PairModel) -> str:
         return plan.named(one.method, one.against, one.size)
 
@@ -212,7 +216,7 @@ def _blocks(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
     )
 
 
-def _together(found: ChoiceModels, plan: Settings) -> Iterator[Block]:
+def _together(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
     yield Table.each(
         "One mixed model of all pairings: each participant and scene has own tastes of the methods",
         rows_of((one, one.model.contrasts) for one in found.together),

@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.contrasts import Difference
+from analysis.models.contrasts import Difference
+from analysis.models.rates import Rate
 from analysis.parts import Part, Shown
 from analysis.parts.shared import apa_difference
-from analysis.plans.rates import RateSettings
-from analysis.rates import Rate
+from analysis.plans.rates import RatePlan
 from analysis.report.blocks import Box
 from analysis.report.wording import (
     leading,
@@ -43,7 +43,7 @@ class Planned:
     notes: tuple[str, ...]
 
 
-class ComparisonsPart(Part[RateSettings, Planned]):
+class ComparisonsPart(Part[RatePlan, Planned]):
     """The planned comparisons, which other parts computed; of one condition its right answers."""
 
     name: ClassVar[str] = "comparisons"
@@ -53,7 +53,7 @@ class ComparisonsPart(Part[RateSettings, Planned]):
     def compute(
         self,
         table: pd.DataFrame,
-        plan: RateSettings,
+        plan: RatePlan,
         found: Mapping[str, Any],
         _chance: np.random.Generator,
     ) -> Planned:
@@ -78,7 +78,7 @@ class ComparisonsPart(Part[RateSettings, Planned]):
             return min(one.p_adjusted for one in found.differences)
         return found.instead[0].p if len(found.instead) == 1 else None
 
-    def show(self, found: Planned, plan: RateSettings) -> Shown:
+    def show(self, found: Planned, plan: RatePlan) -> Shown:
         """Return the comparisons in short."""
         planned, label = found.differences, plan.label
         lines = [f"{_said(one, plan)}." for one in planned] or [
@@ -105,7 +105,7 @@ class ComparisonsPart(Part[RateSettings, Planned]):
         )
 
 
-def _said(one: Difference, plan: RateSettings) -> str:
+def _said(one: Difference, plan: RatePlan) -> str:
     """Return a comparison with the baseline in short; adjusted p decides if it is asked for."""
     p = one.p_adjusted if plan.correction == "holm" else one.p
     between = f"{plan.label(one.first)} against {plan.label(one.second)}"

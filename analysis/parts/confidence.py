@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.cells import grid
 from analysis.columns import frame_of
-from analysis.detection import Measure
-from analysis.metacognition import (
+from analysis.models.cells import grid
+from analysis.models.detection import Measure
+from analysis.models.metacognition import (
     MOST_STEPS,
     Reliability,
     halves_agree,
@@ -25,11 +25,11 @@ from analysis.metacognition import (
     rank_area,
     roc_points,
 )
+from analysis.models.rates import Rate, rate
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import condition, limits
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.confidence import calibration_plot, pairs_plot, roc_plot
-from analysis.rates import Rate, rate
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -210,17 +210,17 @@ class Confidence:
     notes: tuple[str, ...]
 
 
-class ConfidencePart(SimplePart[RateSettings, Confidence]):
+class ConfidencePart(SimplePart[RatePlan, Confidence]):
     """Confidence of right and wrong answers, type-2 ROC area, calibration, reliability."""
 
     name: ClassVar[str] = "confidence"
     section: ClassVar[tuple[str, str]] = SECTION
 
-    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether there is a column of confidence, which is no condition."""
         return CONFIDENCE in table and CONFIDENCE not in plan.by_columns
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Confidence:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Confidence:
         """Take each person's values in each condition, and their means."""
         rows, steps, notes = with_steps(table)
         places, names = grid(rows), shown_in(rows, plan)
@@ -260,7 +260,7 @@ class ConfidencePart(SimplePart[RateSettings, Confidence]):
             tuple(notes),
         )
 
-    def show(self, found: Confidence, plan: RateSettings) -> Shown:
+    def show(self, found: Confidence, plan: RatePlan) -> Shown:
         """Return tables and figures of both kinds of answers, and what the steps are worth."""
         label, cells = plan.label, found.conditions
         steps = f"steps {', '.join(map('{:g}'.format, found.steps))}"
@@ -464,7 +464,7 @@ def reliability_of(
     return halves_agree(name, pairs, plan.confidence)
 
 
-def _sentences(found: Confidence, plan: RateSettings) -> Iterator[str]:
+def _sentences(found: Confidence, plan: RatePlan) -> Iterator[str]:
     for one in found.conditions:
         name = plan.label(one.condition)
         if one.difference is None or one.right is None or one.wrong is None or one.area is None:

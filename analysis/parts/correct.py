@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
+from analysis.models.rates import Rate, correct_rates
 from analysis.parts import PartFigure, Plan, Shown, SimplePart
 from analysis.parts.shared import P, condition, in_order, limits
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
-from analysis.rates import Rate, correct_rates
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -46,14 +46,14 @@ class Rates:
     notes: tuple[str, ...]
 
 
-class RatesPart(SimplePart[RateSettings, Rates]):
+class RatesPart(SimplePart[RatePlan, Rates]):
     """Shares of right answers."""
 
     name: ClassVar[str] = "rates"
     section: ClassVar[tuple[str, str]] = ("correct", "Right answers")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Rates:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Rates:
         """Count right answers, and each answer where each was right."""
         rates = correct_rates(table, plan.compared, chance=plan.chance, level=plan.confidence)
         notes = odd_answers(table, plan)
@@ -70,7 +70,7 @@ class RatesPart(SimplePart[RateSettings, Rates]):
         ordered = in_order(rates, plan, lambda one: one.condition)
         return Rates(ordered, answers, tuple(confusion), tuple(notes))
 
-    def show(self, found: Rates, plan: RateSettings) -> Shown:
+    def show(self, found: Rates, plan: RatePlan) -> Shown:
         """Return shares against chance, and the table of confusions of more than two answers."""
         rates, label = found.conditions, plan.label
         names = [label(one.condition) for one in rates]
@@ -159,7 +159,7 @@ def apa_rate(rate: Rate, *, name: str = "") -> str:
     )
 
 
-def odd_answers(rows: pd.DataFrame, plan: RateSettings) -> list[str]:
+def odd_answers(rows: pd.DataFrame, plan: RatePlan) -> list[str]:
     """Return notes on answers that are below guessing, or get worse where they should not."""
     notes = [] if plan.adaptive else list(below_guessing(rows, plan.chance))
     if plan.level is not None and wrong_way(rows, plan.level, falling=plan.falling):
@@ -175,7 +175,7 @@ def odd_answers(rows: pd.DataFrame, plan: RateSettings) -> list[str]:
     return notes
 
 
-def answers_in(rows: pd.DataFrame, plan: RateSettings) -> tuple[str, ...]:
+def answers_in(rows: pd.DataFrame, plan: RatePlan) -> tuple[str, ...]:
     """Return the answers of a table of confusions; none where it does not say them."""
     if "expected" not in rows or "answer" not in rows or (rows["answer"] == "").any():
         return ()

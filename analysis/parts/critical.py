@@ -8,12 +8,12 @@ from typing import ClassVar
 import pandas as pd
 
 from analysis.columns import frame_of
-from analysis.contrasts import Difference
-from analysis.critical_scaling import CriticalScaling, critical_scalings
+from analysis.models.contrasts import Difference
+from analysis.models.critical_scaling import CriticalScaling, critical_scalings
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.parts.shared import difference_tables, in_order
-from analysis.plans.rates import RateSettings
+from analysis.plans.rates import RatePlan
 from analysis.plots import scaling_plot
 from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
 from analysis.report.values import flat_table
@@ -40,17 +40,17 @@ class Critical:
     notes: tuple[str, ...] = ()
 
 
-class CriticalPart(SimplePart[RateSettings, Critical]):
+class CriticalPart(SimplePart[RatePlan, Critical]):
     """The largest scaling that cannot be told apart, of ABX and which-half."""
 
     name: ClassVar[str] = "critical"
     section: ClassVar[tuple[str, str]] = SECTION
 
-    def wanted(self, _table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether there is a level along which answers get better."""
         return plan.level is not None and not plan.falling
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Critical:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Critical:
         """Fit every condition."""
         column = str(plan.level)
         if (pd.to_numeric(table[column]) <= 0).any():
@@ -61,7 +61,7 @@ class CriticalPart(SimplePart[RateSettings, Critical]):
         ordered = in_order(fits, plan, lambda one: one.condition)
         return Critical(ordered, compared, counts_in(table, plan))
 
-    def show(self, found: Critical, plan: RateSettings) -> Shown:
+    def show(self, found: Critical, plan: RatePlan) -> Shown:
         """Return critical scalings and gains, differences, and each participant's own."""
         fits, label = found.fits, plan.label
         placed = [one for one in fits if one.critical_identified]

@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.columns import frame_of
-from analysis.detection import Measure
-from analysis.metacognition import (
+from analysis.models.detection import Measure
+from analysis.models.metacognition import (
     FEWEST_TRIALS,
     FEWEST_WRONG,
     MetaFit,
@@ -45,7 +45,7 @@ from analysis.parts.confidence import (
 from analysis.parts.correct import answers_in
 from analysis.parts.sensitivity import with_shared_noise
 from analysis.parts.shared import condition
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.confidence import metacognition_plot, roc_plot
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
@@ -144,7 +144,7 @@ R = TypeVar("R", Metacognition, Graded)
 Fits = Mapping[tuple[str, str], F]
 
 
-def _counts(rows: pd.DataFrame, plan: RateSettings, steps: int) -> Counts:
+def _counts(rows: pd.DataFrame, plan: RatePlan, steps: int) -> Counts:
     """Return the graded answers of each condition and person."""
     answers = answers_in(rows, plan)
     if len(answers) != 2:
@@ -177,7 +177,7 @@ def _fits(
 
 
 def _fitted(
-    rows: pd.DataFrame, plan: RateSettings, steps: int, fit: Callable[[Floats], F]
+    rows: pd.DataFrame, plan: RatePlan, steps: int, fit: Callable[[Floats], F]
 ) -> tuple[Counts, Fits[F], dict[str, tuple[str, ...]]]:
     """Return counts, fits, and what to say of each condition that has fits.
 
@@ -215,10 +215,10 @@ def _left_out(reasons: Sequence[str]) -> Iterator[str]:
         yield f"{count_of(reasons.count(why), 'participant')} left out: {why}"
 
 
-class _GradedAnswers(SimplePart[RateSettings, R]):
+class _GradedAnswers(SimplePart[RatePlan, R]):
     section: ClassVar[tuple[str, str]] = SECTION
 
-    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether people said how sure they were; `ConfidencePart` says why not."""
         return (
             ConfidencePart().wanted(table, plan)
@@ -231,7 +231,7 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
 
     name: ClassVar[str] = "metacognition"
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Metacognition:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Metacognition:
         """Fit each person in each condition, and both halves of their trials."""
         if plan.kind not in ("detection", "identification") or plan.alternatives != 2:
             raise ValueError(
@@ -274,7 +274,7 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
             tuple(notes),
         )
 
-    def show(self, found: Metacognition, plan: RateSettings) -> Shown:
+    def show(self, found: Metacognition, plan: RatePlan) -> Shown:
         """Return means, each person, and the figure of both d'."""
         cells, label = found.conditions, plan.label
         return Shown(
@@ -396,7 +396,7 @@ def _meta(
     return ConditionMeta(name, d, m, gap, ratio, tuple(notes))
 
 
-def _apa_meta(one: ConditionMeta, plan: RateSettings) -> str:
+def _apa_meta(one: ConditionMeta, plan: RatePlan) -> str:
     ratio, of = f"M-ratio {number(one.m_ratio.value)}", one.m_ratio
     if not math.isnan(of.lower):
         ratio += f", {level_text(of.level)} {number_range(of.lower, of.upper)}"
@@ -412,7 +412,7 @@ class GradedPart(_GradedAnswers[Graded]):
 
     name: ClassVar[str] = "graded"
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Graded:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Graded:
         """Fit each person in each condition, and all together for the figure."""
         rows, steps, _ = with_steps(table)
         rows = with_shared_noise(rows, plan.answers[0])
@@ -425,7 +425,7 @@ class GradedPart(_GradedAnswers[Graded]):
             tuple(_graded(name, counts, people, said[name], plan) for name in said), people, ()
         )
 
-    def show(self, found: Graded, plan: RateSettings) -> Shown:
+    def show(self, found: Graded, plan: RatePlan) -> Shown:
         """Return d_a, slopes and the ROC."""
         cells, label = found.conditions, plan.label
         drawn = {one.condition: one.points for one in cells if one.points}

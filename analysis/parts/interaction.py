@@ -10,18 +10,18 @@ import pandas as pd
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from analysis.cells import Grid, checked, grid
-from analysis.clustered import FEW_SCENES, holm
-from analysis.contrasts import Difference
-from analysis.interaction import jod_interactions, share_interactions
-from analysis.pairings import pairing_rows
+from analysis.models.cells import Grid, checked, grid
+from analysis.models.clustered import FEW_SCENES, holm
+from analysis.models.contrasts import Difference
+from analysis.models.interaction import jod_interactions, share_interactions
+from analysis.models.pairings import pairing_rows
+from analysis.models.rates import Rate, rate
 from analysis.parts import Part, PartFigure, Shown
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
-from analysis.plans.preference import Settings
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.preference import PreferencePlan
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.interaction import interaction_plot
-from analysis.rates import Rate, rate
 from analysis.report.blocks import Box, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -37,7 +37,7 @@ from protocols.prose import count_of
 from protocols.tasks.rates import name_of
 
 Pair = tuple[str, str]
-P = TypeVar("P", Settings, RateSettings)
+P = TypeVar("P", PreferencePlan, RatePlan)
 
 
 @dataclass(frozen=True)
@@ -165,11 +165,15 @@ class InteractionPart(Part[P, Interactions]):
         )
 
 
-class PreferenceInteraction(InteractionPart[Settings]):
+class PreferenceInteraction(InteractionPart[PreferencePlan]):
     """Preferences between sizes, in shares and in JOD."""
 
     def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: PreferencePlan,
+        _found: Mapping[str, Any],
+        chance: Generator,
     ) -> Interactions:
         """Compare each pairing between sizes."""
         rows, places = _on_grid(table, plan)
@@ -217,15 +221,15 @@ class PreferenceInteraction(InteractionPart[Settings]):
         )
 
 
-class RateInteraction(InteractionPart[RateSettings]):
+class RateInteraction(InteractionPart[RatePlan]):
     """Differences of right answers to the baseline between values; of one condition the answers."""
 
-    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether there is a factor, and levels were not chosen from the answers."""
         return not plan.adaptive and super().wanted(table, plan)
 
     def compute(
-        self, table: pd.DataFrame, plan: RateSettings, _found: Mapping[str, Any], _chance: Generator
+        self, table: pd.DataFrame, plan: RatePlan, _found: Mapping[str, Any], _chance: Generator
     ) -> Interactions:
         """Compare each condition's difference to the first between the factor's values."""
         rows, places = _on_grid(table, plan)
@@ -261,18 +265,18 @@ class RateInteraction(InteractionPart[RateSettings]):
         )
 
 
-def _on_grid(table: pd.DataFrame, plan: Settings | RateSettings) -> tuple[pd.DataFrame, Grid]:
+def _on_grid(table: pd.DataFrame, plan: PreferencePlan | RatePlan) -> tuple[pd.DataFrame, Grid]:
     """Return numbered rows and their grid; of one scene where the test respects people alone."""
     claimed = plan.test == "participant-scene"
     rows = checked(table if claimed else table.drop(columns="scene", errors="ignore"), ())
     return rows, grid(rows)
 
 
-def _values(table: pd.DataFrame, plan: Settings | RateSettings) -> list[str]:
+def _values(table: pd.DataFrame, plan: PreferencePlan | RatePlan) -> list[str]:
     """Return the values of the factor, sizes as the study declares them."""
     held = table[plan.interaction].drop_duplicates().sort_values()
     found = list(dict.fromkeys(map(name_of, held)))
-    if isinstance(plan, Settings):
+    if isinstance(plan, PreferencePlan):
         return [size for size in plan.sizes if size in found]
     return found
 
@@ -317,15 +321,15 @@ def _notes(sides: Sequence[Side]) -> list[str]:
     return [f"only {count_of(fewest, 'scene')} at some value: how scenes differ is poorly known"]
 
 
-def _between(one: Side | Interaction, plan: Settings | RateSettings) -> str:
+def _between(one: Side | Interaction, plan: PreferencePlan | RatePlan) -> str:
     return " / ".join(plan.label(name) for name in (one.first, one.second) if name)
 
 
-def _values_of(one: Interaction, plan: Settings | RateSettings) -> str:
+def _values_of(one: Interaction, plan: PreferencePlan | RatePlan) -> str:
     return f"{plan.label(one.gap.first)} - {plan.label(one.gap.second)}"
 
 
-def _apa(one: Interaction, plan: Settings | RateSettings) -> str:
+def _apa(one: Interaction, plan: PreferencePlan | RatePlan) -> str:
     said, gap = apa_difference(one.gap, plan.label), one.gap
     if gap.measure == "JOD":  # judged by a bootstrap, not by t
         said = said.replace(f" {t_text(gap.t, gap.df)},", "")

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.joint_scale import JointTest, JointTests, joint_tests
-from analysis.pairings import as_numbers
+from analysis.models.joint_scale import JointTest, JointTests, joint_tests
+from analysis.models.pairings import as_numbers
 from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import NONE, grouped, number, p_number, p_text
 
@@ -33,18 +33,22 @@ class JointScales:
     notes: tuple[str, ...]
 
 
-class JointScalePart(Part[Settings, JointScales]):
+class JointScalePart(Part[PreferencePlan, JointScales]):
     """Tests of all scores at once by the two-way bootstrap."""
 
     name: ClassVar[str] = "joint_scale"
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
-    def wanted(self, table: pd.DataFrame, plan: Settings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
         """Return whether three methods or more, and several people, are there."""
         return len(plan.methods) > 2 and table["participant"].nunique() > 1
 
     def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: PreferencePlan,
+        _found: Mapping[str, Any],
+        chance: Generator,
     ) -> JointScales:
         """Test the methods of each size."""
         decisions, notes = as_numbers(table), list[str]()
@@ -57,7 +61,7 @@ class JointScalePart(Part[Settings, JointScales]):
         found = (tried(partial(of, size), f"joint tests at {size}", notes) for size in plan.sizes)
         return JointScales(tuple(one for one in found if one is not None), tuple(notes))
 
-    def show(self, found: JointScales, plan: Settings) -> Shown:
+    def show(self, found: JointScales, plan: PreferencePlan) -> Shown:
         """Return a row for each test."""
         every = [
             (plan.at(one.size, whole="all sizes"), what, test)
@@ -98,7 +102,7 @@ def _f(test: JointTest | None) -> str:
     return NONE if test is None else f"F({test.df}, {test.rest_df}) = {number(test.f)}"
 
 
-def _sentences(found: JointScales, plan: Settings) -> Iterator[str]:
+def _sentences(found: JointScales, plan: PreferencePlan) -> Iterator[str]:
     for one in found.sizes:
         about = plan.at(one.size, " ({})")
         for test, what in (

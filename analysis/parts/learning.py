@@ -10,14 +10,14 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 
-from analysis.learning import Course, Trend, course, trend
-from analysis.pairings import Comparisons
+from analysis.models.learning import Course, Trend, course, trend
+from analysis.models.pairings import Comparisons
 from analysis.parts import Part, PartFigure, Plan, Shown
 from analysis.parts.ratings import Ratings, category
 from analysis.parts.shared import TESTED, limits
-from analysis.plans.preference import Settings
-from analysis.plans.rates import RateSettings
-from analysis.plans.ratings import RatingSettings
+from analysis.plans.preference import PreferencePlan
+from analysis.plans.rates import RatePlan
+from analysis.plans.ratings import RatingPlan
 from analysis.plots import learning_plot
 from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.values import flat_table
@@ -158,31 +158,31 @@ def apa_trend(found: Trend) -> str:
     )
 
 
-class RightLearning(LearningPart[RateSettings]):
+class RightLearning(LearningPart[RatePlan]):
     """Right answers; where levels adapt, these decide about them, and times alone can change."""
 
     axis: ClassVar[str] = "Share of right answers"
 
     def outcomes(
-        self, table: pd.DataFrame, plan: RateSettings, _found: Mapping[str, Any]
+        self, table: pd.DataFrame, plan: RatePlan, _found: Mapping[str, Any]
     ) -> Iterator[Outcome]:
         """Yield right answers, unless levels adapt."""
         if not plan.adaptive:
             yield Outcome("right answers", table.assign(outcome=table["correct"].astype(float)))
 
-    def cells(self, plan: RateSettings) -> tuple[str, ...]:
+    def cells(self, plan: RatePlan) -> tuple[str, ...]:
         """Return condition and level."""
         return plan.compared if plan.level is None else (*plan.compared, plan.level)
 
 
-class ChoiceLearning(LearningPart[Settings]):
+class ChoiceLearning(LearningPart[PreferencePlan]):
     """Choices of each pairing, the primary comparison's first."""
 
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
     axis: ClassVar[str] = "Share of choices"
 
     def outcomes(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any]
+        self, table: pd.DataFrame, plan: PreferencePlan, _found: Mapping[str, Any]
     ) -> Iterator[Outcome]:
         """Yield choices of the first of each pairing."""
         grouped = Comparisons(table)
@@ -193,12 +193,12 @@ class ChoiceLearning(LearningPart[Settings]):
                 name = f"choosing {plan.label(method)} over {plan.label(against)}"
                 yield Outcome(name, rows.assign(outcome=chosen))
 
-    def cells(self, _plan: Settings) -> tuple[str, ...]:
+    def cells(self, _plan: PreferencePlan) -> tuple[str, ...]:
         """Return the size."""
         return ("size",)
 
 
-class StepLearning(LearningPart[RatingSettings]):
+class StepLearning(LearningPart[RatingPlan]):
     """Ratings, in steps of their scale."""
 
     needs: ClassVar[tuple[str, ...]] = ("ratings",)
@@ -206,13 +206,13 @@ class StepLearning(LearningPart[RatingSettings]):
     bounds: ClassVar[None] = None
 
     def outcomes(
-        self, table: pd.DataFrame, _plan: RatingSettings, found: Mapping[str, Any]
+        self, table: pd.DataFrame, _plan: RatingPlan, found: Mapping[str, Any]
     ) -> Iterator[Outcome]:
         """Yield the step that was rated."""
         ratings: Ratings = found["ratings"]
         steps = table["rating"].map(category).map(ratings.model.steps).astype(float)
         yield Outcome("rating, in steps of the scale", table.assign(outcome=steps))
 
-    def cells(self, plan: RatingSettings) -> tuple[str, ...]:
+    def cells(self, plan: RatingPlan) -> tuple[str, ...]:
         """Return the condition, or both of a pair."""
         return plan.columns

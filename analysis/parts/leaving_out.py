@@ -10,10 +10,10 @@ import pandas as pd
 from numpy.random import Generator
 from scipy import stats
 
-from analysis.clustered import ClusteredShare, two_way
-from analysis.pairings import Comparisons, counts
+from analysis.models.clustered import ClusteredShare, two_way
+from analysis.models.pairings import Comparisons, counts
 from analysis.parts import Part, PartFigure, Shown
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots.interaction import interaction_plot
 from analysis.report.blocks import Heading, Paragraph, Picture
 from analysis.report.wording import leading, level_text, number, number_range, p_number, share
@@ -73,18 +73,22 @@ class LeavingOut:
         return [one for one in self.without if (one.p < alpha) != (self.p < alpha)]
 
 
-class LeavingOutPart(Part[Settings, LeavingOut]):
+class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
     """The primary comparison without each participant and each scene in turn."""
 
     name: ClassVar[str] = "leaving_out"
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
 
-    def wanted(self, table: pd.DataFrame, plan: Settings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
         """Return whether there is a primary comparison, and several people made it."""
         return plan.primary is not None and plan.test != "pooled" and _people(table, plan) > 2
 
     def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], _chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: PreferencePlan,
+        _found: Mapping[str, Any],
+        _chance: Generator,
     ) -> LeavingOut:
         """Judge it again without each, by the study's own test."""
         assert plan.primary is not None
@@ -120,7 +124,7 @@ class LeavingOutPart(Part[Settings, LeavingOut]):
             planned,
         )
 
-    def show(self, found: LeavingOut, plan: Settings) -> Shown:
+    def show(self, found: LeavingOut, plan: PreferencePlan) -> Shown:
         """Return in short what it depends on, and a figure of shares without each."""
         said = tuple(_sentences(found, plan))
         middle = float(np.median([one.share for one in found.without] or [0.5]))
@@ -170,12 +174,12 @@ class LeavingOutPart(Part[Settings, LeavingOut]):
         )
 
 
-def _people(table: pd.DataFrame, plan: Settings) -> int:
+def _people(table: pd.DataFrame, plan: PreferencePlan) -> int:
     assert plan.primary is not None
     return int(Comparisons(table).rows(*plan.primary)["participant"].astype(str).nunique())
 
 
-def _power(estimate: ClusteredShare, plan: Settings, times: float) -> float:
+def _power(estimate: ClusteredShare, plan: PreferencePlan, times: float) -> float:
     """Return the power for the smallest effect, with so many times as many participants."""
     error = float(estimate.standard_error) / np.sqrt(times)
     # Trials of people who agree by luck tell no more than independent ones.
@@ -185,7 +189,7 @@ def _power(estimate: ClusteredShare, plan: Settings, times: float) -> float:
     return float(stats.nct.sf(reach, df, away) + stats.nct.cdf(-reach, df, away))
 
 
-def _sentences(found: LeavingOut, plan: Settings) -> Iterator[str]:
+def _sentences(found: LeavingOut, plan: PreferencePlan) -> Iterator[str]:
     ends = found.jod_lower, found.jod_upper
     yield (
         f"In JOD the primary comparison is {number(found.jod, within=ends)},"

@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.answers import Answers
-from analysis.cells import conditions
-from analysis.clustered import holm
 from analysis.columns import frame_of
-from analysis.contrasts import Difference
+from analysis.models.cells import conditions
+from analysis.models.clustered import holm
+from analysis.models.contrasts import Difference
+from analysis.models.psychometric import Psychometric, fit_psychometric
+from analysis.models.psychometric_posterior import (
+    PsychometricPosterior,
+    ThresholdDifference,
+    compare_thresholds,
+    psychometric_posterior,
+)
+from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
@@ -25,16 +33,9 @@ from analysis.parts.shared import (
     in_order,
     law_of_mixed,
 )
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots import psychometric_plot
 from analysis.plots.curves import Curve
-from analysis.psychometric import Psychometric, fit_psychometric
-from analysis.psychometric_posterior import (
-    PsychometricPosterior,
-    ThresholdDifference,
-    compare_thresholds,
-    psychometric_posterior,
-)
 from analysis.repeat import scripts
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
@@ -51,7 +52,6 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from analysis.thresholds import ThresholdModel, fit_thresholds
 from protocols.adaptive.levels import Shape
 
 Floats = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Counts:
         return x, right, trials
 
 
-def counts_in(table: pd.DataFrame, plan: RateSettings) -> dict[str, Counts]:
+def counts_in(table: pd.DataFrame, plan: RatePlan) -> dict[str, Counts]:
     """Return counts by condition."""
     found = {}
     for name in shown_in(table, plan):
@@ -96,7 +96,7 @@ def counts_in(table: pd.DataFrame, plan: RateSettings) -> dict[str, Counts]:
     return found
 
 
-def levels_axis(plan: RateSettings) -> str:
+def levels_axis(plan: RatePlan) -> str:
     """Return what stands along the axis of levels."""
     name = column_in_words(str(plan.level))
     return name[:1].upper() + name[1:]
@@ -107,7 +107,7 @@ def curves_figure(
     fits: str,
     counts: Mapping[str, Counts],
     curves: Mapping[str, Curve],
-    plan: RateSettings,
+    plan: RatePlan,
 ) -> PartFigure:
     """Return the figure of shares along the level, and of curves that `fits` names."""
     levels = np.array([x for one in counts.values() for x in one.levels])
@@ -141,16 +141,16 @@ def _width_title(logarithmic: bool) -> str:
 R = TypeVar("R", bound=Found)
 
 
-class LevelsPart(SimplePart[RateSettings, R]):
+class LevelsPart(SimplePart[RatePlan, R]):
     """What parts along a level have in common."""
 
     section: ClassVar[tuple[str, str]] = SECTION
 
-    def wanted(self, _table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether there is a level."""
         return plan.level is not None
 
-    def title(self, plan: RateSettings) -> str:
+    def title(self, plan: RatePlan) -> str:
         """Return what heads the section."""
         return f"By {column_in_words(str(plan.level))}"
 
@@ -169,7 +169,7 @@ class CurvesPart(LevelsPart[Curves]):
 
     name: ClassVar[str] = "curves"
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Curves:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Curves:
         """Count, and fit each condition; not on logarithms, as the population's model can be."""
         counts, notes, found = counts_in(table, plan), list[str](), {}
         fitted = partial(
@@ -187,7 +187,7 @@ class CurvesPart(LevelsPart[Curves]):
                 found[name] = fit
         return Curves(counts, found, tuple(notes))
 
-    def show(self, found: Curves, plan: RateSettings) -> Shown:
+    def show(self, found: Curves, plan: RatePlan) -> Shown:
         """Return data and curves."""
         fits = [
             (plan.label(name), fit, fit.identified(found.counts[name].levels))
@@ -256,7 +256,7 @@ class CurvesPart(LevelsPart[Curves]):
         )
 
 
-def _curve_scripts(found: Curves, plan: RateSettings) -> dict[str, str]:
+def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
     """Return what repeats the curves whose thresholds the answers place."""
     placed = {
         name: {"threshold": fit.threshold, "log_likelihood": fit.log_likelihood}
@@ -287,7 +287,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
     name: ClassVar[str] = "thresholds"
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Thresholds:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Thresholds:
         """Fit the model."""
         if table["participant"].nunique() < 2:
             raise ValueError("one participant only: nothing is said about other people")
@@ -310,7 +310,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         )
         return Thresholds(**vars(ordered), counts=counts_in(table, plan))
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
         """Test thresholds that levels chosen from the answers gave, by paired t tests."""
 
         def tested() -> Floats:
@@ -321,12 +321,12 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
         return {"": tested} if plan.adaptive else {}
 
-    def estimates(self, found: Thresholds, plan: RateSettings) -> Sequence[Estimate]:
+    def estimates(self, found: Thresholds, plan: RatePlan) -> Sequence[Estimate]:
         """Return differences of thresholds, where levels adapt and so these are the result."""
         trials = {name: sum(one.trials) for name, one in found.counts.items()}
         return difference_estimates(found.contrasts, trials, plan) if plan.adaptive else ()
 
-    def show(self, found: Thresholds, plan: RateSettings) -> Shown:
+    def show(self, found: Thresholds, plan: RatePlan) -> Shown:
         """Return thresholds, what differs, and each participant's own."""
         label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
@@ -498,7 +498,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
 
     name: ClassVar[str] = "psychometric"
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> OwnCurves:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> OwnCurves:
         """Fit each person in each condition, and compare what the answers place."""
         notes, people = list[str](), list[PersonFit]()
         for name, rows in conditions(table, plan.compared):
@@ -528,7 +528,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 between[name] = {}
         return OwnCurves(tuple(people), _compared(within), _compared(between), tuple(notes))
 
-    def show(self, found: OwnCurves, plan: RateSettings) -> Shown:
+    def show(self, found: OwnCurves, plan: RatePlan) -> Shown:
         """Return each person's curve in a row, and what differs within people."""
         label = plan.label
         compared = [

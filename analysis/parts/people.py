@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.parts import PartFigure, Shown, SimplePart
-from analysis.plans.rates import RateSettings, shown_in
+from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots import heat_map
 from analysis.report.blocks import Picture
 from analysis.report.wording import share
@@ -29,18 +29,18 @@ class People:
     notes: tuple[str, ...] = ()
 
 
-class PeoplePart(SimplePart[RateSettings, People]):
+class PeoplePart(SimplePart[RatePlan, People]):
     """Who was right how often, and where."""
 
     name: ClassVar[str] = "people"
     section: ClassVar[tuple[str, str]] = ("people", "Participants")
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> People:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> People:
         """Return shares by participant and scene."""
         scenes = _shares(table, plan, "scene") if "scene" in table else {}
         return People(_shares(table, plan, "participant"), scenes)
 
-    def show(self, found: People, plan: RateSettings) -> Shown:
+    def show(self, found: People, plan: RatePlan) -> Shown:
         """Return a heat map of each, and how far people lie apart."""
         lines = [
             {"of": group, "name": who, "condition": name, "share": value}
@@ -74,7 +74,7 @@ class PeoplePart(SimplePart[RateSettings, People]):
         )
 
 
-def _shares(table: pd.DataFrame, plan: RateSettings, group: str) -> Shares:
+def _shares(table: pd.DataFrame, plan: RatePlan, group: str) -> Shares:
     each = table.groupby([plan.compared[0], table[group].astype(str)])["correct"].mean()
     return {
         name: tuple((str(who), float(value)) for who, value in each[name].items())

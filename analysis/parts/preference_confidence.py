@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
-from analysis.detection import Measure
-from analysis.metacognition import Reliability, mean_over_people
-from analysis.pairings import pairing_rows
+from analysis.models.detection import Measure
+from analysis.models.metacognition import Reliability, mean_over_people
+from analysis.models.pairings import pairing_rows
 from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.parts.confidence import (
     HALVES,
@@ -28,7 +28,7 @@ from analysis.parts.confidence import (
     reliability_table,
     with_steps,
 )
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots.confidence import pairs_plot
 from analysis.report.blocks import Paragraph, Picture, Table
 from analysis.report.values import flat_table
@@ -76,17 +76,17 @@ class PreferenceConfidence:
     notes: tuple[str, ...]
 
 
-class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
+class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence]):
     """Confidence beside strength of preference, agreement with others, and consistency."""
 
     name: ClassVar[str] = "confidence"
     section: ClassVar[tuple[str, str]] = SECTION
 
-    def wanted(self, table: pd.DataFrame, _plan: Settings) -> bool:
+    def wanted(self, table: pd.DataFrame, _plan: PreferencePlan) -> bool:
         """Return whether there is a column of confidence."""
         return CONFIDENCE in table
 
-    def of(self, table: pd.DataFrame, plan: Settings) -> PreferenceConfidence:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> PreferenceConfidence:
         """Take each person's values, and their means."""
         rows, steps, notes = with_steps(table)
         rows = _with_others(rows)
@@ -121,7 +121,7 @@ class PreferenceConfidencePart(SimplePart[Settings, PreferenceConfidence]):
             tuple(notes),
         )
 
-    def show(self, found: PreferenceConfidence, plan: Settings) -> Shown:
+    def show(self, found: PreferenceConfidence, plan: PreferencePlan) -> Shown:
         """Return confidence of each pair, and what it goes with."""
         label, steps = plan.label, ", ".join(map("{:g}".format, found.steps))
         named = [(one, f"{label(one.method)} / {label(one.against)}") for one in found.pairs]
@@ -267,7 +267,7 @@ def _companion(
     what: str,
     of: Callable[[pd.DataFrame], float],
     lacking: str,
-    plan: Settings,
+    plan: PreferencePlan,
 ) -> Companion:
     values = np.array([of(own) for _, own in rows.groupby("participant", observed=True)])
     people = int(np.isfinite(values).sum())

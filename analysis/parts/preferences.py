@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.answers import Answers
-from analysis.clustered import ClusteredShare, holm, two_way_of_first
-from analysis.pairings import ALL_SIZES, Comparisons, counts
+from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
+from analysis.models.pairings import ALL_SIZES, Comparisons, counts
+from analysis.models.preference import Preference, PreferenceTable, preference, preferences
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.people import shares_figure
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
-from analysis.preference import Preference, PreferenceTable, preference, preferences
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 from analysis.report.wording import (
     NONE,
@@ -79,14 +79,14 @@ class Preferences:
     notes: tuple[str, ...]
 
 
-class PreferencesPart(SimplePart[Settings, Preferences]):
+class PreferencesPart(SimplePart[PreferencePlan, Preferences]):
     """Shares of choices with their tests; the primary comparison leads."""
 
     name: ClassVar[str] = "preferences"
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: Settings) -> Preferences:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Preferences:
         """Test every pairing at every size, and the primary comparison by itself."""
         decisions = Comparisons(table)
         how: dict[str, Any] = {"alpha": plan.alpha, "margin": plan.margin, "test": plan.test}
@@ -117,7 +117,7 @@ class PreferencesPart(SimplePart[Settings, Preferences]):
         """Return p of the primary comparison."""
         return None if found.primary is None else found.primary.test.p
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: Settings) -> Tests:
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: PreferencePlan) -> Tests:
         """Test the primary comparison, all comparisons together, and equivalence of the primary."""
         cells = answers.cells
 
@@ -148,15 +148,15 @@ class PreferencesPart(SimplePart[Settings, Preferences]):
             EQUIVALENCE: lambda: primary.equivalence_p(plan.margin)[..., None],
         }
 
-    def estimates(self, found: Preferences, plan: Settings) -> Sequence[Estimate]:
+    def estimates(self, found: Preferences, plan: PreferencePlan) -> Sequence[Estimate]:
         """Return the share of choices in every comparison."""
         return [_estimate(cell, plan) for cell in found.table.cells]
 
-    def planned(self, found: Preferences, plan: Settings) -> Sequence[Estimate]:
+    def planned(self, found: Preferences, plan: PreferencePlan) -> Sequence[Estimate]:
         """Return the share of choices in the primary comparison."""
         return [] if found.primary is None else [_estimate(found.primary, plan)]
 
-    def show(self, found: Preferences, plan: Settings) -> Shown:
+    def show(self, found: Preferences, plan: PreferencePlan) -> Shown:
         """Return the primary comparison before all, every comparison, people and scenes."""
         cells, primary = found.table.cells, found.primary
         sentences = [apa_preference(one, plan, adjusted=True) for one in cells]
@@ -186,7 +186,7 @@ class PreferencesPart(SimplePart[Settings, Preferences]):
         )
 
 
-def _estimate(cell: Preference, plan: Settings) -> Estimate:
+def _estimate(cell: Preference, plan: PreferencePlan) -> Estimate:
     return Estimate(
         f"{plan.label(cell.method)} over {plan.label(cell.against)}, {cell.size}",
         cell.estimate.share,
@@ -208,7 +208,7 @@ def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> S
     return found
 
 
-def verdict(cell: Preference, plan: Settings) -> str:
+def verdict(cell: Preference, plan: PreferencePlan) -> str:
     """Say in plain words what a comparison shows."""
     return {
         "preferred": f"{plan.label(cell.method)} is preferred",
@@ -218,7 +218,7 @@ def verdict(cell: Preference, plan: Settings) -> str:
     }[cell.verdict]
 
 
-def apa_preference(cell: Preference, plan: Settings, *, adjusted: bool) -> str:
+def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) -> str:
     """Return one comparison as an APA sentence."""
     found, decided, equal = cell.estimate, cell.test, cell.equivalence
     corrected = adjusted and plan.correction != "none"
@@ -243,7 +243,7 @@ def apa_preference(cell: Preference, plan: Settings, *, adjusted: bool) -> str:
     return text
 
 
-def _methods(plan: Settings) -> str:
+def _methods(plan: PreferencePlan) -> str:
     text = (
         f"They are two-alternative forced choices comparing {len(plan.methods)} methods"
         f" ({', '.join(map(plan.label, plan.methods))})"
@@ -268,7 +268,7 @@ def _methods(plan: Settings) -> str:
     )
 
 
-def _lead(primary: Preference, said: str, plan: Settings) -> tuple[Block, ...]:
+def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, ...]:
     text = Markup(
         "Result: {}. Equivalence within ±{}: {}.\n"
         "Sign-flip test of participants: {} (no smaller than {:.2g} with {} participants)."
@@ -286,7 +286,7 @@ def _lead(primary: Preference, said: str, plan: Settings) -> tuple[Block, ...]:
     )
 
 
-def _blocks(found: Preferences, plan: Settings) -> Iterator[Block]:
+def _blocks(found: Preferences, plan: PreferencePlan) -> Iterator[Block]:
     cells, margin = found.table.cells, share(plan.margin)
     level = plan.limits
     adjusted = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm")
@@ -366,7 +366,7 @@ def _shares(found: Preferences) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["of", "name", "method", "against", "size", "share"])
 
 
-def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
+def _figures(found: Preferences, plan: PreferencePlan) -> Iterator[PartFigure]:
     cells = found.table.cells
     dots = {key: [value for _, value in pairs] for key, pairs in found.participant_shares.items()}
     yield PartFigure(
@@ -387,7 +387,7 @@ def _figures(found: Preferences, plan: Settings) -> Iterator[PartFigure]:
     yield _heat_map("scenes", found.scene_shares, plan)
 
 
-def _heat_map(name: str, shares: Shares, plan: Settings) -> PartFigure:
+def _heat_map(name: str, shares: Shares, plan: PreferencePlan) -> PartFigure:
     below = "\n{}"
     return shares_figure(
         name,

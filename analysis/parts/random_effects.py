@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.deviations import MOST_PROFILED, Deviation
+from analysis.models.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnyPart, Part, PartFigure, Plan, Shown
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.blocks import Paragraph, Picture, Table

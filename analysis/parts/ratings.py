@@ -13,13 +13,13 @@ from scipy import stats
 from scipy.special import ndtri
 
 from analysis.answers import Answers
-from analysis.clustered import holm, two_way_df
 from analysis.columns import frame_of
-from analysis.contrasts import pairs_of
-from analysis.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
+from analysis.models.clustered import holm, two_way_df
+from analysis.models.contrasts import pairs_of
+from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart, Tests
 from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
-from analysis.plans.ratings import RatingSettings
+from analysis.plans.ratings import RatingPlan
 from analysis.plots.ratings import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
@@ -52,14 +52,14 @@ class Ratings:
     notes: tuple[str, ...] = ()
 
 
-class RatingsPart(SimplePart[RatingSettings, Ratings]):
+class RatingsPart(SimplePart[RatingPlan, Ratings]):
     """Where conditions lie on the latent axis that ratings cut, and what differs."""
 
     name: ClassVar[str] = "ratings"
     section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: RatingSettings) -> Ratings:
+    def of(self, table: pd.DataFrame, plan: RatingPlan) -> Ratings:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
         how |= {"level": plan.confidence, "profile": True}
@@ -79,7 +79,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
         known = [one.p_adjusted for one in found.model.contrasts if one.p_adjusted >= 0]
         return min(known, default=None)
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingSettings) -> Tests:
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingPlan) -> Tests:
         """Test differences of mean normal scores of ratings, near those of the model."""
         steps, counts = np.unique(answers.given, return_counts=True)
         scores = ndtri((np.cumsum(counts) - 0.5 * counts) / counts.sum())
@@ -103,7 +103,7 @@ class RatingsPart(SimplePart[RatingSettings, Ratings]):
 
         return {"": family}
 
-    def show(self, found: Ratings, plan: RatingSettings) -> Shown:
+    def show(self, found: Ratings, plan: RatingPlan) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
         first = min(model.contrasts, key=lambda one: (math.isnan(one.p), one.p))
@@ -180,12 +180,12 @@ def _unit(model: RatingModel) -> str:
     return "SD" if model.link == "probit" else "logits"
 
 
-def _decisive(one: RatingDifference, plan: RatingSettings) -> float:
+def _decisive(one: RatingDifference, plan: RatingPlan) -> float:
     """Return the p that decides: adjusted where the table's options correct."""
     return one.p_adjusted if plan.correction == "holm" else one.p
 
 
-def _methods(found: Ratings, plan: RatingSettings) -> str:
+def _methods(found: Ratings, plan: RatingPlan) -> str:
     model = found.model
     kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
     df = sorted({df_text(one.df) for one in model.contrasts}, key=float)
@@ -200,7 +200,7 @@ def _methods(found: Ratings, plan: RatingSettings) -> str:
     )
 
 
-def _blocks(model: RatingModel, plan: RatingSettings) -> tuple[Block, ...]:
+def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     pairs, unit = not plan.by, _unit(model)
     steps = [] if pairs else [(f"{name}", "") for name in model.categories]
     places = Table.of(
@@ -275,7 +275,7 @@ def _people(found: Ratings) -> tuple[Block, ...]:
     )
 
 
-def _scripts(model: RatingModel, plan: RatingSettings) -> dict[str, str]:
+def _scripts(model: RatingModel, plan: RatingPlan) -> dict[str, str]:
     if all(math.isnan(one.place) for one in model.conditions[1:]):
         return {}
     return scripts(

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.models import ModelFit, ModelsBeside, models_beside
+from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
 from analysis.parts import Shown, SimplePart
 from analysis.parts.shared import rows_of, sd_text
-from analysis.plans.rates import RateSettings, baseline_in
+from analysis.plans.rates import RatePlan, baseline_in
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import (
@@ -42,17 +42,17 @@ class RightModels(ModelsBeside):
         )
 
 
-class ModelsPart(SimplePart[RateSettings, RightModels]):
+class ModelsPart(SimplePart[RatePlan, RightModels]):
     """Logistic models of right answers."""
 
     name: ClassVar[str] = "models"
     section: ClassVar[tuple[str, str]] = ("models", "Models")
 
-    def wanted(self, table: pd.DataFrame, plan: RateSettings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return whether there is a level, or conditions to compare."""
         return plan.level is not None or (bool(plan.by) and baseline_in(table, plan) is not None)
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> RightModels:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> RightModels:
         """Fit the models, with names that a formula can hold."""
         held: dict[str, pd.Series] = {}
         reference = {}
@@ -69,7 +69,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         several = tuple(name for name in groups if rows[name].nunique() > 1)
         return RightModels(**vars(beside), groups=several)
 
-    def show(self, found: RightModels, plan: RateSettings) -> Shown:
+    def show(self, found: RightModels, plan: RatePlan) -> Shown:
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
@@ -123,7 +123,7 @@ class ModelsPart(SimplePart[RateSettings, RightModels]):
         )
 
 
-def _scripts(found: RightModels, plan: RateSettings) -> dict[str, str]:
+def _scripts(found: RightModels, plan: RatePlan) -> dict[str, str]:
     """Return what repeats the models that have a maximum, and so no penalty instead of one."""
     proper = all(np.isfinite(one.estimate) for one in found.independent.coefficients)
     independent = proper and "Firth" not in found.independent.method

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.columns import frame_of
-from analysis.consistency import (
+from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
+from analysis.models.consistency import (
     Agreement,
     Transitivity,
     Triads,
@@ -20,10 +20,11 @@ from analysis.consistency import (
     majority,
     transitivity,
 )
-from analysis.observers import ObserverCheck, check_observers
-from analysis.pairings import as_numbers, numbered
+from analysis.models.observers import ObserverCheck, check_observers
+from analysis.models.pairings import as_numbers, numbered
+from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Shown, SimplePart, tried
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture, Table
 from analysis.report.wording import (
@@ -35,7 +36,6 @@ from analysis.report.wording import (
     p_number,
     p_text,
 )
-from analysis.scaling import Contrast, Scale, contrasts, scale
 from analysis.seed import SEED
 from analysis.showable import hopeless
 from protocols.prose import count_of
@@ -92,13 +92,13 @@ class Scales:
     notes: tuple[str, ...]
 
 
-class ScalePart(SimplePart[Settings, Scales]):
+class ScalePart(SimplePart[PreferencePlan, Scales]):
     """Thurstone Case V by size, with limits of a bootstrap over participants and scenes."""
 
     name: ClassVar[str] = "scale"
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
-    def of(self, table: pd.DataFrame, plan: Settings) -> Scales:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Scales:
         """Fit the methods of each size that can be placed on an axis."""
         decisions, notes = as_numbers(table), list[str]()
         sizes = (
@@ -107,7 +107,7 @@ class ScalePart(SimplePart[Settings, Scales]):
         )
         return Scales(tuple(one for one in sizes if one is not None), tuple(notes))
 
-    def show(self, found: Scales, plan: Settings) -> Shown:
+    def show(self, found: Scales, plan: PreferencePlan) -> Shown:
         """Return a figure of all sizes; scores, differences and checks of each."""
         if not found.sizes:
             return Shown()
@@ -136,7 +136,7 @@ class ScalePart(SimplePart[Settings, Scales]):
         )
 
 
-def _sentences(found: Scales, plan: Settings) -> Iterator[str]:
+def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
     level = f"{100 * plan.confidence:g}% CI"
     for size in found.sizes:
         for one in size.differences().to_dict("records"):
@@ -165,7 +165,7 @@ def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floa
     return votes, list(people)
 
 
-def _size_scale(decisions: pd.DataFrame, plan: Settings, size: str) -> SizeScale:
+def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> SizeScale:
     rows, methods = plan.compared_at(decisions, size)
     if len(methods) < 2:
         raise ValueError("fewer than two methods were compared")
@@ -226,7 +226,7 @@ def _clustered(
     )
 
 
-def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
+def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
     level, label = plan.limits, plan.label
     yield Picture("scale")
     for size in found.sizes:
@@ -263,7 +263,7 @@ def _blocks(found: Scales, plan: Settings) -> Iterator[Block]:
     yield Cautions("When not to trust these scales", grouped(notes))
 
 
-def _checks(one: SizeScale, plan: Settings) -> Iterator[str]:
+def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:
     """Yield what speaks for and against one axis, in sentences."""
     fitted, triples = one.scale, one.transitivity
     axis = ""

@@ -11,11 +11,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.answers import Answers, Mask
-from analysis.cells import grid
-from analysis.clustered import holm, two_way_of_first
 from analysis.columns import frame_of
-from analysis.contrasts import Difference, pairs_of
-from analysis.detection import (
+from analysis.models.cells import grid
+from analysis.models.clustered import holm, two_way_of_first
+from analysis.models.contrasts import Difference, pairs_of
+from analysis.models.detection import (
     Discrimination,
     DiscriminationResults,
     Measure,
@@ -24,7 +24,8 @@ from analysis.detection import (
     d_prime_influence,
     yes_no,
 )
-from analysis.models import ModelFit, glmm_probit
+from analysis.models.logistic import ModelFit, glmm_probit
+from analysis.models.rates import Influence, Rate, rate, share_influence
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
@@ -41,9 +42,8 @@ from analysis.parts.shared import (
     sd_text,
     told_apart,
 )
-from analysis.plans.rates import RateSettings, baseline_in, shown_in
+from analysis.plans.rates import RatePlan, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.rates import Influence, Rate, rate, share_influence
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
@@ -85,14 +85,14 @@ class YesNoSensitivity(YesNoResults):
         )
 
 
-class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
+class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
     """d', criterion and bias of a yes-no task."""
 
     name: ClassVar[str] = "sensitivity"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> YesNoSensitivity:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> YesNoSensitivity:
         """Take them from hits and false alarms; conditions without noise share that of others."""
         rows = with_shared_noise(table, plan.answers[0])
         notes = [*alone(table, plan)]
@@ -114,7 +114,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             tuple(notes),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
         """Test differences of d', and of bias where the baseline has a d' too."""
         if plan.adaptive:
             return {}
@@ -135,7 +135,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
             found["bias"] = lambda: test(every, share_influence)[..., held]
         return found
 
-    def estimates(self, found: YesNoSensitivity, plan: RateSettings) -> Sequence[Estimate]:
+    def estimates(self, found: YesNoSensitivity, plan: RatePlan) -> Sequence[Estimate]:
         """Return d' and what they differ by, unless levels adapt."""
         trials = {one.condition: one.correct.trials for one in found.conditions}
         measured = [
@@ -151,7 +151,7 @@ class YesNoPart(SimplePart[RateSettings, YesNoSensitivity]):
         differing = difference_estimates(found.planned, trials, plan)
         return () if plan.adaptive else (*measured, *differing)
 
-    def show(self, found: YesNoSensitivity, plan: RateSettings) -> Shown:
+    def show(self, found: YesNoSensitivity, plan: RatePlan) -> Shown:
         """Return hits and false alarms, what follows from them, and differences."""
         label, cells = plan.label, found.conditions
         answer = label(cells[0].bias_answer)
@@ -246,7 +246,7 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
 def _planned(
     answers: Answers,
     people: Sequence[int],
-    plan: RateSettings,
+    plan: RatePlan,
     cells: Mapping[str, Sequence[Mask]],
     influence: Callable[..., Influence],
 ) -> Floats:
@@ -365,13 +365,13 @@ class Typical:
     notes: tuple[str, ...]
 
 
-class TypicalPart(SimplePart[RateSettings, Typical]):
+class TypicalPart(SimplePart[RatePlan, Typical]):
     """d' and criterion of the typical participant of a yes-no task."""
 
     name: ClassVar[str] = "typical"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> Typical:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> Typical:
         """Fit d' of the typical participant, condition by condition."""
         rows, signal = with_shared_noise(table, plan.answers[0]), plan.answers[0]
         found, notes = [], list[str]()
@@ -400,7 +400,7 @@ class TypicalPart(SimplePart[RateSettings, Typical]):
             raise ValueError("; ".join(notes) or "one participant and one scene vary in nothing")
         return Typical(tuple(found), tuple(notes))
 
-    def show(self, found: Typical, plan: RateSettings) -> Shown:
+    def show(self, found: Typical, plan: RatePlan) -> Shown:
         """Return both with their errors."""
         lines = [
             {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
@@ -454,10 +454,10 @@ class ChoiceSensitivity(DiscriminationResults):
         return self.contrasts
 
 
-Sense = Callable[[pd.DataFrame, RateSettings], DiscriminationResults]
+Sense = Callable[[pd.DataFrame, RatePlan], DiscriminationResults]
 
 
-class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
+class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
     """d' from shares of right answers; `sense` takes it from prepared rows.
 
     `sides`: its two answers are places, of which one may be preferred.
@@ -469,7 +469,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
     def __init__(self, sense: Sense, *, sides: bool = False) -> None:
         self._sense, self._sides = sense, sides
 
-    def of(self, table: pd.DataFrame, plan: RateSettings) -> ChoiceSensitivity:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> ChoiceSensitivity:
         """Turn shares into d'; compare them as shares."""
         found, answers, answered = self._sense(table, plan), answers_in(table, plan), None
         if self._sides and answers:
@@ -484,7 +484,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
             alone(table, plan),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RateSettings) -> Tests:
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
         """Test differences of shares, or of a single condition's against chance."""
         if plan.adaptive:
             return {}
@@ -495,7 +495,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
         alone = answers.grid(own[plan.values[0]][0], by_scene=by_scene)
         return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
 
-    def estimates(self, found: ChoiceSensitivity, plan: RateSettings) -> Sequence[Estimate]:
+    def estimates(self, found: ChoiceSensitivity, plan: RatePlan) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by, unless levels adapt."""
         rates = [one.correct for one in found.conditions]
         shares = [
@@ -506,7 +506,7 @@ class DiscriminationPart(SimplePart[RateSettings, ChoiceSensitivity]):
         differing = difference_estimates(found.planned, trials, plan)
         return () if plan.adaptive else (*shares, *differing)
 
-    def show(self, found: ChoiceSensitivity, plan: RateSettings) -> Shown:
+    def show(self, found: ChoiceSensitivity, plan: RatePlan) -> Shown:
         """Return d' by condition, and differences of shares."""
         label, cells = plan.label, found.conditions
         caption = f"Sensitivity d' by condition with {plan.limits}."

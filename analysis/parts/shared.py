@@ -6,12 +6,13 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 import pandas as pd
 
-from analysis.contrasts import Difference
-from analysis.detection import Measure
-from analysis.ordinal import RatingDifference
+from analysis.models.contrasts import Difference
+from analysis.models.detection import Measure
+from analysis.models.ordinal import RatingDifference
+from analysis.models.rates import Rate
+from analysis.models.reaction_model import TimeModel, TimeRatio
+from analysis.models.thresholds import ThresholdModel
 from analysis.parts import Estimate, Plan
-from analysis.rates import Rate
-from analysis.reaction_model import TimeModel, TimeRatio
 from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import (
     NONE,
@@ -25,7 +26,6 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from analysis.thresholds import ThresholdModel
 
 G = TypeVar("G")
 T = TypeVar("T")

@@ -9,16 +9,16 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.bootstrap import ScaleIntervals, bootstrap_scale
-from analysis.pairings import as_numbers
-from analysis.pairs import Model
+from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
+from analysis.models.pairings import as_numbers
+from analysis.models.pairs import Model
+from analysis.models.scaling import Scale, scale
 from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
-from analysis.plans.preference import Settings
+from analysis.plans.preference import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.wording import big, grouped, number, number_range, p_number, p_text
-from analysis.scaling import Scale, scale
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,22 @@ class Strengths:
     notes: tuple[str, ...]
 
 
-class StrengthsPart(Part[Settings, Strengths]):
+class StrengthsPart(Part[PreferencePlan, Strengths]):
     """Bradley and Terry's model by size, limits by bootstrap over participants and scenes."""
 
     name: ClassVar[str] = "strengths"
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
-    def wanted(self, table: pd.DataFrame, plan: Settings) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
         """Return whether there are three methods: of two the odds ratio says it all."""
         return len(plan.methods) > 2 and table["participant"].nunique() > 1
 
     def compute(
-        self, table: pd.DataFrame, plan: Settings, _found: Mapping[str, Any], chance: Generator
+        self,
+        table: pd.DataFrame,
+        plan: PreferencePlan,
+        _found: Mapping[str, Any],
+        chance: Generator,
     ) -> Strengths:
         """Fit the methods of each size that comparisons link."""
         decisions, notes, sizes = (
@@ -78,7 +82,7 @@ class StrengthsPart(Part[Settings, Strengths]):
         odds = tuple(one for size, fit in sizes.items() for one in _odds(size, *fit))
         return Strengths(sizes, odds, tuple(notes))
 
-    def show(self, found: Strengths, plan: Settings) -> Shown:
+    def show(self, found: Strengths, plan: PreferencePlan) -> Shown:
         """Return strengths and odds."""
         level = f"{100 * plan.confidence:g} %"
         caption = f"Log odds of being chosen (Bradley-Terry, mean zero) with {level} limits."
@@ -137,7 +141,7 @@ def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
         )
 
 
-def _blocks(found: Strengths, lines: Sequence[Any], plan: Settings) -> Iterator[Block]:
+def _blocks(found: Strengths, lines: Sequence[Any], plan: PreferencePlan) -> Iterator[Block]:
     label, several = plan.label, [("Size", "l", lambda one: plan.at(one["size"]))] * plan.sized
     yield Picture("strengths")
     yield Table.each(

@@ -10,8 +10,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame_of
-from analysis.contrasts import Difference
-from analysis.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
+from analysis.models.contrasts import Difference
+from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
+from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
+from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import (
     TESTED,
@@ -24,8 +26,6 @@ from analysis.parts.shared import (
     sd_text,
 )
 from analysis.plots import reaction_plot
-from analysis.reaction import ReactionTimes, participant_medians, reaction_times
-from analysis.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.repeat import scripts
 from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import pandas as pd
 
-from analysis.pairings import ALL_SIZES, found_pairings
+from analysis.models.pairings import ALL_SIZES, found_pairings
 from analysis.parts import Plan
 from analysis.plans.told import PreferencesTold
 from protocols.errors import StudyError
@@ -28,7 +28,7 @@ class Comparison:
     repeats: int
 
 
-class Settings(Preferences, Plan):
+class PreferencePlan(Preferences, Plan):
     """Names, labels and rules of a study's analysis."""
 
     methods: tuple[str, ...]
@@ -91,7 +91,7 @@ class Settings(Preferences, Plan):
         return rows, tuple(name for name in self.methods if name in shown)
 
 
-def from_protocol(protocol: StudyProtocol) -> Settings:
+def from_protocol(protocol: StudyProtocol) -> PreferencePlan:
     """Return the settings a protocol fixes.
 
     Pairings are turned so that the primary method's share is counted, and the reference is
@@ -115,7 +115,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
         for size in sizes
         for method, against in turned
     )
-    return Settings.of(
+    return PreferencePlan.of(
         analysis,
         study=protocol.study.name,
         title=protocol.study.title,
@@ -135,7 +135,7 @@ def from_protocol(protocol: StudyProtocol) -> Settings:
 
 def from_decisions(
     decisions: pd.DataFrame, name: str, told: PreferencesTold | None = None
-) -> Settings:
+) -> PreferencePlan:
     """Return settings for a table without a protocol: every pairing found.
 
     Raises
@@ -166,7 +166,7 @@ def from_decisions(
             )
         primary = known[text]
         pairings = _turned(pairings, primary[0], primary[1], set())
-    return Settings.of(
+    return PreferencePlan.of(
         told,
         study=name,
         title=name,

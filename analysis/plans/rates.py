@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import pandas as pd
 
-from analysis.ideal_observer import AbxRule
+from analysis.models.ideal_observer import AbxRule
 from analysis.parts import Plan
 from analysis.plans.told import RatesTold
 from protocols.adaptive.levels import Shape
@@ -20,7 +20,7 @@ EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
 
 
-class RateSettings(RatesAnalysis, Plan):
+class RatePlan(RatesAnalysis, Plan):
     """Names and rules of the analysis of right and wrong answers."""
 
     by: str | tuple[str, ...] = ""
@@ -97,7 +97,7 @@ def combined(values: Iterable[object]) -> str:
     return BETWEEN.join(map(name_of, values))
 
 
-def common_settings(study: StudyProtocol) -> RateSettings:
+def common_settings(study: StudyProtocol) -> RatePlan:
     """Return the settings that a protocol fixes.
 
     Values of `by` that no trial shows, such as a standard, are left out.
@@ -123,7 +123,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
         level = level or rule.column
         falling = bool(getattr(rule, "falling", falling))
         shape = getattr(rule, "shape", shape)
-    return RateSettings.of(
+    return RatePlan.of(
         analysis,
         study=study.study.name,
         title=study.study.title,
@@ -143,7 +143,7 @@ def common_settings(study: StudyProtocol) -> RateSettings:
     )
 
 
-class CurveSettings(RateSettings):
+class CurvePlan(RatePlan):
     """Of an analysis along a level; all pairs of conditions are compared."""
 
     @property
@@ -161,8 +161,8 @@ def common_settings_of_table(
     name: str,
     told: RatesTold,
     answers: tuple[str, ...],
-    plan: type[RateSettings] = RateSettings,
-) -> RateSettings:
+    plan: type[RatePlan] = RatePlan,
+) -> RatePlan:
     """Return the settings of a table without a protocol.
 
     Raises
@@ -214,7 +214,7 @@ def common_settings_of_table(
     )
 
 
-def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
+def prepared(decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
     """Return the decisions as the statistics take them.
 
     Returns
@@ -235,12 +235,12 @@ def prepared(decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
     return rows.reset_index(drop=True)
 
 
-def shown_in(rows: pd.DataFrame, settings: RateSettings) -> list[str]:
+def shown_in(rows: pd.DataFrame, settings: RatePlan) -> list[str]:
     """Return the conditions of prepared rows, as the study declares them."""
     present = set(rows["condition"])
     return [name for name in settings.values if name in present]
 
 
-def baseline_in(rows: pd.DataFrame, settings: RateSettings) -> str | None:
+def baseline_in(rows: pd.DataFrame, settings: RatePlan) -> str | None:
     """Return the first condition of prepared rows, where there are others to compare it with."""
     return settings.reference_in(shown_in(rows, settings))

@@ -14,7 +14,7 @@ from protocols.tasks.rates import name_of
 from protocols.tasks.rating import Rating, RatingsAnalysis
 
 
-class RatingSettings(RatingsAnalysis, Plan):
+class RatingPlan(RatingsAnalysis, Plan):
     """Names and rules of the analysis of ratings; without `by` they are of pairs."""
 
     by: str = ""
@@ -42,7 +42,7 @@ class RatingSettings(RatingsAnalysis, Plan):
         return self.compared or ("first", "second")
 
 
-def from_protocol(study: StudyProtocol) -> RatingSettings:
+def from_protocol(study: StudyProtocol) -> RatingPlan:
     """Return the settings that a protocol fixes.
 
     Raises
@@ -56,7 +56,7 @@ def from_protocol(study: StudyProtocol) -> RatingSettings:
             f"analysis.kind: must be 'ratings' with the task 'rating' (got {analysis.kind!r} with"
             f" {task.kind!r})"
         )
-    return RatingSettings.of(
+    return RatingPlan.of(
         analysis,
         study=study.study.name,
         title=study.study.title,
@@ -66,7 +66,7 @@ def from_protocol(study: StudyProtocol) -> RatingSettings:
     )
 
 
-def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> RatingSettings:
+def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> RatingPlan:
     """Return the settings of a table.
 
     Raises
@@ -74,7 +74,7 @@ def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> Rating
     StudyError
         If the baseline is no condition of the table.
     """
-    settings = RatingSettings.of(told, study=name, title=name, reaction="models")
+    settings = RatingPlan.of(told, study=name, title=name, reaction="models")
     known, baseline = conditions_of(decisions, settings), settings.reference_in(())
     if baseline is not None and baseline not in known:
         raise StudyError(
@@ -84,6 +84,6 @@ def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> Rating
     return settings
 
 
-def conditions_of(decisions: pd.DataFrame, settings: RatingSettings) -> Sequence[str]:
+def conditions_of(decisions: pd.DataFrame, settings: RatingPlan) -> Sequence[str]:
     """Return the conditions that are rated, sorted."""
     return sorted({str(value) for name in settings.columns for value in decisions[name]})

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from matplotlib.figure import Figure
 from scipy import stats
 
-from analysis.deviations import Level
+from analysis.models.deviations import Level
 from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
 
 NAMED = 40

@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.special import ndtr
 
-from analysis.detection import Measure
-from analysis.metacognition import UnequalFit
+from analysis.models.detection import Measure
+from analysis.models.metacognition import UnequalFit
+from analysis.models.rates import Rate
 from analysis.plots.style import (
     DASHES,
     GREY,
@@ -20,7 +21,6 @@ from analysis.plots.style import (
     new_figure,
     style,
 )
-from analysis.rates import Rate
 
 Label = Callable[[str], str]
 Points = Sequence[tuple[float, float]]

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from analysis.models.preference import Preference
 from analysis.plots.style import (
     BLUE,
     GREY,
@@ -24,7 +25,6 @@ from analysis.plots.style import (
     style,
     wrapped,
 )
-from analysis.preference import Preference
 
 Floats = NDArray[np.float64]
 Label = Callable[[str], str]

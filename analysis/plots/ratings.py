@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.ordinal import RatingModel
+from analysis.models.ordinal import RatingModel
 from analysis.plots.style import (
     explain,
     interval,

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.bootstrap import ScaleIntervals
+from analysis.models.bootstrap import ScaleIntervals
+from analysis.models.scaling import Scale
 from analysis.plots.style import (
     GREY,
     explain,
@@ -16,7 +17,6 @@ from analysis.plots.style import (
     row_in,
     style,
 )
-from analysis.scaling import Scale
 
 
 def jod_plot(

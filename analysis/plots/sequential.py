@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from analysis.models.sequential import SequentialPlan
 from analysis.plots.style import BLUE, GREY, ORANGE, explain, new_figure, style
 from analysis.report.wording import leading
-from analysis.sequential import SequentialPlan
 
 LEAST_SHOWN = 1e-6
 """A bound of p below is drawn at the edge: no look of so few people stops there."""

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.critical_scaling import CriticalScaling
-from analysis.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
-from analysis.ideal_observer import abx_d_prime
+from analysis.models.critical_scaling import CriticalScaling
+from analysis.models.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
+from analysis.models.ideal_observer import abx_d_prime
+from analysis.models.rates import Rate
 from analysis.plots.style import (
     BLUE,
     DASHES,
@@ -29,7 +30,6 @@ from analysis.plots.style import (
     share_axis,
     style,
 )
-from analysis.rates import Rate
 
 Floats = NDArray[np.float64]
 Label = Callable[[str], str]

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.bias import Bias
+from analysis.models.bias import Bias
+from analysis.models.reaction import ReactionTimes
 from analysis.plots.style import (
     BLUE,
     ORANGE,
@@ -25,7 +26,6 @@ from analysis.plots.style import (
     share_text,
     style,
 )
-from analysis.reaction import ReactionTimes
 
 Floats = NDArray[np.float64]
 Label = Callable[[str], str]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.columns import frame
-from analysis.contrasts import check_conditions
+from analysis.models.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.trials import confidence_of, given_columns
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing

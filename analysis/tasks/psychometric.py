@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.guessing import curve_mistake
 from analysis.parts import AnyPart
 from analysis.parts.levels import CurvesPart, OwnCurvesPart, ThresholdsPart
-from analysis.plans.rates import CurveSettings, RateSettings, common_settings_of_table
+from analysis.plans.rates import CurvePlan, RatePlan, common_settings_of_table
 from analysis.plans.told import CurvesTold
 from analysis.tables.table import Source, opened
 from analysis.tasks.rates import RatesTask
@@ -28,12 +28,12 @@ class TableOfLevels(RatesTask):
         """Return names for right and wrong answers: their number is not asked for."""
         return ("right", "wrong")
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RateSettings:
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
         """Return what was told; without `by` all answers are of one condition."""
         if not told.by:
             decisions = decisions.drop(columns="method", errors="ignore")
         answers = self.table_answers(decisions, told)
-        return common_settings_of_table(decisions, name, told, answers, CurveSettings)
+        return common_settings_of_table(decisions, name, told, answers, CurvePlan)
 
     def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
         """Read trials; refuse levels along which no psychometric function can run."""
@@ -54,6 +54,6 @@ class TableOfLevels(RatesTask):
             raise StudyError(f"{table.path}: {mistake}")
         return rows
 
-    def table_notes(self, _decisions: pd.DataFrame, _settings: RateSettings) -> Sequence[str]:
+    def table_notes(self, _decisions: pd.DataFrame, _settings: RatePlan) -> Sequence[str]:
         """Return nothing: mistakes were refused."""
         return ()

@@ -5,13 +5,13 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
-from analysis.ordinal import lacking
+from analysis.models.ordinal import lacking
 from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingSettings, conditions_of, from_protocol, settings_of
+from analysis.plans.ratings import RatingPlan, conditions_of, from_protocol, settings_of
 from analysis.plans.told import RatingsTold
 from analysis.simulations import RatedSteps
 from analysis.tables.ratings import read_ratings
@@ -22,7 +22,7 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 
-class Ratings(TaskAnalysis[RatingSettings]):
+class Ratings(TaskAnalysis[RatingPlan]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
     kind: ClassVar[str] = "ratings"
@@ -36,11 +36,11 @@ class Ratings(TaskAnalysis[RatingSettings]):
     )
     options: ClassVar[type[Analysis]] = RatingsTold
 
-    def settings(self, study: StudyProtocol) -> RatingSettings:
+    def settings(self, study: StudyProtocol) -> RatingPlan:
         """Return the plan that a protocol fixes."""
         return from_protocol(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatingSettings:
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatingPlan:
         """Return what was told."""
         return settings_of(decisions, name, told)
 
@@ -56,7 +56,7 @@ class Ratings(TaskAnalysis[RatingSettings]):
         plan = self.settings(study)
         return RatedSteps(study, plan, self.parts_of(plan))
 
-    def lacks(self, decisions: pd.DataFrame, settings: RatingSettings) -> str:
+    def lacks(self, decisions: pd.DataFrame, settings: RatingPlan) -> str:
         """Return what nothing can be compared without."""
         rated = len(conditions_of(decisions, settings))
         return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())

@@ -5,8 +5,8 @@ from typing import Any, ClassVar, Literal
 
 import pandas as pd
 
-from analysis.cells import conditions
 from analysis.guessing import below_guessing
+from analysis.models.cells import conditions
 from analysis.parts import AnyPart, Plan
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
@@ -20,7 +20,7 @@ from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
 
 
-class TimesSettings(TimesTold, Plan):
+class TimesPlan(TimesTold, Plan):
     """Names and rules of the analysis of reaction times.
 
     `alternatives`: how many answers the table holds; None where none is right or wrong.
@@ -38,7 +38,7 @@ class TimesSettings(TimesTold, Plan):
         return None if self.baseline is None else name_of(self.baseline)
 
 
-class TableOfTimes(TaskAnalysis[TimesSettings]):
+class TableOfTimes(TaskAnalysis[TimesPlan]):
     """Reaction times by condition, whatever was answered."""
 
     kind: ClassVar[str] = "reaction"
@@ -46,13 +46,13 @@ class TableOfTimes(TaskAnalysis[TimesSettings]):
     options: ClassVar[type[Analysis]] = TimesTold
     parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> TimesSettings:
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> TimesPlan:
         """Return what was told, and how many answers the table holds."""
         alternatives = None
         if "correct" in decisions:
             named = [decisions[name] for name in ("expected", "answer") if name in decisions]
             alternatives = len({value for column in named for value in column}) if named else 2
-        plan = TimesSettings.of(
+        plan = TimesPlan.of(
             told, study=name, title=name, alternatives=alternatives, reaction="models"
         )
         known = [one for one, _ in conditions(decisions, plan.compared)]
@@ -68,7 +68,7 @@ class TableOfTimes(TaskAnalysis[TimesSettings]):
         """Read who took how long, and whether the answer was right if the table says so."""
         return as_decisions(read_times(table, mapping, by=told.by or None))
 
-    def table_notes(self, decisions: pd.DataFrame, settings: TimesSettings) -> Sequence[str]:
+    def table_notes(self, decisions: pd.DataFrame, settings: TimesPlan) -> Sequence[str]:
         """Return why there is no EZ diffusion, or whether answers are below guessing."""
         if settings.alternatives is None:
             return (

@@ -21,7 +21,7 @@ class WhichHalfAnalysis(RatesAnalysis):
 
     kind: Literal["which-half"]
     rule: Literal["dual-pair"] = "dual-pair"
-    """The participant picks the half that changed more (`analysis.ideal_observer`)."""
+    """The participant picks the half that changed more (`analysis.models.ideal_observer`)."""
 
 
 class WhichHalf(Compared):

@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from analysis.critical_scaling import Law, scaling_d_prime
-from analysis.ideal_observer import AbxRule, abx_share
-from analysis.psychometric import Shape, sigmoid
+from analysis.models.critical_scaling import Law, scaling_d_prime
+from analysis.models.ideal_observer import AbxRule, abx_share
+from analysis.models.psychometric import Shape, sigmoid
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from analysis.detection import YesNo, yes_no
+from analysis.models.detection import YesNo, yes_no
 
 
 def of_table(

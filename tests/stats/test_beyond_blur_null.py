@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.detection import yes_no
+from analysis.models.detection import yes_no
 from analysis.power import power
 from analysis.tasks import analysis_of
 from protocols.load import load_study

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.contrasts import IN_CONDITION
-from analysis.models import models_beside
-from analysis.ordinal import paired_ratings, rating_model
-from analysis.reaction_model import time_model
+from analysis.models.contrasts import IN_CONDITION
+from analysis.models.logistic import models_beside
+from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.models.reaction_model import time_model
 
 ORACLES = Path(__file__).parent / "oracles"
 R = {

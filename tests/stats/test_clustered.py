@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.special import expit
 
-from analysis.clustered import (
+from analysis.models.clustered import (
     equivalence_p,
     holm,
     participant_t,

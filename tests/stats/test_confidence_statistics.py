@@ -14,7 +14,7 @@ from scipy import stats
 from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
-from analysis.metacognition import (
+from analysis.models.metacognition import (
     fit_meta,
     fit_unequal,
     graded_counts,

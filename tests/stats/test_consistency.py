@@ -7,7 +7,7 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from analysis.consistency import (
+from analysis.models.consistency import (
     _triad_distribution,
     agreement,
     circular_triads,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_trials import TaskDesign, simulate_abx
 
-from analysis.critical_scaling import (
+from analysis.models.critical_scaling import (
     critical_scaling,
     critical_scalings,
     fit_person,

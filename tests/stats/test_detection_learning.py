@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 from yes_no_table import of_table
 
-from analysis.bias import order_bias, side_bias
-from analysis.learning import trend
-from analysis.reaction import reaction_times
+from analysis.models.bias import order_bias, side_bias
+from analysis.models.learning import trend
+from analysis.models.reaction import reaction_times
 
 
 def test_d_prime_by_hand():

@@ -18,9 +18,9 @@ from scipy import stats
 from scipy.special import ndtr
 from yes_no_table import of_table
 
-from analysis.clustered import two_way_influence
-from analysis.detection import abx, d_prime_influence, identification, yes_no
-from analysis.ideal_observer import (
+from analysis.models.clustered import two_way_influence
+from analysis.models.detection import abx, d_prime_influence, identification, yes_no
+from analysis.models.ideal_observer import (
     abx_d_prime,
     abx_share,
     corrected_share,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.contrasts import Difference
+from analysis.models.contrasts import Difference
 from analysis.parts.shared import apa_difference
 from analysis.plots import psychometric_plot
 from analysis.report.wording import number, number_range, size, size_range

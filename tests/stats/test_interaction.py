@@ -10,9 +10,9 @@ from scipy import stats
 from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
-from analysis.cells import checked, grid
-from analysis.clustered import two_way_difference
-from analysis.interaction import jod_interactions, share_interactions
+from analysis.models.cells import checked, grid
+from analysis.models.clustered import two_way_difference
+from analysis.models.interaction import jod_interactions, share_interactions
 from analysis.report.build import report_decisions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError

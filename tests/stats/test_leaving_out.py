@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.clustered import two_way
+from analysis.models.clustered import two_way
+from analysis.models.preference import preference
 from analysis.parts import computed
 from analysis.parts.leaving_out import LeavingOutPart, _power
 from analysis.plans.preference import from_decisions
 from analysis.plans.told import PreferencesTold
-from analysis.preference import preference
 
 
 def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):

@@ -12,10 +12,16 @@ import pytest
 from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
-from analysis.clustered import equivalence_p
-from analysis.formula import TILDE_OPERATOR
-from analysis.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
-from analysis.logit import (
+from analysis.models.clustered import equivalence_p
+from analysis.models.formula import TILDE_OPERATOR
+from analysis.models.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
+from analysis.models.logistic import (
+    glm_logit,
+    glmm_logit,
+    glmm_probit,
+    models_beside,
+)
+from analysis.models.logit import (
     cluster_covariance,
     fit_logit,
     information,
@@ -23,14 +29,8 @@ from analysis.logit import (
     profile_limits,
     separated,
 )
-from analysis.models import (
-    glm_logit,
-    glmm_logit,
-    glmm_probit,
-    models_beside,
-)
-from analysis.random_effects import RandomEffects
-from analysis.response import LOGIT, Response
+from analysis.models.random_effects import RandomEffects
+from analysis.models.response import LOGIT, Response
 
 ORACLES = Path(__file__).parent / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())

@@ -11,8 +11,8 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.ideal_observer import abx_share
-from analysis.rates import rate_contrasts
+from analysis.models.ideal_observer import abx_share
+from analysis.models.rates import rate_contrasts
 
 COLUMNS = {"participant", "scene", "method", "order", "expected", "answer", "correct", "rt_s"}
 

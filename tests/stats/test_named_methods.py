@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from analysis.models.preference import preferences
 from analysis.parts import computed
 from analysis.plans.preference import from_decisions
 from analysis.plans.told import PreferencesTold
 from analysis.plots.preference import forest_plot
-from analysis.preference import preferences
 from analysis.report.wording import grouped
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from

@@ -15,12 +15,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from analysis import scaling
-from analysis.bayesian import BayesianPreference, Posterior, PriorCheck
-from analysis.diffusion import diffusion_by_condition
-from analysis.learning import trend
-from analysis.models import glm_logit, models_beside
-from analysis.ordinal import paired_ratings, rating_model
+from analysis.models import scaling
+from analysis.models.bayesian import BayesianPreference, Posterior, PriorCheck
+from analysis.models.diffusion import diffusion_by_condition
+from analysis.models.learning import trend
+from analysis.models.logistic import glm_logit, models_beside
+from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.models.psychometric import fit_psychometric
+from analysis.models.reaction import reaction_times
 from analysis.parts import computed
 from analysis.parts.bayes import apa_bayes
 from analysis.parts.learning import Learning, StepLearning, apa_trend
@@ -29,8 +31,6 @@ from analysis.parts.right_models import apa_term
 from analysis.plans.ratings import settings_of
 from analysis.plans.told import RatingsTold
 from analysis.plots import reaction_plot
-from analysis.psychometric import fit_psychometric
-from analysis.reaction import reaction_times
 from analysis.report.values import as_json
 from study_app.cli import app
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.observers import check_observers
-from analysis.pairs import probability
+from analysis.models.observers import check_observers
+from analysis.models.pairs import probability
 
 
 def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):

@@ -11,7 +11,7 @@ import pytest
 from scipy import integrate, stats
 from typer.testing import CliRunner, Result
 
-from analysis.ordinal import fit_cumulative, paired_ratings, rating_model, superiority
+from analysis.models.ordinal import fit_cumulative, paired_ratings, rating_model, superiority
 from study_app.cli import app
 
 FOLDER = Path(__file__).parent / "oracles"

@@ -15,7 +15,7 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis import bayesian
+from analysis.models import bayesian
 from analysis.parts import Estimate, Part, Shown, added, computed, estimates_of
 from analysis.parts.looks import LooksPart
 from analysis.report.blocks import Cautions, Paragraph
@@ -25,7 +25,7 @@ from analysis.tables.table import Table
 from analysis.tables.trials import read_times
 from analysis.tasks import ANALYSES, analysis_of
 from analysis.tasks.note import write_note
-from analysis.tasks.times import TimesSettings
+from analysis.tasks.times import TimesPlan
 from protocols.errors import StudyError
 from protocols.results import read_results
 from study_app.cli import app
@@ -501,7 +501,7 @@ class Draws(Part[Any, Number]):
         return Shown(sentences=(f"{found.value}",))
 
 
-PLAN = TimesSettings(study="s", title="s")
+PLAN = TimesPlan(study="s", title="s")
 NOTHING = pd.DataFrame({"participant": []})
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.special import ndtr, ndtri
 
-from analysis.ideal_observer import abx_share, forced_choice_share
+from analysis.models.ideal_observer import abx_share, forced_choice_share
 from analysis.pilot import sensitivity_deviations, threshold_deviations
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from analysis.preference import preferences
+from analysis.models.preference import preferences
 from analysis.tables.decisions import read_decisions
 from analysis.tables.table import Table
 from protocols.errors import StudyError

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from analysis.models.sequential import plan_of, standing
 from analysis.planning import look_problems, planning_notes
-from analysis.sequential import plan_of, standing
 from analysis.showable import hopeless
 from analysis.tasks import analysis_of
 from protocols.load import load_protocol

@@ -23,15 +23,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from analysis.bias import Bias, order_bias, side_bias
-from analysis.bootstrap import bootstrap_scale
-from analysis.critical_scaling import critical_scalings
-from analysis.detection import identification, yes_no
-from analysis.deviations import Level
-from analysis.learning import course
-from analysis.metacognition import UnequalFit
-from analysis.ordinal import rating_model
-from analysis.pairings import counts, pairing_rows
+from analysis.models.bias import Bias, order_bias, side_bias
+from analysis.models.bootstrap import bootstrap_scale
+from analysis.models.critical_scaling import critical_scalings
+from analysis.models.detection import identification, yes_no
+from analysis.models.deviations import Level
+from analysis.models.learning import course
+from analysis.models.metacognition import UnequalFit
+from analysis.models.ordinal import rating_model
+from analysis.models.pairings import counts, pairing_rows
+from analysis.models.preference import preferences
+from analysis.models.psychometric import fit_psychometric
+from analysis.models.reaction import reaction_times
+from analysis.models.scaling import scale
+from analysis.models.sequential import plan_of
+from analysis.models.thresholds import fit_thresholds
 from analysis.parts.scale import vote_tensor
 from analysis.plots import (
     ONE_COLUMN_IN,
@@ -60,13 +66,7 @@ from analysis.plots.ratings import ratings_plot
 from analysis.plots.sequential import bounds_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
-from analysis.preference import preferences
-from analysis.psychometric import fit_psychometric
-from analysis.reaction import reaction_times
-from analysis.scaling import scale
-from analysis.sequential import plan_of
 from analysis.tasks import analysis_of
-from analysis.thresholds import fit_thresholds
 from protocols.sequential import Sequential
 
 LABELS = {

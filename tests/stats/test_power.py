@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from scipy.special import expit
 
-from analysis.clustered import two_way, two_way_of_first
+from analysis.models.clustered import two_way, two_way_of_first
 from analysis.parts.preferences import PreferencesPart
 from analysis.pilot import preference_deviations
-from analysis.plans.preference import Settings, from_decisions, from_protocol
+from analysis.plans.preference import PreferencePlan, from_decisions, from_protocol
 from analysis.power import default_participants, power
 from analysis.simulations import Choices, mean_logit
 from protocols.errors import StudyError
@@ -22,14 +22,14 @@ SCENES = tuple(f"s{i}" for i in range(6))
 
 
 @pytest.fixture(scope="module")
-def settings(demo_protocol) -> Settings:
+def settings(demo_protocol) -> PreferencePlan:
     """The demonstration study with six scenes and eleven people, as the paper's."""
     found = from_protocol(demo_protocol)
     wide = tuple(replace(entry, scenes=SCENES) for entry in found.comparisons)
     return found.but(comparisons=wide, planned_participants=11)
 
 
-def curve_of(settings: Settings, rng, participants=None, **how: float) -> SimpleNamespace:
+def curve_of(settings: PreferencePlan, rng, participants=None, **how: float) -> SimpleNamespace:
     """Power of choices; `how` says what is assumed, and ``studies``, ``designs``."""
     own = {name: how.pop(name) for name in ("studies", "designs") if name in how}
     simulation = Choices(settings, (PreferencesPart(),))

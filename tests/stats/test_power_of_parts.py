@@ -18,7 +18,7 @@ from analysis.parts.preferences import PreferencesPart
 from analysis.parts.ratings import RatingsPart
 from analysis.pilot import rating_deviations
 from analysis.plans.preference import Comparison
-from analysis.plans.ratings import RatingSettings
+from analysis.plans.ratings import RatingPlan
 from analysis.plans.told import RatingsTold
 from analysis.power import planned_p_values, power
 from analysis.simulations import Choices, RatedSteps
@@ -199,7 +199,7 @@ def rated():
     )
     scale = ("bad", "poor", "fair", "good")
     asked = RatingsTold(by="method", baseline="blur", scale=scale)
-    plan = RatingSettings.of(asked, study="s", title="s", reaction="models")
+    plan = RatingPlan.of(asked, study="s", title="s", reaction="models")
     return RatedSteps(told, plan, (RatingsPart(),))
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.bayes import binomial_bayes_factor, t_bayes_factor
-from analysis.clustered import holm, two_way
-from analysis.pairings import Comparisons, counts, pairing_rows
-from analysis.preference import cohens_h, preference, preferences
+from analysis.models.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.models.clustered import holm, two_way
+from analysis.models.pairings import Comparisons, counts, pairing_rows
+from analysis.models.preference import cohens_h, preference, preferences
 
 ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())
 

@@ -11,9 +11,9 @@ import pytest
 from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
-from analysis import psychometric_posterior as module
-from analysis.psychometric import sigmoid
-from analysis.psychometric_posterior import (
+from analysis.models import psychometric_posterior as module
+from analysis.models.psychometric import sigmoid
+from analysis.models.psychometric_posterior import (
     WIDTH_OF_LEVELS,
     compare_thresholds,
     psychometric_posterior,

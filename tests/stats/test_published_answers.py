@@ -15,20 +15,20 @@ from scipy import stats
 from scipy.special import xlogy
 from yes_no_table import of_table
 
-from analysis.bayes import binomial_bayes_factor
-from analysis.bootstrap import bootstrap_scores
-from analysis.clustered import equivalence_p, holm, participant_t, sign_flip_floor
-from analysis.consistency import agreement, circular_triads, transitivity
-from analysis.glmm import fit_crossed
-from analysis.ideal_observer import forced_choice_d_prime
-from analysis.logit import fit_logit, information
-from analysis.models import glm_logit, glmm_logit
-from analysis.observers import check_observers
-from analysis.pairs import JOD_SIGMA, difference_design, pair_index
+from analysis.models.bayes import binomial_bayes_factor
+from analysis.models.bootstrap import bootstrap_scores
+from analysis.models.clustered import equivalence_p, holm, participant_t, sign_flip_floor
+from analysis.models.consistency import agreement, circular_triads, transitivity
+from analysis.models.glmm import fit_crossed
+from analysis.models.ideal_observer import forced_choice_d_prime
+from analysis.models.logistic import glm_logit, glmm_logit
+from analysis.models.logit import fit_logit, information
+from analysis.models.observers import check_observers
+from analysis.models.pairs import JOD_SIGMA, difference_design, pair_index
+from analysis.models.preference import preferences
+from analysis.models.psychometric import fit_psychometric
+from analysis.models.scaling import scale
 from analysis.plots.style import share_text
-from analysis.preference import preferences
-from analysis.psychometric import fit_psychometric
-from analysis.scaling import scale
 from analysis.tables.decisions import read_decisions
 
 Reader = Callable[..., pd.DataFrame]

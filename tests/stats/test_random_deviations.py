@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import deviations
-from analysis.deviations import profile_limits
-from analysis.linear_mixed import fit_linear_mixed
-from analysis.models import ModelFit, glmm_logit, models_beside
-from analysis.ordinal import fit_cumulative, rating_model
+from analysis.models import deviations
+from analysis.models.deviations import profile_limits
+from analysis.models.linear_mixed import fit_linear_mixed
+from analysis.models.logistic import ModelFit, glmm_logit, models_beside
+from analysis.models.ordinal import fit_cumulative, rating_model
+from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import apa_term
-from analysis.reaction_model import time_model
 
 FOLDER = Path(__file__).parent / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
@@ -100,7 +100,7 @@ def test_models_of_reports_hold_deviations_of_every_effect(times):
 
 
 def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
-    monkeypatch.setattr("analysis.glmm.MOST_PROFILED", 5)
+    monkeypatch.setattr("analysis.models.glmm.MOST_PROFILED", 5)
     fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], profile=True)
     assert math.isnan(fit.deviations[0].lower)
     assert fit.deviations[0].levels == ()

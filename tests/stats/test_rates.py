@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.special import expit
 
-from analysis.clustered import two_way
-from analysis.rates import (
+from analysis.models.clustered import two_way
+from analysis.models.rates import (
     contrasts,
     correct_rates,
     rate_contrasts,

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from analysis.ordinal import paired_ratings, rating_model
+from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError

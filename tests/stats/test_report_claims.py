@@ -17,13 +17,13 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.critical_scaling import critical_scaling
+from analysis.models.critical_scaling import critical_scaling
+from analysis.models.psychometric import _Problem, fit_psychometric
+from analysis.models.thresholds import Threshold, fit_thresholds
 from analysis.parts import computed
 from analysis.parts.critical import apa_critical
 from analysis.parts.levels import apa_thresholds
-from analysis.psychometric import _Problem, fit_psychometric
 from analysis.tasks import analysis_of
-from analysis.thresholds import Threshold, fit_thresholds
 
 UNKNOWN = "not identified by these data"
 
@@ -207,7 +207,7 @@ def test_a_search_that_runs_away_does_not_overflow(shape, log_width):
 
 def test_limits_beyond_every_float_are_infinite_without_a_warning(matched, monkeypatch):
     flat = 1.1e-6 * np.eye(5)
-    monkeypatch.setattr("analysis.critical_scaling.numeric_hessian", lambda *_, **__: flat)
+    monkeypatch.setattr("analysis.models.critical_scaling.numeric_hessian", lambda *_, **__: flat)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fit = critical_scaling(matched)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
-from analysis.clustered import holm
-from analysis.pairs import difference_design, has_maximum, probability, solve_pairs
-from analysis.scaling import contrasts, scale
+from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
+from analysis.models.clustered import holm
+from analysis.models.pairs import difference_design, has_maximum, probability, solve_pairs
+from analysis.models.scaling import contrasts, scale
 
 NAMES3 = ("a", "b", "c")
 

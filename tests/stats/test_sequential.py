@@ -11,18 +11,18 @@ import pytest
 from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
-from analysis.bayes import t_bayes_factor
-from analysis.parts import estimates_of
-from analysis.plots.sequential import bounds_plot
-from analysis.power import planned_p_values
-from analysis.report.build import report_sessions
-from analysis.sequential import (
+from analysis.models.bayes import t_bayes_factor
+from analysis.models.sequential import (
     critical_values,
     plan_of,
     sequential_error,
     spent,
     standing,
 )
+from analysis.parts import estimates_of
+from analysis.plots.sequential import bounds_plot
+from analysis.power import planned_p_values
+from analysis.report.build import report_sessions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol

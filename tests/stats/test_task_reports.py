@@ -25,9 +25,9 @@ from scipy import stats
 from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.detection import YesNoResults
 from analysis.export.write import export_study
-from analysis.ideal_observer import abx_share
+from analysis.models.detection import YesNoResults
+from analysis.models.ideal_observer import abx_share
 from analysis.parts import computed
 from analysis.power import power
 from analysis.report.build import report_decisions, report_sessions

@@ -8,10 +8,10 @@ import pytest
 from made_up_trials import TaskDesign, simulate_identification
 from scipy.special import ndtr
 
-from analysis.models import glmm_logit
-from analysis.quadrature import fit_people
-from analysis.response import Response
-from analysis.thresholds import fit_thresholds
+from analysis.models.logistic import glmm_logit
+from analysis.models.quadrature import fit_people
+from analysis.models.response import Response
+from analysis.models.thresholds import fit_thresholds
 from protocols.adaptive.psychometric import probability
 
 STEEP = (0, 3, 4)

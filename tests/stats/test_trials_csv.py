@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_trials import TaskDesign, simulate_abx, simulate_yes_no
 
-from analysis.detection import yes_no
+from analysis.models.detection import yes_no
 from analysis.tables.trials import read_trials
 from protocols.errors import StudyError
 

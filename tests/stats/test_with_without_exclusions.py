@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from undrawn_reports import undrawn
 
+from analysis.models.preference import preferences
 from analysis.parts import Estimate, estimates_of
 from analysis.plans.told import DetectionTold, IdentificationTold
-from analysis.preference import preferences
 from analysis.report.beside import Beside, beside, beside_blocks
 from analysis.report.build import report_sessions
 from analysis.report.source import from_sessions

@@ -14,10 +14,12 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.critical_scaling import critical_scaling, fit_person
-from analysis.detection import abx, identification, yes_no
-from analysis.learning import trend
-from analysis.models import glm_logit
+from analysis.models.critical_scaling import critical_scaling, fit_person
+from analysis.models.detection import abx, identification, yes_no
+from analysis.models.learning import trend
+from analysis.models.logistic import glm_logit
+from analysis.models.rates import correct_rates
+from analysis.models.thresholds import fit_thresholds
 from analysis.parts.correct import apa_rate
 from analysis.parts.critical import apa_critical
 from analysis.parts.learning import apa_trend
@@ -30,8 +32,6 @@ from analysis.parts.sensitivity import (
     methods_yes_no,
 )
 from analysis.parts.shared import apa_difference
-from analysis.rates import correct_rates
-from analysis.thresholds import fit_thresholds
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from analysis import psychometric as fitted
+from analysis.models import psychometric as fitted
 from protocols.adaptive.levels import check_history, check_levels
 from protocols.adaptive.psychometric import SHAPES, probability, sigmoid, slope_of
 from protocols.errors import StudyError

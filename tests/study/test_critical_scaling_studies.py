@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from analysis.critical_scaling import critical_scaling
-from analysis.ideal_observer import abx_d_prime, abx_share
+from analysis.models.critical_scaling import critical_scaling
+from analysis.models.ideal_observer import abx_d_prime, abx_share
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_study, protocol_of, read_toml, shipped

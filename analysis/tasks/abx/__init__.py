@@ -5,19 +5,19 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
-from analysis.detection import DiscriminationResults, abx
-from analysis.ideal_observer import abx_share
+from analysis.models.detection import DiscriminationResults, abx
+from analysis.models.ideal_observer import abx_share
 from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RateSettings, baseline_in
+from analysis.plans.rates import RatePlan, baseline_in
 from analysis.plans.told import AbxTold, WhichHalfTold
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.tasks.base import Analysis
 
 
-def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
+def _sense(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
     return abx(
         rows,
         plan.compared,
@@ -47,7 +47,7 @@ class Abx(RatesTask):
                 return found
         return self.named
 
-    def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
+    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""
         return tabulated(lambda d: abx_share(d, settings.rule))
 

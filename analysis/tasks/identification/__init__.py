@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
-from analysis.detection import DiscriminationResults, identification
-from analysis.ideal_observer import forced_choice_share
+from analysis.models.detection import DiscriminationResults, identification
+from analysis.models.ideal_observer import forced_choice_share
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RateSettings, baseline_in
+from analysis.plans.rates import RatePlan, baseline_in
 from analysis.plans.told import IdentificationTold
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
@@ -17,7 +17,7 @@ from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 
 
-def _sense(rows: pd.DataFrame, plan: RateSettings) -> DiscriminationResults:
+def _sense(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
     return identification(
         rows,
         plan.compared,
@@ -55,6 +55,6 @@ class Identification(RatesTask):
             )
         return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
 
-    def share_of(self, settings: RateSettings) -> Callable[[Floats], Floats]:
+    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""
         return tabulated(lambda d: forced_choice_share(d, settings.alternatives))

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
-from analysis.clustered import least_p
-from analysis.pairings import as_numbers, pairing_rows
+from analysis.models.clustered import least_p
+from analysis.models.pairings import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
@@ -23,7 +23,7 @@ from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.strengths import StrengthsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference import (
-    Settings,
+    PreferencePlan,
     from_decisions,
     from_protocol,
 )
@@ -40,7 +40,7 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 
-class PreferenceOfPairs(TaskAnalysis[Settings]):
+class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"
@@ -63,15 +63,15 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
     )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
-    def settings(self, study: StudyProtocol) -> Settings:
+    def settings(self, study: StudyProtocol) -> PreferencePlan:
         """Return pairings, primary comparison and rules of a protocol."""
         return from_protocol(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> Settings:
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> PreferencePlan:
         """Return every pairing found, as named and turned."""
         return from_decisions(decisions, name, told)
 
-    def told_by(self, plan: Settings) -> Analysis:
+    def told_by(self, plan: PreferencePlan) -> Analysis:
         """Return rules and names; a table with what is compared declares no primary comparison."""
         return super().told_by(plan.but(primary=None))
 
@@ -83,7 +83,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         """Return the columns of preferences."""
         return preference_columns(decisions)
 
-    def check_table(self, path: Path, decisions: pd.DataFrame, settings: Settings) -> None:
+    def check_table(self, path: Path, decisions: pd.DataFrame, settings: PreferencePlan) -> None:
         """Refuse methods that the protocol does not have, and a table without its pairings."""
         unknown = sorted(
             (set(decisions["first"]) | set(decisions["second"])) - set(settings.methods)
@@ -98,7 +98,7 @@ class PreferenceOfPairs(TaskAnalysis[Settings]):
         ):
             raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
 
-    def table(self, decisions: pd.DataFrame, _settings: Settings) -> pd.DataFrame:
+    def table(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> pd.DataFrame:
         """Return decisions with names as categories, which parts group."""
         return as_numbers(decisions)
 

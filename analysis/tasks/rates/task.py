@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.clustered import least_p
+from analysis.models.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
@@ -23,7 +23,7 @@ from analysis.parts.random_effects import RightEffects, TimeEffects
 from analysis.parts.right_models import ModelsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
-    RateSettings,
+    RatePlan,
     common_settings,
     common_settings_of_table,
     prepared,
@@ -63,7 +63,7 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
     )
 
 
-class RatesTask(TaskAnalysis[RateSettings]):
+class RatesTask(TaskAnalysis[RatePlan]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     two: ClassVar[bool] = False
@@ -91,13 +91,13 @@ class RatesTask(TaskAnalysis[RateSettings]):
         compared = len(self.simulation(study).compared)
         return max(compared, 1) if settings.correction == "holm" else 1
 
-    # Settings and tables.
+    # PreferencePlan and tables.
 
-    def settings(self, study: StudyProtocol) -> RateSettings:
+    def settings(self, study: StudyProtocol) -> RatePlan:
         """Return columns, values and rules of a protocol."""
         return common_settings(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RateSettings:
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
         """Return what was told; without a protocol nothing was planned."""
         return common_settings_of_table(decisions, name, told, self.table_answers(decisions, told))
 
@@ -113,11 +113,11 @@ class RatesTask(TaskAnalysis[RateSettings]):
         renamed = rows.renamed - {*wanted, told.level}
         return as_decisions(found.drop(columns=renamed, errors="ignore"))
 
-    def table_notes(self, decisions: pd.DataFrame, settings: RateSettings) -> Sequence[str]:
+    def table_notes(self, decisions: pd.DataFrame, settings: RatePlan) -> Sequence[str]:
         """Return whether answers are below guessing, or get worse where they should not."""
         return odd_answers(prepared(decisions, settings), settings)
 
-    def check_table(self, path: Path, decisions: pd.DataFrame, settings: RateSettings) -> None:
+    def check_table(self, path: Path, decisions: pd.DataFrame, settings: RatePlan) -> None:
         """Refuse conditions and answers that the protocol does not have."""
         rows = prepared(decisions, settings)
         checked = [(settings.by_name, "condition", settings.values)] if settings.by else []
@@ -131,17 +131,17 @@ class RatesTask(TaskAnalysis[RateSettings]):
                     f" (got {', '.join(unknown)})"
                 )
 
-    def table(self, decisions: pd.DataFrame, settings: RateSettings) -> pd.DataFrame:
+    def table(self, decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
         """Return the decisions with their condition."""
         return prepared(decisions, settings)
 
-    def parts_of(self, settings: RateSettings) -> Sequence[AnyPart]:
+    def parts_of(self, settings: RatePlan) -> Sequence[AnyPart]:
         """Return the parts; where levels were chosen from the answers, thresholds come first."""
         return sorted(self.parts, key=lambda part: settings.adaptive and part.section != SECTION)
 
     # Power.
 
-    def share_of(self, _settings: RateSettings) -> Callable[[Floats], Floats] | None:
+    def share_of(self, _settings: RatePlan) -> Callable[[Floats], Floats] | None:
         """Return the chance of a right answer by d'; None where answers have a criterion."""
         return None
 

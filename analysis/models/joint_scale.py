@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.bootstrap import drawn_scores, draws
-from analysis.clustered import least_p
-from analysis.pairs import fit_scores, pair_index, probability
+from analysis.models.bootstrap import drawn_scores, draws
+from analysis.models.clustered import least_p
+from analysis.models.pairs import fit_scores, pair_index, probability
 
 Floats = NDArray[np.float64]
 LEAST_DRAWN = 100

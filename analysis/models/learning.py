@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import participant_t, sign_flip_p
+from analysis.models.clustered import participant_t, sign_flip_p
 
 Floats = NDArray[np.float64]
 

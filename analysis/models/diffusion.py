@@ -9,8 +9,8 @@ import pandas as pd
 from scipy import stats
 from scipy.special import logit
 
-from analysis.cells import checked, conditions
-from analysis.contrasts import Difference, paired, pairs_of
+from analysis.models.cells import checked, conditions
+from analysis.models.contrasts import Difference, paired, pairs_of
 
 NOISE = 0.1
 """Within-trial noise s, as the papers scale it: drift and boundary are in units of it."""

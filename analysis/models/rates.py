@@ -8,15 +8,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import (
+from analysis.models.cells import Grid, checked, conditions, grid
+from analysis.models.clustered import (
     ClusteredEstimate,
     holm,
     two_way,
     two_way_difference,
     two_way_influence,
 )
-from analysis.contrasts import Difference, pairs_of
+from analysis.models.contrasts import Difference, pairs_of
 from analysis.showable import two_scenes
 from protocols.prose import count_of
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm, least_p
-from analysis.pairs import Floats, Model, fit_scores, pair_index
+from analysis.models.clustered import holm, least_p
+from analysis.models.pairs import Floats, Model, fit_scores, pair_index
 from protocols.prose import count_of
 
 FEW_CLUSTERS = 5

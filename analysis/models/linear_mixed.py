@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 from scipy.sparse import linalg as splinalg
 
-from analysis.deviations import (
+from analysis.models.deviations import (
     MOST_PROFILED,
     Deviation,
     Level,

@@ -9,17 +9,17 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import holm
-from analysis.deviations import Deviation
-from analysis.formula import group_codes
-from analysis.glmm import (
+from analysis.models.clustered import holm
+from analysis.models.deviations import Deviation
+from analysis.models.formula import group_codes
+from analysis.models.glmm import (
     SINGULAR_SD,
     CrossedFit,
     crossed_deviations,
     fit_crossed,
     reduced_ratio,
 )
-from analysis.pairs import components, has_maximum
+from analysis.models.pairs import components, has_maximum
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from analysis.clustered import holm, sign_flip_p, two_way
-from analysis.pairings import cell_counts
+from analysis.models.clustered import holm, sign_flip_p, two_way
+from analysis.models.pairings import cell_counts
 
 
 @dataclass(frozen=True)

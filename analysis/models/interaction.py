@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.bootstrap import difference_limits, drawn_scores, draws
-from analysis.cells import Grid
-from analysis.clustered import holm
-from analysis.contrasts import Difference
-from analysis.rates import Influence, contrasts, share_influence
-from analysis.scaling import scale
+from analysis.models.bootstrap import difference_limits, drawn_scores, draws
+from analysis.models.cells import Grid
+from analysis.models.clustered import holm
+from analysis.models.contrasts import Difference
+from analysis.models.rates import Influence, contrasts, share_influence
+from analysis.models.scaling import scale
 
 Floats = NDArray[np.float64]
 

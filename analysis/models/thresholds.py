@@ -8,12 +8,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.cells import checked, grid, numbered
-from analysis.contrasts import IN_CONDITION, Crossed, Difference, pairs_of, wald
-from analysis.glmm import fit_crossed
-from analysis.psychometric import LINKS, SKEWED
-from analysis.quadrature import STARTS, PeopleFit, fit_people
-from analysis.response import Response, axis_of
+from analysis.models.cells import checked, grid, numbered
+from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of, wald
+from analysis.models.glmm import fit_crossed
+from analysis.models.psychometric import LINKS, SKEWED
+from analysis.models.quadrature import STARTS, PeopleFit, fit_people
+from analysis.models.response import Response, axis_of
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.psychometric import WIDTH_EDGE
 from protocols.prose import count_of

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, expit, log_expit, logit
 
-from analysis.clustered import holm
-from analysis.contrasts import pairs_of
-from analysis.response import axis_of
+from analysis.models.clustered import holm
+from analysis.models.contrasts import pairs_of
+from analysis.models.response import axis_of
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.psychometric import sigmoid
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit
 
-from analysis.numeric import newton_polish
-from analysis.response import Response, steep_prior
+from analysis.models.numeric import newton_polish
+from analysis.models.response import Response, steep_prior
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.pairs import (
+from analysis.models.pairs import (
     JOD_SIGMA,
     Floats,
     Model,

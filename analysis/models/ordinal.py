@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
-from analysis.cells import checked, grid, numbered
-from analysis.contrasts import IN_CONDITION, Crossed, Pair, pairs_of, unidentified, wald
-from analysis.deviations import (
+from analysis.models.cells import checked, grid, numbered
+from analysis.models.contrasts import IN_CONDITION, Crossed, Pair, pairs_of, unidentified, wald
+from analysis.models.deviations import (
     LATENT_VARIANCE,
     MOST_PROFILED,
     Deviation,
@@ -24,8 +24,8 @@ from analysis.deviations import (
     profile_limits,
     with_shares,
 )
-from analysis.numeric import numeric_hessian
-from analysis.rates import FEW_PARTICIPANTS
+from analysis.models.numeric import numeric_hessian
+from analysis.models.rates import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -8,11 +8,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.cells import checked, grid, numbered
-from analysis.contrasts import IN_CONDITION, Crossed, pairs_of, wald
-from analysis.deviations import Deviation
-from analysis.linear_mixed import fit_linear_mixed
-from analysis.rates import FEW_PARTICIPANTS
+from analysis.models.cells import checked, grid, numbered
+from analysis.models.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.models.deviations import Deviation
+from analysis.models.linear_mixed import fit_linear_mixed
+from analysis.models.rates import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 
-from analysis.detection import Measure
+from analysis.models.detection import Measure
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.response import Link
+from analysis.models.response import Link
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.psychometric import WIDTH_EDGE
 from protocols.adaptive.psychometric import sigmoid as broadcast_sigmoid

@@ -10,23 +10,23 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.deviations import Deviation
-from analysis.formula import aliased, group_codes, matrices, well_scaled
-from analysis.glmm import (
+from analysis.models.deviations import Deviation
+from analysis.models.formula import aliased, group_codes, matrices, well_scaled
+from analysis.models.glmm import (
     SINGULAR_SD,
     CrossedFit,
     crossed_deviations,
     fit_crossed,
     reduced_ratio,
 )
-from analysis.logit import (
+from analysis.models.logit import (
     cluster_covariance,
     fit_logit,
     likelihood_ratio_p,
     profile_limits,
     separated,
 )
-from analysis.response import LOGIT, PROBIT, Response
+from analysis.models.response import LOGIT, PROBIT, Response
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10

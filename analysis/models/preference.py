@@ -9,8 +9,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.bayes import binomial_bayes_factor, t_bayes_factor
-from analysis.clustered import (
+from analysis.models.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.models.clustered import (
     FEW_SCENES,
     ClusteredShare,
     holm,
@@ -19,7 +19,7 @@ from analysis.clustered import (
     sign_flip_p,
     two_way,
 )
-from analysis.pairings import ALL_SIZES, Comparisons, counts, found_pairings
+from analysis.models.pairings import ALL_SIZES, Comparisons, counts, found_pairings
 from analysis.showable import hopeless, two_scenes
 from protocols.prose import count_of
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit
 
-from analysis.deviations import (
+from analysis.models.deviations import (
     LATENT_VARIANCE,
     MOST_PROFILED,
     Deviation,
@@ -21,10 +21,10 @@ from analysis.deviations import (
     profile_limits,
     with_shares,
 )
-from analysis.logit import fit_logit
-from analysis.numeric import newton_polish
-from analysis.random_effects import Arrow, RandomEffects
-from analysis.response import LOGIT, Rates, Response, steep_prior
+from analysis.models.logit import fit_logit
+from analysis.models.numeric import newton_polish
+from analysis.models.random_effects import Arrow, RandomEffects
+from analysis.models.response import LOGIT, Rates, Response, steep_prior
 
 Floats = NDArray[np.float64]
 

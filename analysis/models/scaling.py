@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.pairs import (
+from analysis.models.pairs import (
     PSEUDO_VOTES,
     Floats,
     Model,

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import ndtri
 
-from analysis.cells import Grid, checked, conditions, grid
-from analysis.clustered import held_p
-from analysis.contrasts import Difference
-from analysis.ideal_observer import (
+from analysis.models.cells import Grid, checked, conditions, grid
+from analysis.models.clustered import held_p
+from analysis.models.contrasts import Difference
+from analysis.models.ideal_observer import (
     AbxRule,
     Correction,
     abx_d_prime,
     corrected_share,
     forced_choice_d_prime,
 )
-from analysis.rates import Influence, Rate, contrasts, rate, rate_contrasts, share_influence
+from analysis.models.rates import Influence, Rate, contrasts, rate, rate_contrasts, share_influence
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.clustered import held_p, holm, two_way_df, weighted_df
+from analysis.models.clustered import held_p, holm, two_way_df, weighted_df
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Models and tests: they take arrays or tables, and know no words."""
