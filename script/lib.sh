@@ -263,7 +263,7 @@ has_tools() {
 
 # Node itself comes from the user: Debian 12 has an older one than the web part needs.
 install_tools() {
-    local enough="process.exit(process.versions.node.localeCompare('$MINIMUM_NODE', 'en', {numeric: true}) < 0)"
+    local enough="process.exit(process.versions.node.localeCompare('$MINIMUM_NODE', 'en', {numeric: true}) < 0 ? 1 : 0)"
     command -v npm >/dev/null && node -e "$enough" ||
         stop "the web part needs Node $MINIMUM_NODE or newer, with npm (found $(node --version 2>/dev/null || echo none)).
 Install it, then run this again"
