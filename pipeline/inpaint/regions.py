@@ -153,6 +153,7 @@ class WorkLists(Pass):
         self._build_groups = flag_count // LIST_GROUP
         self._cells = self._buffer(4 * cell_count)
         self._counts = self._buffer(_COUNTS_STRIDE * len(self._lists))
+        self._seen = self._buffer(_COUNTS_STRIDE)
         self._entries = self._buffer(entries_bytes)
         self._active = self._buffer(4 * flag_count)
         self._reset = self._shader("inpaint/reset.comp.glsl")
@@ -201,10 +202,20 @@ class WorkLists(Pass):
         """Begin anew with the last shell as the first; tell whether it holds anything."""
         first, last = (self._lists["shell", k].index for k in (0, SHELLS))
         stride = _COUNTS_STRIDE
-        found = self._counts.read(stride, offset=stride * last)
+        # Through a copy: a driver maps a buffer as it was before the last pass appended to it.
+        self._ctx.copy_buffer(self._seen, self._counts, stride, read_offset=stride * last)
+        found = self._seen.read()
         empty = np.tile(np.array([0, 1, 1, 0], np.uint32), SHELLS).tobytes()
         self._counts.write(found + empty, offset=stride * first)
         return any(found[-4:])
+
+    def _read(self, buffer: moderngl.Buffer) -> NDArray[np.uint32]:
+        """Read back what shaders wrote, through a copy as `carry_shells` does."""
+        copy = self._ctx.buffer(reserve=buffer.size)
+        self._ctx.copy_buffer(copy, buffer)
+        found = np.frombuffer(copy.read(), np.uint32)
+        copy.release()
+        return found
 
     def appendable(self, key: Key) -> tuple[int, int]:
         """Index and first entry of a list by pixel: what a pass needs to append to it."""
@@ -231,20 +242,20 @@ class WorkLists(Pass):
 
     def entry_counts(self) -> dict[Key, tuple[int, int]]:
         """For every list of the last frame: (entries, entries there could be). Reads back."""
-        counts = np.frombuffer(self._counts.read(), np.uint32).reshape(-1, 4)[:, 3]
+        counts = self._read(self._counts).reshape(-1, 4)[:, 3]
         return {key: (int(counts[i.index]), i.capacity) for key, i in self._lists.items()}
 
     def entries(self, key: Key) -> NDArray[np.uint32]:
         """A list of the last frame: rows of (row, column, chain), in any order. Reads back."""
         item = self._lists[key]
         count, _ = self.entry_counts()[key]
-        packed = np.frombuffer(self._entries.read(), np.uint32)[item.first : item.first + count]
+        packed = self._read(self._entries)[item.first : item.first + count]
         return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
 
     def active_tiles(self, key: RegionKey) -> NDArray[np.bool_]:
         """Which tiles of a region were in it in the last frame, (rows, columns). Reads back."""
         item = self._regions[key]
-        flags = np.frombuffer(self._active.read(), np.uint32)[item.first : item.first + item.tiles]
+        flags = self._read(self._active)[item.first : item.first + item.tiles]
         return np.asarray(flags.reshape(-1, self._columns(item.resolution)) != 0)
 
     def _columns(self, resolution: int) -> int:

@@ -222,3 +222,24 @@ def test_lists_that_a_driver_cannot_take_are_refused_with_its_limit(gl_context, 
         InputError, match=r"at most 1 MiB on this driver \(got 512x400, which takes"
     ):
         TransportPass(gl_context, (512, 400), WHOLE)
+
+
+def test_lists_are_read_through_a_copy(gl_context):
+    """A graphics card mapped them as they were before the last pass appended to them."""
+
+    class Unread:
+        def __init__(self, buffer):
+            self._buffer = buffer
+
+        def __getattr__(self, name):
+            assert name != "read"
+            return getattr(self._buffer, name)
+
+    made = Run(gl_context, two_grounds(np.random.default_rng(5), (24, 300), 190))
+    lists = made.fill_pass.lists
+    for name in ("_counts", "_entries", "_active"):
+        setattr(lists, name, Unread(getattr(lists, name)))
+    made()
+    assert lists.entry_counts()["holes", 1][0] > 0
+    assert len(lists.entries(("holes", 1))) > 0
+    made.release()
