@@ -9,6 +9,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, texture_bytes, texture_from
+from pipeline.inpaint.region import MOST_EDGE_PX
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
 
@@ -143,7 +144,7 @@ def test_textures_of_another_size_are_refused(gl_context, argument):
 
 
 def widest(gl_context):
-    return int(gl_context.info["GL_MAX_TEXTURE_SIZE"]) // 3 * 2
+    return min(MOST_EDGE_PX, int(gl_context.info["GL_MAX_TEXTURE_SIZE"]) // 3 * 2)
 
 
 def test_a_frame_too_wide_for_the_driver_is_refused(gl_context):
@@ -158,7 +159,7 @@ def test_the_widest_and_the_tallest_frame_are_filled_to_the_end(
     prepare, gl_context, rng, tall, levels, disc_scene
 ):
     """Entries of lists hold columns and rows; a hole lies in the last of them."""
-    limit = int(gl_context.info["GL_MAX_TEXTURE_SIZE"])
+    limit = min(MOST_EDGE_PX, int(gl_context.info["GL_MAX_TEXTURE_SIZE"]))
     frame = disc_scene(rng, (4, limit if tall else widest(gl_context)))
     if tall:
         parts = (frame.colour, frame.depth_m, frame.hole, frame.flow_px)
