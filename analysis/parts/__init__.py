@@ -319,7 +319,8 @@ def computed(
         except ValueError as problem:
             if part.essential:
                 raise StudyError(f"{plan.study}: {problem}") from None
-            notes.append(f"no {part.name.replace('_', ' ')}: {problem}")
+            if str(problem):  # without words: a part that it needs has said why
+                notes.append(f"no {part.name.replace('_', ' ')}: {problem}")
     return {name: found[name] for name in wanted if name in found}, tuple(notes)
 
 

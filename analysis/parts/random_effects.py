@@ -64,7 +64,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
         (name,) = self.needs
         models = tuple(one for one in self.models(found.get(name), plan) if one.deviations)
         if not models:
-            raise ValueError(f"there is no mixed model of {self.about}")
+            raise ValueError  # the part with the models says why there is none
         notes = []
         if any(math.isnan(own.lower) for one in models for own in one.deviations):
             notes.append(

@@ -54,8 +54,15 @@ def odd_study(seed: int) -> pd.DataFrame:
     return table
 
 
-WITHHELD = ("[choice_models].together", "[learning]", "[times]")
-"""Models that say which of their terms the data do not identify; these have no number."""
+WITHHELD = (
+    "[choice_models].together",
+    "[learning]",
+    "[times]",
+    "[random_effects]",
+    "[random_times]",
+)
+"""Models that say which of their terms the data do not identify; these have no number. A residual
+has no intraclass correlation."""
 
 
 def not_finite(value: object, path: str = "") -> Iterator[str]:
