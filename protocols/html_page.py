@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from importlib.resources import files
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 
@@ -32,6 +31,9 @@ def html_page(package: str, template: str, **values: object) -> str:
     jinja2.UndefinedError
         If it names what is not given.
     """
+    # Imported here: commands that only print their help need no templates.
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
     environment = Environment(
         loader=PackageLoader(package, "."),
         autoescape=True,

@@ -10,15 +10,16 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import Literal, Protocol
-
-import moderngl
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import Question, TrialScript
 from study_app.live.renderer import Look
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+
+if TYPE_CHECKING:  # sessions without a screen load no graphics
+    import moderngl
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Wall clock of simulated sessions when their virtual clock reads 0."""

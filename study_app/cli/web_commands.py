@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -18,10 +18,13 @@ from protocols.load import load_study
 from protocols.manifest import Manifest, read_manifest
 from protocols.prose import count_of
 from protocols.schema import StudyProtocol
+from protocols.web_study import BUDGET_MB, MB
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument, SessionsOption
 from study_app.cli.terminal import PlainConsole, say
-from study_app.web.export import BUDGET_MB, MB, Needs, WebBuild
+
+if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
+    from study_app.web.export import Needs
 
 BudgetOption = Annotated[
     float, typer.Option(min=1, max=1e6, help="Most that one participant may have to fetch, in MB.")
@@ -53,6 +56,8 @@ def export_web(
         metamerlab session export-web my-study.toml --stimuli clips --out web --jatos my-study.jzip
     """
     with user_errors():
+        from study_app.web.export import WebBuild
+
         study, screen = load_study(protocol, display)
         if jatos is not None and (jatos.exists() or jatos.suffix not in (".jzip", ".zip")):
             raise StudyError(
@@ -139,7 +144,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
         If it cannot run in a browser.
     """
     from protocols.web_design import web_design
-    from study_app.web.export import check_budget
+    from study_app.web.export import WebBuild, check_budget
 
     build = WebBuild(study, screen, manifest or virtual_manifest(study, screen))
     web_design(study.in_a_browser())

@@ -7,12 +7,14 @@ whoever draws these again gets it again, bit for bit on the same renderer.
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, TypeAlias
 
-import moderngl
 from pydantic import Field
 
 from protocols.units import Model, Pixels, Sha256
+
+if TYPE_CHECKING:  # who describes a picture needs no graphics
+    import moderngl
 
 Place: TypeAlias = tuple[float, float]
 

@@ -29,6 +29,8 @@ from protocols.schema import StudyProtocol
 from protocols.script import Drawn, Frames, Picture, Place, Size, TrialScript
 from protocols.web_design import web_design
 from protocols.web_study import (
+    BUDGET_MB,
+    MB,
     ClosingQuestion,
     Pack,
     Pages,
@@ -47,11 +49,8 @@ from protocols.wording import consent_text, fill
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 
-BUDGET_MB = 300.0
-"""What one participant may have to fetch, unless an option says more."""
 DECODED_MB = 500.0
 """What the stimuli of two trials may take in the browser's memory."""
-MB = 1_000_000
 STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
 _SLOTS_LOOKED_AT = 8
 """Plans differ in order, and rarely in what they show: so many say how much that is."""

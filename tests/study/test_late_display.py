@@ -293,12 +293,11 @@ def test_a_study_that_watches_gaze_is_told_what_it_needs_before_a_window_opens(
 ):
     said = run_without_a_screen(monkeypatch, tmp_path, mode).stderr
 
-    assert f"needs a gaze source (gaze.mode = '{mode}', at least 50 Hz): lsl, mouse" in said
+    assert f"needs a gaze source (gaze.mode = '{mode}', at least 50 Hz): eyelink, gazepoint" in said
     assert "gaze.mode = 'none'" in said
     unknown = run_without_a_screen(monkeypatch, tmp_path, mode, "--gaze", "lls:eye").stderr
-    assert (
-        "--gaze: must be one of lsl, mouse, replay (got 'lls:eye'); did you mean 'lsl'" in unknown
-    )
+    known = "lsl, mouse, replay, eyelink, gazepoint, pupil, tobii"
+    assert f"--gaze: must be one of {known} (got 'lls:eye'); did you mean 'lsl'" in unknown
 
 
 def test_the_operator_is_told_where_no_eye_is_watched(monkeypatch, tmp_path):
