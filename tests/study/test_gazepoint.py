@@ -61,7 +61,7 @@ def test_a_session_with_all_that_a_tracker_does_is_whole_and_says_so(tmp_path, s
     where = f"Gazepoint Control at 127.0.0.1:{server.port}"
     assert sum(f"the connection to {where} broke (it was closed)" in text for text in told) == 2
     (back,) = [text for text in told if "is connected again" in text]
-    assert 0.4 < float(back.split("after ")[1].split(" s")[0]) < 0.7
+    assert 0.3 < float(back.split("after ")[1].split(" s")[0]) < 5
     # Every byte from the calibration on is kept, hashed, in order.
     files = [event.file for event in sat.journal.events if isinstance(event, Note) and event.file]
     found = check_side_files(sat.journal)

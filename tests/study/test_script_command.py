@@ -24,7 +24,10 @@ from study_app.simulate import Simulation
 
 
 def script(*words):
-    done = CliRunner().invoke(app, ["protocol", "script", *map(str, words)], catch_exceptions=False)
+    done = CliRunner().invoke(
+        app, ["protocol", "script", *map(str, words)], catch_exceptions=False,
+        env={"COLUMNS": "200"},
+    )  # fmt: skip
     return done.exit_code, done.stdout, " ".join(done.stderr.split())
 
 
