@@ -254,9 +254,9 @@ def assert_alike(found: WarpedFrame, scene: Scene, settings: WarpSettings) -> Wa
         rtol=0,
         atol=INVERSE_DEPTH_RTOL_OF_MAX / nearest,
     )
-    # What is not interpolated is the same to the bit.
+    # What is not interpolated is the same to the bit; but a card's quotient may end otherwise.
     held = sure & bare.hole
-    np.testing.assert_array_equal(found.depth_m[held], expected.depth_m[held])
+    np.testing.assert_array_max_ulp(found.depth_m[held], expected.depth_m[held], maxulp=1)
     np.testing.assert_array_equal(found.flow_px[held], expected.flow_px[held])
     return expected
 
