@@ -107,8 +107,8 @@ class _Results:
 
 
 def _ours(data: _Results) -> str:
-    shown = [f"{data.fill('push-pull')['median_ms']:.0f} ms"]
-    for name in ("push-pull-depth", "metameric"):
+    shown = [f"{data.fill(OUR_FILLS[0])['median_ms']:.0f} ms"]
+    for name in OUR_FILLS[1:]:
         entry = data.fill(name)
         shown.append(f"{entry['median_ms']:.0f} ms ({entry['to_push_pull']:.2f} times)")
     return " / ".join(shown)
@@ -154,7 +154,8 @@ def _warps(data: _Results) -> str:
     return " / ".join(f"{data.fill('warp', edge)['median_ms']:.0f} ms" for edge in (1024, 2048))
 
 
-FILL = f"fill {EDGE_PX}², 5 % thin holes: push-pull / push-pull-depth / metameric"
+OUR_FILLS = ("push-pull", "push-pull-depth", "coherence-transport", "metameric")
+FILL = f"fill {EDGE_PX}², 5 % thin holes: {' / '.join(OUR_FILLS)}"
 WARP, FILL_2048 = "warp 1024² / 2048²", "fill 2048², 5 % thin holes: metameric"
 METAMER = "foveated metamer 1024² / 2048² / 4096²"
 Row = tuple[str, str, Callable[[_Results], str]]
@@ -177,7 +178,7 @@ GPU_ROWS: tuple[Row, ...] = (
     (METAMER, "fill", lambda _: "[foveation](docs/foveation.md#time-and-memory)"),
 )
 CARD_FRAMES: dict[str, tuple[tuple[str, str, int], ...]] = {
-    FILL: tuple(("fill", name, EDGE_PX) for name in ("push-pull", "push-pull-depth", "metameric")),
+    FILL: tuple(("fill", name, EDGE_PX) for name in OUR_FILLS),
     FILL_2048: (("fill", "metameric", 2048),),
     WARP: tuple(("warp", "warp", edge_px) for edge_px in (1024, 2048)),
     METAMER: tuple(("foveate", "metamer", edge_px) for edge_px in (1024, 2048, 4096)),
