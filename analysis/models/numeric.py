@@ -40,6 +40,17 @@ def slope_hessian(function: Callable[[Floats], tuple[float, Floats]], point: Flo
     return np.asarray(0.5 * (np.array(rows) + np.array(rows).T))
 
 
+def delta_method(
+    function: Callable[[Floats], Floats], point: Floats, covariance: Floats
+) -> tuple[Floats, Floats]:
+    """Return numbers (numbers,) made of parameters, and their covariance by the delta method."""
+    steps = np.diag(STEP * np.maximum(1.0, np.abs(point)))
+    gradient = np.array(
+        [(function(point + s) - function(point - s)) / (2.0 * s.sum()) for s in steps]
+    )
+    return function(point), np.asarray(gradient.T @ covariance @ gradient)
+
+
 def newton_polish(
     function: Callable[[Floats], tuple[float, Floats]], point: Floats
 ) -> tuple[Floats, Floats]:

@@ -61,6 +61,11 @@ class PeopleFit:
         Mean deviation of eta given the answers; NaN where a participant saw nothing of one.
     lapses : ndarray (participants,)
         Mean lapse rate given the answers.
+    rates : ndarray (0 to 3,)
+        What the fitted rates are made of: logit of the guess rate; mean and deviation over
+        participants of the logit of the lapse rate (`mean_lapse`).
+    scores : ndarray (participants, parameters)
+        Slope of each participant's log likelihood: what a covariance that doubts the model takes.
     """
 
     beta: Floats
@@ -72,6 +77,14 @@ class PeopleFit:
     lapse: float
     own: Floats
     lapses: Floats
+    rates: Floats
+    scores: Floats
+
+
+def mean_lapse(median: float, sd: float) -> float:
+    """Return the mean over participants of lapse rates whose logits are normal."""
+    nodes, weights = _hermite(LAPSE_NODES)
+    return float(np.exp(weights) @ expit(median + sd * nodes))
 
 
 def fit_people(
@@ -133,6 +146,9 @@ def fit_people(
     covariance = np.eye(point.size)
     if proper:
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
+    # A deviation and its negative are the same: parameters are those of positive ones.
+    sign = np.concatenate([np.ones(beta.size), np.where(sds < 0, -1.0, 1.0), np.ones(rates.size)])
+    covariance = covariance * np.outer(sign, sign)
     own, lapse_of = (
         np.concatenate(found) for found in zip(*(part.own(point) for part in parts), strict=True)
     )
@@ -146,6 +162,8 @@ def fit_people(
         lapse=float(lapse_of.mean()),
         own=own,
         lapses=lapse_of,
+        rates=rates,
+        scores=sign * np.array([-part(point)[1] for part in model.parts(most=1)]),
     )
 
 
@@ -250,10 +268,10 @@ class _Integrated:
     def deviations(self) -> int:
         return 2 if self.conditions > 1 else 1
 
-    def parts(self) -> "list[_Integrated]":
+    def parts(self, most: int = MOST_ROWS) -> "list[_Integrated]":
         """Return the same of some participants each: so many rows as memory should hold at once."""
         last = np.flatnonzero(np.diff(self.person, append=-1)) + 1
-        cuts = last[np.diff((last - 1) // MOST_ROWS, append=-1) != 0].tolist()
+        cuts = last[np.diff((last - 1) // most, append=-1) != 0].tolist()
         found = []
         for low, high in pairwise([0, *cuts]):
             person, cell = int(self.person[low]), int(self.cell[low])

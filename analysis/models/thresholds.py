@@ -1,21 +1,22 @@
 """Thresholds by condition with participants (and scenes) as random: one model of all trials."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize
+from scipy.special import logit
 
 from analysis.models.cells import checked, grid, numbered
-from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of, wald
+from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
 from analysis.models.glmm import fit_crossed
 from analysis.models.psychometric import LINKS, SKEWED
+from analysis.models.population import Population, Threshold, span
 from analysis.models.quadrature import STARTS, PeopleFit, fit_people
 from analysis.models.response import Response, axis_of
 from protocols.adaptive.levels import Shape
-from protocols.adaptive.psychometric import WIDTH_EDGE
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -24,44 +25,8 @@ Codes = NDArray[np.int64]
 
 FEW_PARTICIPANTS = 5
 
-OPEN_RANGES = 5.0
-"""A limit outside the levels shown by more than so many of their ranges bounds nothing."""
-
 NARROWEST = 0.9
 """Of the least gap between two levels: no answers at these tell a curve from a narrower one."""
-
-
-@dataclass(frozen=True)
-class Threshold:
-    """One condition's threshold in the population, and the width of its curve.
-
-    `value` is where the rise from guessing to lapsing is half done, in units of the level.
-    `width` is the distance from 5 to 95 % of the rise (a ratio where levels are logarithmic);
-    negative where performance falls with the level. `individual` holds each participant's own,
-    drawn towards the mean. Where the answers do not place the threshold, value and width are NaN,
-    limits None, and `individual` is empty.
-    """
-
-    condition: str
-    value: float
-    lower: float | None
-    upper: float | None
-    width: float
-    individual: Mapping[str, float]
-
-    def identified(self, levels: Sequence[float] = ()) -> bool:
-        """Return whether the answers place it: with limits, not far outside the levels shown.
-
-        Far is further than the levels' range; of its limits, than `OPEN_RANGES` of these.
-        """
-        if self.lower is None or self.upper is None:
-            return False
-        if not levels:
-            return True
-        low, high = min(levels), max(levels)
-        reach = OPEN_RANGES * (high - low)
-        bounded = low - reach <= self.lower and self.upper <= high + reach
-        return bounded and 2.0 * low - high <= self.value <= 2.0 * high - low
 
 
 @dataclass(frozen=True)
@@ -98,26 +63,10 @@ class ThresholdModel:
     trials: int
     participants: int
     warnings: tuple[str, ...]
+    population: Population = field(repr=False)
 
     def __getitem__(self, condition: str) -> Threshold:
         return {one.condition: one for one in self.thresholds}[condition]
-
-    def curve(self, condition: str, x: Floats) -> Floats:
-        """Return the chance of a right answer of the typical participant at levels `x`."""
-        one = self[condition]
-        return np.asarray(self._curve(one, np.array([one.value]), x)[0])
-
-    def average(self, condition: str, x: Floats) -> Floats:
-        """Return the mean of the participants' chances at `x`: what all answers together follow."""
-        one = self[condition]
-        return np.asarray(self._curve(one, np.array(list(one.individual.values())), x).mean(axis=0))
-
-    def _curve(self, one: Threshold, values: Floats, x: Floats) -> Floats:
-        mirrored = self.falling and self.shape in SKEWED
-        response = Response(LINKS[self.shape], self.guess, self.lapse, mirrored)
-        gap = axis_of(x, self.logarithmic) - axis_of(values, self.logarithmic)[:, None]
-        width = np.sign(one.width) * np.log(abs(one.width)) if self.logarithmic else one.width
-        return response.share(gap * _span(response) / width, (self.guess, self.lapse))
 
 
 def fit_thresholds(
@@ -203,7 +152,7 @@ def fit_thresholds(
     y = rows[correct].to_numpy(dtype=np.float64)
     gap = float(np.diff(np.unique(scaled)).min())
     steepest = np.full(design.shape[1], np.inf)
-    steepest[len(names) :] = _span(response) / (NARROWEST * gap)
+    steepest[len(names) :] = span(response) / (NARROWEST * gap)
     start = _pooled(design, y, response)
     person = places.person
     fit = fit_people(
@@ -220,35 +169,40 @@ def fit_thresholds(
     if len(groups) > 1 and over_scenes is None and fit.converged:
         groups = {"participant": person}
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
-    place_of = centre - spread * fit.beta[: len(names)] / slopes
-    gradient = _gradient(fit.beta, len(names), own_widths, fit.covariance.shape[0]) * spread
-    # Likelihood takes deviations from a mean that it fitted: they come out too small.
-    people = len(places.participants)
-    covariance = gradient @ fit.covariance @ gradient.T * people / (people - 1.0)
     typical = float(np.mean(np.abs(slopes)))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
-    crossed = Crossed.of(condition, groups, sd)
-    error = np.sqrt(np.diag(covariance).clip(min=0))
-    df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
-    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
-    ends = (place_of - reach, place_of + reach) if fit.converged else None
-    back = _risen if logarithmic else np.asarray
-    widths = _span(response) * spread / slopes
-    fitted = tuple(
-        Threshold(
-            condition=name,
-            value=float(back(place_of[k])),
-            lower=None if ends is None else float(back(ends[0][k])),
-            upper=None if ends is None else float(back(ends[1][k])),
-            width=float(np.sign(widths[k]) * back(abs(widths[k])) if logarithmic else widths[k]),
-            individual={
-                who: float(back(place_of[k] - spread * fit.own[i, k] / slopes[k]))
-                for i, who in enumerate(places.participants)
-                if np.isfinite(fit.own[i, k])
-            },
-        )
-        for k, name in enumerate(names)
+    # Likelihood takes deviations from a mean that it fitted: they come out too small.
+    people = len(places.participants)
+    more = people / (people - 1.0)
+    robust = None
+    if len(groups) == 1:
+        robust = more * fit.covariance @ fit.scores.T @ fit.scores @ fit.covariance
+    population = Population(
+        names=tuple(names),
+        pairs=tuple(pairs),
+        theta=np.concatenate([fit.beta, fit.sd, fit.rates]),
+        covariance=more * fit.covariance,
+        robust=robust,
+        slopes=fit.beta.size - len(names),
+        deviations=fit.sd.size,
+        centre=centre,
+        spread=spread,
+        logarithmic=logarithmic,
+        response=response,
+        own={
+            name: {
+                who: float(apart)
+                for who, apart in zip(places.participants, fit.own[:, k], strict=True)
+                if np.isfinite(apart)
+            }
+            for k, name in enumerate(names)
+        },
+        crossed=Crossed.of(condition, groups, sd),
+        levels=tuple(float(value) for value in rows[level_column].unique()),
+        level=level,
     )
+    found, contrasts = population.thresholds(limits=fit.converged)
+    place_of = population.places()
     outside = [
         name
         for k, name in enumerate(names)
@@ -256,27 +210,20 @@ def fit_thresholds(
     ]
     if outside:
         notes.append(f"the threshold of {', '.join(outside)} lies outside the levels shown")
-    shown = [float(value) for value in rows[level_column].unique()]
-    found = tuple(one if one.identified(shown) else _unplaced(one.condition) for one in fitted)
-    placed = {one.condition for one in found if not np.isnan(one.value)}
-    contrasts = []
-    measure = "ln threshold" if logarithmic else "threshold"
-    for told in wald(measure, names, pairs, place_of, covariance, crossed=crossed, level=level):
-        if {told.first, told.second} <= placed:
-            contrasts.append(told)
-        else:
-            notes.append(
-                f"thresholds of {told.first} and {told.second} are not compared: not identified by"
-                " these data"
-            )
-    if not fit.converged or not placed:
+    compared = {(one.first, one.second) for one in contrasts}
+    notes += [
+        f"thresholds of {first} and {second} are not compared: not identified by these data"
+        for first, second in pairs
+        if (first, second) not in compared
+    ]
+    if not fit.converged or all(np.isnan(one.value) for one in found):
         sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
         shape=shape,
         falling=falling,
         logarithmic=logarithmic,
         thresholds=found,
-        contrasts=tuple(contrasts),
+        contrasts=contrasts,
         guess=fit.guess,
         lapse=fit.lapse,
         participant_sd=sd["participant"],
@@ -288,22 +235,8 @@ def fit_thresholds(
         trials=len(rows),
         participants=len(places.participants),
         warnings=tuple(notes),
+        population=population,
     )
-
-
-def _risen(logarithm: Floats) -> Floats:
-    """Return the level of a logarithm; one too far out to be a number is infinite."""
-    with np.errstate(over="ignore"):
-        return np.asarray(np.exp(logarithm))
-
-
-def _unplaced(condition: str) -> Threshold:
-    return Threshold(condition, np.nan, None, None, np.nan, {})
-
-
-def _span(response: Response) -> float:
-    """Return how far eta goes while F rises from 5 to 95 %."""
-    return response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)
 
 
 def _pooled(design: Floats, y: Floats, response: Response) -> Floats:
@@ -321,16 +254,6 @@ def _pooled(design: Floats, y: Floats, response: Response) -> Floats:
     starts = [np.where(conditions_of, 0.0, sign) for sign in (-1.0, 1.0)]
     found = [optimize.minimize(loss, start, jac=True, method="BFGS") for start in starts]
     return np.asarray(min(found, key=lambda one: float(one.fun)).x, dtype=np.float64)
-
-
-def _gradient(beta: Floats, count: int, own_widths: bool, size: int) -> Floats:
-    """Return derivatives of -intercept / slope in all parameters (conditions, parameters)."""
-    gradient = np.zeros((count, size))
-    for k in range(count):
-        at = count + (k if own_widths else 0)
-        gradient[k, k] = -1.0 / beta[at]
-        gradient[k, at] = beta[k] / beta[at] ** 2
-    return gradient
 
 
 def _kinds(groups: Mapping[str, Codes], conditions: int) -> list[str]:
@@ -374,11 +297,18 @@ def _over_scenes(
     own[person, condition] = fit.random[0][person]
     if count > 1:
         own[person, condition] += fit.random[1][codes[1]]
+    # Lapse rates are those of the other model.
+    known, rates = fit.covariance.shape[0], people.rates[response.fitted :]
+    covariance = np.zeros((known + rates.size, known + rates.size))
+    covariance[:known, :known] = fit.covariance
+    if rates.size:
+        covariance[known:, known:] = people.covariance[-rates.size :, -rates.size :]
     return replace(
         people,
         beta=fit.beta,
         sd=fit.sd,
-        covariance=fit.covariance,
+        covariance=covariance,
+        rates=np.concatenate([logit(2.0 * np.array([fit.guess] * response.fitted)), rates]),
         log_likelihood=fit.log_likelihood,
         converged=True,
         guess=fit.guess,

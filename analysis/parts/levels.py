@@ -331,7 +331,9 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
         curves = {
-            one.condition: partial(found.average, one.condition) for one in each if one.individual
+            one.condition: partial(found.population.average, one.condition)
+            for one in each
+            if one.individual
         }
         effects = _deviations(found)
         own = sorted({who for one in each for who in one.individual})
@@ -415,7 +417,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             figures=(
                 curves_figure(
                     "psychometric",
-                    "the mean of the participants' curves in one model",
+                    "the mean curve of people like these in one model",
                     found.counts,
                     curves,
                     plan,

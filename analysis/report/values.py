@@ -24,7 +24,7 @@ def as_json(value: object) -> Json:
 
     Mappings with tuple keys get ``a / b / c`` keys; dataclasses become objects by field name, or
     by the names of their `row`, which stay when the classes change. Fields that a result calls
-    `unidentified` become null.
+    `unidentified` become null; those without a `repr` are no numbers for readers, and left out.
     """
     if value is None or isinstance(value, bool | str):
         return value
@@ -41,6 +41,7 @@ def as_json(value: object) -> Json:
         return {
             one.name: None if one.name in hidden else as_json(getattr(value, one.name))
             for one in fields(value)
+            if one.repr
         }
     if isinstance(value, Mapping):
         return {_key(key): as_json(entry) for key, entry in value.items()}

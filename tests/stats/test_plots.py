@@ -157,7 +157,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
             np.array(sorted(part["level"].unique())) + 2.0,
             part.groupby("level")["correct"].sum().to_numpy(float),
             part.groupby("level")["correct"].size().to_numpy(float),
-            partial(lambda name, x: model.average(name, x - 2.0), str(name)),
+            partial(lambda name, x: model.population.average(name, x - 2.0), str(name)),
         )
         for name, part in named.groupby("method")
     }

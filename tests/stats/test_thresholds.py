@@ -187,9 +187,9 @@ def test_performance_that_falls_has_a_negative_width_and_the_curve_follows_the_d
     for name, part in rows.groupby("method"):
         right = part.groupby("level")["correct"].mean()
         np.testing.assert_allclose(
-            model.average(str(name), right.index.to_numpy(float)), right, atol=0.06
+            model.population.average(str(name), right.index.to_numpy(float)), right, atol=0.06
         )
-    typical = model.curve("a", np.array([model["a"].value]))[0]
+    typical = model.population.typical("a", np.array([model["a"].value]))[0]
     assert typical == pytest.approx(0.5 + 0.5 * (0.5 - model.lapse))
 
 
@@ -232,11 +232,11 @@ def test_the_curve_is_the_one_that_an_adaptive_rule_plans_with(rng, shape, falli
     assert one.value == pytest.approx(7.0, abs=0.6)
     assert (one.width < 0) == falling
     np.testing.assert_allclose(
-        model.curve("all", x), probability(x, threshold=7.0, width=6.0, **told), atol=0.07
+        model.population.typical("all", x), probability(x, threshold=7.0, width=6.0, **told), atol=0.07
     )
     if not logarithmic:  # widths are ratios there
         same = probability(x, threshold=one.value, width=abs(one.width), **told)
-        np.testing.assert_allclose(model.curve("all", x), same, rtol=1e-9)
+        np.testing.assert_allclose(model.population.typical("all", x), same, rtol=1e-9)
 
 
 def test_a_guess_rate_can_be_fitted(rng):

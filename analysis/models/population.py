@@ -1,0 +1,268 @@
+"""Curves of a population: what follows from the parameters of one model, by the delta method."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.special import expit, logit
+
+from analysis.models.clustered import holm
+from analysis.models.contrasts import Crossed, Difference, Pair, wald
+from analysis.models.numeric import delta_method
+from analysis.models.quadrature import mean_lapse
+from analysis.models.response import Response, axis_of
+from protocols.adaptive.psychometric import WIDTH_EDGE
+
+Floats = NDArray[np.float64]
+
+OPEN_RANGES = 5.0
+"""A limit outside the levels shown by more than so many of their ranges bounds nothing."""
+
+_NODES = np.linspace(-4.5, 4.5, 91)
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+"""Of a standard normal."""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """One condition's threshold in the population, and the width of its curve.
+
+    `value` is where the rise from guessing to lapsing is half done, or another share of answers is
+    right where one is stated, in units of the level.
+    `width` is the distance from 5 to 95 % of the rise (a ratio where levels are logarithmic);
+    negative where performance falls with the level. `individual` holds each participant's own,
+    drawn towards the mean. Where the answers do not place the threshold, value and width are NaN,
+    limits None, and `individual` is empty.
+    """
+
+    condition: str
+    value: float
+    lower: float | None
+    upper: float | None
+    width: float
+    individual: Mapping[str, float]
+
+    def identified(self, levels: Sequence[float] = ()) -> bool:
+        """Return whether the answers place it: with limits, not far outside the levels shown.
+
+        Far is further than the levels' range; of its limits, than `OPEN_RANGES` of these.
+        """
+        if self.lower is None or self.upper is None:
+            return False
+        if not levels:
+            return True
+        low, high = min(levels), max(levels)
+        reach = OPEN_RANGES * (high - low)
+        bounded = low - reach <= self.lower and self.upper <= high + reach
+        return bounded and 2.0 * low - high <= self.value <= 2.0 * high - low
+
+
+@dataclass(frozen=True)
+class Population:
+    """Parameters of the curves of all conditions, and how well they are known.
+
+    Attributes
+    ----------
+    names, pairs
+        Conditions, and which are compared.
+    theta, covariance : ndarray (parameters,), (parameters, parameters)
+        Intercepts of eta by condition; slopes, one or by condition; deviations; then what the
+        fitted rates are made of (`quadrature.PeopleFit.rates`).
+    robust : ndarray (parameters, parameters) or None
+        The same covariance from how participants' scores differ: it also holds where slopes do.
+    slopes, deviations : int
+        How many of theta each are.
+    centre, spread : float
+        eta is linear in (x - centre) / spread; x is the level, or its logarithm.
+    response : Response
+    own : mapping of condition to (mapping of participant to deviation of eta)
+    levels : tuple of float
+        Shown.
+    level : float
+        Coverage of limits.
+    """
+
+    names: tuple[str, ...]
+    pairs: tuple[Pair, ...]
+    theta: Floats
+    covariance: Floats
+    robust: Floats | None
+    slopes: int
+    deviations: int
+    centre: float
+    spread: float
+    logarithmic: bool
+    response: Response
+    own: Mapping[str, Mapping[str, float]]
+    crossed: Crossed
+    levels: tuple[float, ...]
+    level: float
+
+    def rates(self, theta: Floats | None = None) -> tuple[float, float]:
+        """Return the guess rate, and the mean lapse rate of the population."""
+        free = (self.theta if theta is None else theta)[
+            len(self.names) + self.slopes + self.deviations :
+        ]
+        lapse = self.response.lapse
+        guess = self.response.guess
+        if guess is None:
+            guess = 0.5 * float(expit(free[0]))
+        return guess, mean_lapse(*free[-2:]) if lapse is None else float(np.mean(lapse))
+
+    def _slopes(self, theta: Floats) -> Floats:
+        count = len(self.names)
+        return np.broadcast_to(theta[count : count + self.slopes], count)
+
+    def _places(self, theta: Floats, share: float | None) -> Floats:
+        """Return where the typical participant's answers have this share right (names,)."""
+        guess, lapse = self.rates(theta)
+        rise = 0.5 if share is None else (share - guess) / (1.0 - guess - lapse)
+        eta = self.response.eta(rise) if 0.0 < rise < 1.0 else np.nan
+        gap = eta - theta[: len(self.names)]
+        return np.asarray(self.centre + self.spread * gap / self._slopes(theta))
+
+    def places(self) -> Floats:
+        """Return thresholds along the axis of the fit (names,): logarithms where it has these."""
+        return self._places(self.theta, None)
+
+    def thresholds(
+        self, share: float | None = None, *, limits: bool = True
+    ) -> tuple[tuple[Threshold, ...], tuple[Difference, ...]]:
+        """Return the typical participant's thresholds, and those that are placed compared.
+
+        Parameters
+        ----------
+        share : float, optional
+            Of right answers; left out, half of the way from guessing to lapsing.
+        limits : bool
+            False: there are none, as the parameters have no covariance; then nothing is placed.
+        """
+        place, covariance = delta_method(
+            lambda theta: self._places(theta, share), self.theta, self.covariance
+        )
+        reach = self._quantiles(covariance) * _errors(covariance)
+        slopes = self._slopes(self.theta)
+        widths = span(self.response) * self.spread / slopes
+        back = _risen if self.logarithmic else np.asarray
+        found = []
+        for k, name in enumerate(self.names):
+            width = np.sign(widths[k]) * back(abs(widths[k])) if self.logarithmic else widths[k]
+            one = Threshold(
+                condition=name,
+                value=float(back(place[k])),
+                lower=float(back(place[k] - reach[k])) if limits else None,
+                upper=float(back(place[k] + reach[k])) if limits else None,
+                width=float(width),
+                individual={
+                    who: float(back(place[k] - self.spread * apart / slopes[k]))
+                    for who, apart in self.own[name].items()
+                },
+            )
+            placed = one.identified(self.levels)
+            found.append(one if placed else Threshold(name, np.nan, None, None, np.nan, {}))
+        known = {one.condition for one in found if not np.isnan(one.value)}
+        measure = "ln threshold" if self.logarithmic else "threshold"
+        pairs = [pair for pair in self.pairs if {*pair} <= known]
+        several = wald(
+            measure, self.names, pairs, place, covariance, crossed=self.crossed, level=self.level
+        )
+        return tuple(found), tuple(several)
+
+    def slope_ratios(self) -> tuple[Difference, ...]:
+        """Return differences of logarithms of slopes at the threshold, of conditions compared.
+
+        Limits are the wider of two: the model's, in which people have one slope in each condition,
+        and those from how participants' scores differ. Conditions of which one rises and the other
+        falls are not compared.
+
+        Raises
+        ------
+        ValueError
+            If all conditions share one slope.
+        """
+        if self.slopes < 2:
+            raise ValueError("each condition must have a slope of its own to compare them")
+        count = len(self.names)
+        signs = np.sign(self._slopes(self.theta))
+        place = {name: k for k, name in enumerate(self.names)}
+        pairs = [
+            pair for pair in self.pairs if signs[place[pair[0]]] == signs[place[pair[1]]]
+        ]
+        told = []
+        for covariance in (self.covariance, self.robust):
+            if covariance is not None:
+                value, of_them = delta_method(
+                    lambda theta: np.log(np.abs(theta[count : count + self.slopes])),
+                    self.theta,
+                    covariance,
+                )
+                told.append(
+                    wald("ln slope", self.names, pairs, value, of_them,
+                         crossed=self.crossed, level=self.level)
+                )  # fmt: skip
+        widest = [max(both, key=lambda one: one.standard_error) for both in zip(*told, strict=True)]
+        adjusted = holm(np.array([one.p for one in widest])) if widest else ()
+        return tuple(
+            replace(one, p_adjusted=float(p)) for one, p in zip(widest, adjusted, strict=True)
+        )
+
+    def average(self, condition: str, x: Floats) -> Floats:
+        """Return the population's mean share of right answers at `x`.
+
+        This is what all answers together follow: it rises less steeply than the typical one's.
+        """
+        return self._average(self.theta, condition, x)
+
+    def average_limits(self, condition: str, x: Floats) -> tuple[Floats, Floats]:
+        """Return limits of `average` at each of `x`, by the delta method on logits."""
+        value, covariance = delta_method(
+            lambda theta: logit(self._average(theta, condition, x)), self.theta, self.covariance
+        )
+        places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
+        quantile = self._quantiles(places[1])[self.names.index(condition)]
+        reach = quantile * _errors(covariance)
+        return np.asarray(expit(value - reach)), np.asarray(expit(value + reach))
+
+    def typical(self, condition: str, x: Floats, who: str | None = None) -> Floats:
+        """Return the chance of a right answer of the typical participant, or of one, at `x`."""
+        apart = 0.0 if who is None else self.own[condition][who]
+        rise = self.response.rise(self._eta(self.theta, condition, x) + apart)[0]
+        guess, lapse = self.rates()
+        return np.asarray(guess + (1.0 - guess - lapse) * rise)
+
+    def _average(self, theta: Floats, condition: str, x: Floats) -> Floats:
+        first = len(self.names) + self.slopes
+        sd = float(np.sqrt(np.sum(theta[first : first + self.deviations] ** 2)))
+        eta = self._eta(theta, condition, x)[:, None] + sd * _NODES
+        guess, lapse = self.rates(theta)
+        share = guess + (1.0 - guess - lapse) * (self.response.rise(eta)[0] @ _WEIGHTS)
+        return np.clip(share, 1e-9, 1.0 - 1e-9)
+
+    def _eta(self, theta: Floats, condition: str, x: Floats) -> Floats:
+        k = self.names.index(condition)
+        along = (axis_of(x, self.logarithmic) - self.centre) / self.spread
+        return np.asarray(theta[k] + self._slopes(theta)[k] * along)
+
+    def _quantiles(self, covariance: Floats) -> Floats:
+        """Return quantiles of t that limits of thresholds with this covariance reach (names,)."""
+        variance = np.diag(covariance).clip(min=0)
+        units = np.eye(len(self.names))
+        df = [self.crossed.df(unit, float(own)) for unit, own in zip(units, variance, strict=True)]
+        return np.asarray(stats.t.ppf(0.5 + 0.5 * self.level, df))
+
+
+def span(response: Response) -> float:
+    """Return how far eta goes while F rises from 5 to 95 %."""
+    return response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)
+
+
+def _errors(covariance: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.diag(covariance).clip(min=0)))
+
+
+def _risen(logarithm: Floats) -> Floats:
+    """Return the level of a logarithm; one too far out to be a number is infinite."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.exp(logarithm))
