@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
+from scipy.stats import norm
 
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way
@@ -52,6 +53,8 @@ class Design:
     guess: float = 0.5
     lapse: float = 0.02
     lapse_more: float = 0.0
+    slope_sd: float = 0.0
+    """Of logarithms of widths, of each person in each condition."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,18 @@ THRESHOLDS = {
     "6 scenes, x condition": Design(scenes=6, repeats=1, scene=(0.4, 0.3)),
 }
 
+STATED = 0.85
+"""Share of right answers at which thresholds are stated."""
+
+AT_PERFORMANCE = {
+    **{name: THRESHOLDS[name] for name in (
+        "10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "4 alternatives",
+        "6 scenes, x condition",
+    )},
+    "20 repeats, slopes differ": Design(repeats=20, slope_sd=0.3),
+    "20 people, slopes differ": Design(people=20, repeats=10, slope_sd=0.3),
+}  # fmt: skip
+
 SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
 
 
@@ -104,23 +119,59 @@ def _crossed(design: Design, rng: np.random.Generator, *more: int) -> tuple[pd.D
     return table.assign(last=places[-1]), shift
 
 
-def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
-    """Simulate and judge a study of thresholds."""
+def _answered(design: Design, rng: np.random.Generator) -> pd.DataFrame:
+    """Simulate a study of thresholds, all 0."""
     table, shift = _crossed(design, rng, len(design.levels))
     more = rng.exponential(design.lapse_more, design.people) if design.lapse_more else 0.0
     lapses = np.broadcast_to(np.minimum(design.lapse + more, 0.4), design.people)
-    lapse = lapses[table["participant"].astype(int)]
+    person = table["participant"].astype(int).to_numpy()
+    lapse = lapses[person]
     level = np.array(design.levels)[table["last"]]
-    rise = sigmoid(level - shift, 0.0, design.width, "gauss")
+    steep = np.ones((design.people, design.conditions))
+    if design.slope_sd:
+        steep = np.exp(design.slope_sd * rng.standard_normal(steep.shape))
+    condition = table["method"].map({"a": 0, "b": 1, "c": 2}).to_numpy()
+    rise = sigmoid((level - shift) * steep[person, condition], 0.0, design.width, "gauss")
     right = rng.random(level.size) < design.guess + (1.0 - design.guess - lapse) * rise
-    table = table.assign(level=level, correct=right.astype(int))
+    return table.assign(level=level, correct=right.astype(int))
+
+
+def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of thresholds."""
     model = fit_thresholds(
-        table, "level", ("method",), guess=design.guess, scenes=design.scenes > 1
+        _answered(design, rng), "level", ("method",), guess=design.guess, scenes=design.scenes > 1
     )
     one = model.thresholds[0]
     if one.lower is None or one.upper is None or not model.contrasts:
         return None
     return model.contrasts[0].p, one.lower <= 0.0 <= one.upper
+
+
+def stated(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of thresholds at 85 % right, each condition with its width."""
+    model = fit_thresholds(
+        _answered(design, rng), "level", ("method",), guess=design.guess, own_widths=True,
+        scenes=design.scenes > 1,
+    )  # fmt: skip
+    lapse = design.lapse + design.lapse_more
+    rise = (STATED - design.guess) / (1.0 - design.guess - lapse)
+    truth = norm.ppf(rise) * design.width / (2.0 * norm.ppf(0.95))
+    found, contrasts = model.population.thresholds(STATED)
+    one = found[0]
+    if one.lower is None or one.upper is None or not contrasts:
+        return None
+    return contrasts[0].p, one.lower <= truth <= one.upper
+
+
+def slopes(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of slopes."""
+    model = fit_thresholds(
+        _answered(design, rng), "level", ("method",), guess=design.guess, own_widths=True
+    )
+    if any(np.isnan(one.value) for one in model.thresholds):
+        return None
+    ratios = model.population.slope_ratios()
+    return (ratios[0].p, ratios[0].lower <= 0.0 <= ratios[0].upper) if ratios else None
 
 
 def times(design: Design, rng: np.random.Generator) -> Outcome:
@@ -263,6 +314,8 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 ("interaction", f"{told}, {measure}", design, interaction(measure, apart))
                 for measure in ("share", "JOD")
             ]
+    for judge in (stated, slopes):
+        found += [(judge.__name__, name, design, judge) for name, design in AT_PERFORMANCE.items()]
     return found
 
 

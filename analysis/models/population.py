@@ -70,10 +70,13 @@ class Population:
     theta, covariance : ndarray (parameters,), (parameters, parameters)
         Intercepts of eta by condition; slopes, one or by condition; deviations; then what the
         fitted rates are made of (`quadrature.PeopleFit.rates`).
-    robust : ndarray (parameters, parameters) or None
-        The same covariance from how participants' scores differ: it also holds where slopes do.
-    slopes, deviations : int
-        How many of theta each are.
+    robust : ndarray (slopes, slopes)
+        Covariance of the logarithms of slopes from how participants' scores differ: it also holds
+        where people differ in slopes.
+    slopes : int
+        How many of theta are slopes.
+    kinds : tuple of str
+        Names of the deviations: of participants, of these in one condition, and both of scenes.
     centre, spread : float
         eta is linear in (x - centre) / spread; x is the level, or its logarithm.
     response : Response
@@ -88,9 +91,9 @@ class Population:
     pairs: tuple[Pair, ...]
     theta: Floats
     covariance: Floats
-    robust: Floats | None
+    robust: Floats
     slopes: int
-    deviations: int
+    kinds: tuple[str, ...]
     centre: float
     spread: float
     logarithmic: bool
@@ -102,14 +105,33 @@ class Population:
 
     def rates(self, theta: Floats | None = None) -> tuple[float, float]:
         """Return the guess rate, and the mean lapse rate of the population."""
-        free = (self.theta if theta is None else theta)[
-            len(self.names) + self.slopes + self.deviations :
-        ]
+        free = self._split(self.theta if theta is None else theta)[1]
         lapse = self.response.lapse
         guess = self.response.guess
         if guess is None:
             guess = 0.5 * float(expit(free[0]))
         return guess, mean_lapse(*free[-2:]) if lapse is None else float(np.mean(lapse))
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """Deviations of eta by name."""
+        return dict(zip(self.kinds, self._split(self.theta)[0].tolist(), strict=True))
+
+    def drawn_lapses(self, people: tuple[int, ...], rng: np.random.Generator) -> Floats:
+        """Return lapse rates of so many people of this population."""
+        if self.response.lapse is not None:
+            return np.full(people, self.rates()[1])
+        middle, sd = self._split(self.theta)[1][-2:]
+        return np.asarray(expit(middle + sd * rng.standard_normal(people)))
+
+    def eta(self, condition: str, x: Floats) -> Floats:
+        """Return eta of the typical participant at levels `x`."""
+        return self._eta(self.theta, condition, x)
+
+    def _split(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return deviations, and what the fitted rates are made of."""
+        first = len(self.names) + self.slopes
+        return theta[first : first + len(self.kinds)], theta[first + len(self.kinds) :]
 
     def _slopes(self, theta: Floats) -> Floats:
         count = len(self.names)
@@ -184,25 +206,19 @@ class Population:
         """
         if self.slopes < 2:
             raise ValueError("each condition must have a slope of its own to compare them")
-        count = len(self.names)
-        signs = np.sign(self._slopes(self.theta))
+        slopes = self._slopes(self.theta)
         place = {name: k for k, name in enumerate(self.names)}
-        pairs = [
-            pair for pair in self.pairs if signs[place[pair[0]]] == signs[place[pair[1]]]
+        sign = {name: np.sign(slopes[k]) for name, k in place.items()}
+        pairs = [pair for pair in self.pairs if sign[pair[0]] == sign[pair[1]]]
+        size, of_model = delta_method(
+            lambda theta: np.log(np.abs(self._slopes(theta))), self.theta, self.covariance
+        )
+        people = Crossed({"participant": self.crossed.shares["participant"]}, {})
+        told = [
+            wald("ln slope", self.names, pairs, size, own, crossed=people, level=self.level)
+            for own in (of_model, self.robust)
         ]
-        told = []
-        for covariance in (self.covariance, self.robust):
-            if covariance is not None:
-                value, of_them = delta_method(
-                    lambda theta: np.log(np.abs(theta[count : count + self.slopes])),
-                    self.theta,
-                    covariance,
-                )
-                told.append(
-                    wald("ln slope", self.names, pairs, value, of_them,
-                         crossed=self.crossed, level=self.level)
-                )  # fmt: skip
-        widest = [max(both, key=lambda one: one.standard_error) for both in zip(*told, strict=True)]
+        widest = [max(two, key=lambda one: one.standard_error) for two in zip(*told, strict=True)]
         adjusted = holm(np.array([one.p for one in widest])) if widest else ()
         return tuple(
             replace(one, p_adjusted=float(p)) for one, p in zip(widest, adjusted, strict=True)
@@ -216,14 +232,17 @@ class Population:
         return self._average(self.theta, condition, x)
 
     def average_limits(self, condition: str, x: Floats) -> tuple[Floats, Floats]:
-        """Return limits of `average` at each of `x`, by the delta method on logits."""
+        """Return limits of `average` at each of `x`, by the delta method on logits above guessing."""
+        floor = self.response.guess or 0.0
         value, covariance = delta_method(
-            lambda theta: logit(self._average(theta, condition, x)), self.theta, self.covariance
+            lambda theta: logit((self._average(theta, condition, x) - floor) / (1.0 - floor)),
+            self.theta,
+            self.covariance,
         )
         places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
-        quantile = self._quantiles(places[1])[self.names.index(condition)]
-        reach = quantile * _errors(covariance)
-        return np.asarray(expit(value - reach)), np.asarray(expit(value + reach))
+        reach = self._quantiles(places[1])[self.names.index(condition)] * _errors(covariance)
+        lower, upper = (floor + (1.0 - floor) * expit(end) for end in (value - reach, value + reach))
+        return np.asarray(lower), np.asarray(upper)
 
     def typical(self, condition: str, x: Floats, who: str | None = None) -> Floats:
         """Return the chance of a right answer of the typical participant, or of one, at `x`."""
@@ -233,12 +252,11 @@ class Population:
         return np.asarray(guess + (1.0 - guess - lapse) * rise)
 
     def _average(self, theta: Floats, condition: str, x: Floats) -> Floats:
-        first = len(self.names) + self.slopes
-        sd = float(np.sqrt(np.sum(theta[first : first + self.deviations] ** 2)))
+        sd = float(np.linalg.norm(self._split(theta)[0]))
         eta = self._eta(theta, condition, x)[:, None] + sd * _NODES
         guess, lapse = self.rates(theta)
         share = guess + (1.0 - guess - lapse) * (self.response.rise(eta)[0] @ _WEIGHTS)
-        return np.clip(share, 1e-9, 1.0 - 1e-9)
+        return np.clip(share, guess + 1e-9, 1.0 - 1e-9)
 
     def _eta(self, theta: Floats, condition: str, x: Floats) -> Floats:
         k = self.names.index(condition)

@@ -158,6 +158,9 @@ def fit_thresholds(
     fit = fit_people(
         design, y, person, condition, response=response, start=start, steepest=steepest
     )
+    strayed = (fit.scores @ fit.covariance)[:, len(names) : fit.beta.size]
+    strayed = strayed / fit.beta[len(names) :]
+    robust = strayed.T @ strayed
     groups = places.several if scenes else {"participant": person}
     over_scenes = None
     if len(groups) > 1:
@@ -174,17 +177,14 @@ def fit_thresholds(
     # Likelihood takes deviations from a mean that it fitted: they come out too small.
     people = len(places.participants)
     more = people / (people - 1.0)
-    robust = None
-    if len(groups) == 1:
-        robust = more * fit.covariance @ fit.scores.T @ fit.scores @ fit.covariance
     population = Population(
         names=tuple(names),
         pairs=tuple(pairs),
         theta=np.concatenate([fit.beta, fit.sd, fit.rates]),
         covariance=more * fit.covariance,
-        robust=robust,
+        robust=more * robust,
         slopes=fit.beta.size - len(names),
-        deviations=fit.sd.size,
+        kinds=tuple(kinds[: fit.sd.size]),
         centre=centre,
         spread=spread,
         logarithmic=logarithmic,

@@ -127,14 +127,14 @@ def curves_figure(
     return PartFigure(name, caption, draw)
 
 
-def _cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
+def threshold_cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
     """Return threshold, limits and width as text; none where the answers do not place them."""
     if not known:
         return NOT_IDENTIFIED, NONE, NONE
     return size(value, within=ends), size_range(ends), size(width)
 
 
-def _width_title(logarithmic: bool) -> str:
+def width_title(logarithmic: bool) -> str:
     return "Width, as a ratio" if logarithmic else "Width"
 
 
@@ -202,7 +202,7 @@ class CurvesPart(LevelsPart[Curves]):
             [
                 (
                     name,
-                    *_cells(known, fit.threshold, fit.threshold_limits, fit.width),
+                    *threshold_cells(known, fit.threshold, fit.threshold_limits, fit.width),
                     share(fit.lapse),
                     p_number(fit.p) if fit.df > 0 else NONE,
                 )
@@ -269,6 +269,33 @@ def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
     return scripts("curves", "R", "py", curves=placed, **how)
 
 
+def population_model(
+    table: pd.DataFrame, plan: RatePlan, *, own_widths: bool = False
+) -> ThresholdModel:
+    """Return the model of all participants' answers.
+
+    Raises
+    ------
+    ValueError
+        If there is one participant only, or none can be fitted.
+    """
+    if table["participant"].nunique() < 2:
+        raise ValueError("one participant only: nothing is said about other people")
+    return fit_thresholds(
+        table,
+        str(plan.level),
+        plan.compared,
+        guess=plan.guess,
+        shape=plan.shape,
+        falling=plan.falling,
+        logarithmic=plan.logarithmic,
+        own_widths=own_widths,
+        scenes="scene" in table,
+        reference=plan.reference_in(shown_in(table, plan)),
+        level=plan.confidence,
+    )
+
+
 @dataclass(frozen=True)
 class Thresholds(ThresholdModel):
     """Every number; `counts` as curves are drawn beside them."""
@@ -289,20 +316,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> Thresholds:
         """Fit the model."""
-        if table["participant"].nunique() < 2:
-            raise ValueError("one participant only: nothing is said about other people")
-        model = fit_thresholds(
-            table,
-            str(plan.level),
-            plan.compared,
-            guess=plan.guess,
-            shape=plan.shape,
-            falling=plan.falling,
-            logarithmic=plan.logarithmic,
-            scenes="scene" in table,
-            reference=plan.reference_in(shown_in(table, plan)),
-            level=plan.confidence,
-        )
+        model = population_model(table, plan)
         ordered = replace(
             model,
             thresholds=in_order(model.thresholds, plan, lambda one: one.condition),
@@ -378,12 +392,12 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                         ("Condition", "l c"),
                         ("Threshold", "strong"),
                         (plan.limits, "n"),
-                        (_width_title(found.logarithmic), ""),
+                        (width_title(found.logarithmic), ""),
                     ),
                     [
                         (
                             label(one.condition),
-                            *_cells(
+                            *threshold_cells(
                                 placed[one.condition], one.value, (one.lower, one.upper), one.width
                             ),
                         )
@@ -546,14 +560,14 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     "Each participant's curve, from these answers alone",
                     (
                         *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
-                        *(("Limits", "n"), (_width_title(plan.logarithmic), "")),
+                        *(("Limits", "n"), (width_title(plan.logarithmic), "")),
                         *(("Lapse rate", ""), ("Spread", "")),
                     ),
                     [
                         (
                             one.participant,
                             label(one.condition),
-                            *_cells(
+                            *threshold_cells(
                                 one.known, place.value, (place.lower, place.upper), fit.width.value
                             ),
                             size(fit.lapse.value, 2),

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from analysis.models.ideal_observer import AbxRule
+from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.parts import Plan
 from analysis.plans.told import RatesTold
 from protocols.adaptive.levels import Shape
@@ -13,8 +16,10 @@ from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
-from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
+from protocols.tasks.rates import BETWEEN, D_PRIME, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
+
+Floats = NDArray[np.float64]
 
 EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
@@ -50,6 +55,32 @@ class RatePlan(RatesAnalysis, Plan):
     def chance(self) -> float:
         """Share of right answers by guessing."""
         return 1.0 / self.alternatives
+
+    def right_share(self, d_prime: Floats | float) -> Floats:
+        """Return the share of right answers of an unbiased observer, by d'."""
+        if self.kind in ("abx", "which-half"):
+            return abx_share(d_prime, self.rule)
+        if self.kind == "detection":
+            return np.asarray(ndtr(0.5 * np.asarray(d_prime)))
+        return forced_choice_share(d_prime, self.alternatives)
+
+    @property
+    def stated_share(self) -> float | None:
+        """Share of right answers at the performance that `threshold_at` states."""
+        if isinstance(self.threshold_at, str):
+            return float(self.right_share(float(self.threshold_at.removeprefix(D_PRIME))))
+        return self.threshold_at
+
+    @property
+    def stated_mistake(self) -> str:
+        """What `threshold_at` must be and is not; empty where nothing is wrong."""
+        if self.threshold_at is None:
+            return ""
+        if self.level is None:
+            return "must be left out, or --set level name the column along which thresholds are"
+        if self.guess is not None and self.guess >= (self.stated_share or 1.0):
+            return f"must be above the rate of guessing, {self.guess:g}"
+        return ""
 
     @property
     def logarithmic(self) -> bool:
@@ -146,6 +177,21 @@ def common_settings(study: StudyProtocol) -> RatePlan:
 class CurvePlan(RatePlan):
     """Of an analysis along a level; all pairs of conditions are compared."""
 
+    def right_share(self, d_prime: Floats | float) -> Floats:
+        """Return the share of right answers of an unbiased observer, by d'."""
+        return forced_choice_share(d_prime, round(1.0 / (self.guess or 0.5)))
+
+    @property
+    def stated_mistake(self) -> str:
+        """What `threshold_at` must be and is not; empty where nothing is wrong."""
+        choices = 1.0 / self.guess if self.guess else 0.0
+        if isinstance(self.threshold_at, str) and (choices < 2 or abs(choices - round(choices)) > 0.05):
+            return (
+                "d' is that of a choice among m, where --set guess is 1/m (2, 3, ...); state a"
+                " share of right answers in its place, such as 0.75"
+            )
+        return super().stated_mistake
+
     @property
     def counted(self) -> str:
         """Along what answers change."""
@@ -200,7 +246,7 @@ def common_settings_of_table(
                 f"{did_you_mean(first, values)}"
             )
         values.sort(key=lambda value: value != first)
-    return plan.of(
+    made = plan.of(
         told,
         study=name,
         title=name,
@@ -212,6 +258,9 @@ def common_settings_of_table(
         guess=getattr(told, "guess", 1.0 / len(answers)),
         labels=told.label,
     )
+    if mistake := made.stated_mistake:
+        raise StudyError(f"--set threshold_at={made.threshold_at}: {mistake}")
+    return made
 
 
 def prepared(decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from analysis.models.detection import DiscriminationResults, abx
-from analysis.models.ideal_observer import abx_share
 from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
@@ -49,7 +48,7 @@ class Abx(RatesTask):
 
     def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""
-        return tabulated(lambda d: abx_share(d, settings.rule))
+        return tabulated(settings.right_share)
 
 
 class WhichHalf(Abx):

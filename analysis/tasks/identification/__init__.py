@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from analysis.models.detection import DiscriminationResults, identification
-from analysis.models.ideal_observer import forced_choice_share
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rates import RatePlan, baseline_in
@@ -57,4 +56,4 @@ class Identification(RatesTask):
 
     def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""
-        return tabulated(lambda d: forced_choice_share(d, settings.alternatives))
+        return tabulated(settings.right_share)
