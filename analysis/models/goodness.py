@@ -262,9 +262,7 @@ def _neighbours(levels: Floats) -> tuple[Codes, Floats]:
     return place.astype(np.int64), np.bincount(place, weights=levels) / size
 
 
-def _distances(
-    right: Floats, share: Floats, shown: Floats, place: Codes
-) -> tuple[Floats, Floats]:
+def _distances(right: Floats, share: Floats, shown: Floats, place: Codes) -> tuple[Floats, Floats]:
     """Return deviances (studies,), and residuals of shares at each level (studies, levels)."""
     wrong = shown - right
     cells = xlogy(right, right / (shown * share)) + xlogy(wrong, wrong / (shown * (1.0 - share)))

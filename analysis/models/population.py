@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.special import expit, logit
+from scipy.special import expit, ndtri
 
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Crossed, Difference, Pair, wald
@@ -85,6 +85,8 @@ class Population:
         Shown.
     level : float
         Coverage of limits.
+    proper : bool
+        Whether the likelihood has a maximum; else nothing has limits.
     """
 
     names: tuple[str, ...]
@@ -102,6 +104,7 @@ class Population:
     crossed: Crossed
     levels: tuple[float, ...]
     level: float
+    proper: bool
 
     def rates(self, theta: Floats | None = None) -> tuple[float, float]:
         """Return the guess rate, and the mean lapse rate of the population."""
@@ -150,7 +153,7 @@ class Population:
         return self._places(self.theta, None)
 
     def thresholds(
-        self, share: float | None = None, *, limits: bool = True
+        self, share: float | None = None
     ) -> tuple[tuple[Threshold, ...], tuple[Difference, ...]]:
         """Return the typical participant's thresholds, and those that are placed compared.
 
@@ -158,8 +161,6 @@ class Population:
         ----------
         share : float, optional
             Of right answers; left out, half of the way from guessing to lapsing.
-        limits : bool
-            False: there are none, as the parameters have no covariance; then nothing is placed.
         """
         place, covariance = delta_method(
             lambda theta: self._places(theta, share), self.theta, self.covariance
@@ -174,8 +175,8 @@ class Population:
             one = Threshold(
                 condition=name,
                 value=float(back(place[k])),
-                lower=float(back(place[k] - reach[k])) if limits else None,
-                upper=float(back(place[k] + reach[k])) if limits else None,
+                lower=float(back(place[k] - reach[k])) if self.proper else None,
+                upper=float(back(place[k] + reach[k])) if self.proper else None,
                 width=float(width),
                 individual={
                     who: float(back(place[k] - self.spread * apart / slopes[k]))
@@ -232,16 +233,18 @@ class Population:
         return self._average(self.theta, condition, x)
 
     def average_limits(self, condition: str, x: Floats) -> tuple[Floats, Floats]:
-        """Return limits of `average` at each of `x`, by the delta method on logits above guessing."""
+        """Return limits of `average` at each of `x`, by the delta method on normal quantiles."""
         floor = self.response.guess or 0.0
         value, covariance = delta_method(
-            lambda theta: logit((self._average(theta, condition, x) - floor) / (1.0 - floor)),
+            lambda theta: ndtri((self._average(theta, condition, x) - floor) / (1.0 - floor)),
             self.theta,
             self.covariance,
         )
         places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
         reach = self._quantiles(places[1])[self.names.index(condition)] * _errors(covariance)
-        lower, upper = (floor + (1.0 - floor) * expit(end) for end in (value - reach, value + reach))
+        lower, upper = (
+            floor + (1.0 - floor) * expit(end) for end in (value - reach, value + reach)
+        )
         return np.asarray(lower), np.asarray(upper)
 
     def typical(self, condition: str, x: Floats, who: str | None = None) -> Floats:

@@ -12,8 +12,8 @@ from scipy.special import logit
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
 from analysis.models.glmm import fit_crossed
-from analysis.models.psychometric import LINKS, SKEWED
 from analysis.models.population import Population, Threshold, span
+from analysis.models.psychometric import LINKS, SKEWED
 from analysis.models.quadrature import STARTS, PeopleFit, fit_people
 from analysis.models.response import Response, axis_of
 from protocols.adaptive.levels import Shape
@@ -200,8 +200,9 @@ def fit_thresholds(
         crossed=Crossed.of(condition, groups, sd),
         levels=tuple(float(value) for value in rows[level_column].unique()),
         level=level,
+        proper=fit.converged,
     )
-    found, contrasts = population.thresholds(limits=fit.converged)
+    found, contrasts = population.thresholds()
     place_of = population.places()
     outside = [
         name

@@ -1,10 +1,10 @@
 """Psychometric functions along a level: of all answers, of the population, of each person."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from analysis.columns import frame_of
 from analysis.models.cells import conditions
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
+from analysis.models.population import Threshold
 from analysis.models.psychometric import Psychometric, fit_psychometric
 from analysis.models.psychometric_posterior import (
     PsychometricPosterior,
@@ -34,8 +35,7 @@ from analysis.parts.shared import (
     law_of_mixed,
 )
 from analysis.plans.rates import RatePlan, shown_in
-from analysis.plots import psychometric_plot
-from analysis.plots.curves import Curve
+from analysis.plots.levels import PANELS, DrawnCurve, people_plot, psychometric_plot
 from analysis.repeat import scripts
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
@@ -102,23 +102,38 @@ def levels_axis(plan: RatePlan) -> str:
     return name[:1].upper() + name[1:]
 
 
+def counts_of_people(table: pd.DataFrame, plan: RatePlan) -> dict[str, dict[str, Counts]]:
+    """Return counts by participant and condition."""
+    return {
+        str(who): counts_in(rows, plan) for who, rows in table.groupby("participant", sort=True)
+    }
+
+
+def figure_axes(shown: Iterable[Sequence[float]], plan: RatePlan) -> dict[str, Any]:
+    """Return how axes along such levels are drawn."""
+    levels = np.array([x for several in shown for x in several])
+    wide = bool(levels.min() > 0 and levels.max() / levels.min() > WIDELY_SPACED)
+    return {
+        "x_label": levels_axis(plan),
+        "logarithmic": wide or plan.logarithmic,
+        "label": plan.label,
+        "level": plan.confidence,
+    }
+
+
 def curves_figure(
     name: str,
     fits: str,
     counts: Mapping[str, Counts],
-    curves: Mapping[str, Curve],
+    curves: Mapping[str, DrawnCurve],
     plan: RatePlan,
 ) -> PartFigure:
     """Return the figure of shares along the level, and of curves that `fits` names."""
-    levels = np.array([x for one in counts.values() for x in one.levels])
-    wide = bool(levels.min() > 0 and levels.max() / levels.min() > WIDELY_SPACED)
     draw = partial(
         psychometric_plot,
         {key: (*one.arrays, curves.get(key)) for key, one in counts.items()},
-        x_label=levels_axis(plan),
         chance=plan.guess,
-        logarithmic=wide or plan.logarithmic,
-        label=plan.label,
+        **figure_axes([one.levels for one in counts.values()], plan),
     )
     caption = (
         f"Right answers by {plan.level}: data of all participants together with binomial standard"
@@ -127,7 +142,31 @@ def curves_figure(
     return PartFigure(name, caption, draw)
 
 
-def threshold_cells(known: bool, value: float, ends: Ends | None, width: float) -> tuple[str, str, str]:
+def people_figure(
+    name: str,
+    fits: str,
+    people: Mapping[str, Mapping[str, Counts]],
+    curves: Mapping[tuple[str, str], DrawnCurve],
+    plan: RatePlan,
+) -> PartFigure:
+    """Return the figure of each participant; `curves` are by participant and condition."""
+    series = {
+        who: {key: (*one.arrays, curves.get((who, key))) for key, one in counts.items()}
+        for who, counts in people.items()
+    }
+    every = [one.levels for counts in people.values() for one in counts.values()]
+    first = f"the first {PANELS} of {len(people)} participants" if len(people) > PANELS else ""
+    caption = (
+        f"Right answers of {first or 'each participant'} by {plan.level} (points), {fits} (curves),"
+        " and thresholds (below); dashed: chance."
+    )
+    draw = partial(people_plot, series, chance=plan.guess, **figure_axes(every, plan))
+    return PartFigure(name, caption, draw)
+
+
+def threshold_cells(
+    known: bool, value: float, ends: Ends | None, width: float
+) -> tuple[str, str, str]:
     """Return threshold, limits and width as text; none where the answers do not place them."""
     if not known:
         return NOT_IDENTIFIED, NONE, NONE
@@ -136,6 +175,11 @@ def threshold_cells(known: bool, value: float, ends: Ends | None, width: float) 
 
 def width_title(logarithmic: bool) -> str:
     return "Width, as a ratio" if logarithmic else "Width"
+
+
+def section_title(plan: RatePlan) -> str:
+    """Return what heads the section of levels."""
+    return f"By {column_in_words(str(plan.level))}"
 
 
 R = TypeVar("R", bound=Found)
@@ -152,7 +196,7 @@ class LevelsPart(SimplePart[RatePlan, R]):
 
     def title(self, plan: RatePlan) -> str:
         """Return what heads the section."""
-        return f"By {column_in_words(str(plan.level))}"
+        return section_title(plan)
 
 
 @dataclass(frozen=True)
@@ -215,6 +259,16 @@ class CurvesPart(LevelsPart[Curves]):
             " not of people; the next table's do.",
             muted=True,
         )
+        curves = {
+            name: DrawnCurve(
+                fit, threshold=(fit.threshold, *(fit.threshold_limits or (None, None)))
+            )
+            for name, fit in found.curves.items()
+            if fit.identified(found.counts[name].levels)
+        }
+        curves |= {
+            name: DrawnCurve(fit) for name, fit in found.curves.items() if name not in curves
+        }
         counted = [
             {"condition": name, "level": x, "right": right, "trials": trials}
             for name, one in found.counts.items()
@@ -250,7 +304,7 @@ class CurvesPart(LevelsPart[Curves]):
             scripts=_curve_scripts(found, plan),
             figures=(
                 curves_figure(
-                    "levels", "fitted psychometric functions", found.counts, found.curves, plan
+                    "levels", "fitted psychometric functions", found.counts, curves, plan
                 ),
             ),
         )
@@ -298,9 +352,10 @@ def population_model(
 
 @dataclass(frozen=True)
 class Thresholds(ThresholdModel):
-    """Every number; `counts` as curves are drawn beside them."""
+    """Every number; `counts` as curves are drawn beside them, `people` of each participant."""
 
     counts: Mapping[str, Counts]
+    people: Mapping[str, Mapping[str, Counts]] = field(repr=False)
     notes: tuple[str, ...] = ()
 
     @property
@@ -322,7 +377,9 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             thresholds=in_order(model.thresholds, plan, lambda one: one.condition),
             contrasts=in_order(model.contrasts, plan, lambda one: one.first),
         )
-        return Thresholds(**vars(ordered), counts=counts_in(table, plan))
+        return Thresholds(
+            **vars(ordered), counts=counts_in(table, plan), people=counts_of_people(table, plan)
+        )
 
     def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
         """Test thresholds that levels chosen from the answers gave, by paired t tests."""
@@ -345,9 +402,22 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
         curves = {
-            one.condition: partial(found.population.average, one.condition)
+            one.condition: DrawnCurve(
+                partial(found.population.average, one.condition),
+                partial(found.population.average_limits, one.condition),
+                (one.value, one.lower, one.upper),
+            )
             for one in each
-            if one.individual
+            if placed[one.condition]
+        }
+        of_people = {
+            (who, one.condition): DrawnCurve(
+                partial(found.population.typical, one.condition, who=who),
+                threshold=(value, None, None),
+            )
+            for one in each
+            if placed[one.condition]
+            for who, value in one.individual.items()
         }
         effects = _deviations(found)
         own = sorted({who for one in each for who in one.individual})
@@ -375,12 +445,6 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
         )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
-        lines = [
-            {"condition": one.condition, "participant": who, "threshold": value}
-            | ({} if who else {"lower": one.lower, "upper": one.upper, "width": one.width})
-            for one in each
-            for who, value in (("", one.value), *one.individual.items())
-        ]
         return Shown(
             title=self.title(plan),
             blocks=(
@@ -410,7 +474,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
-                *(people if own else ()),
+                *((*people, Picture("people")) if own else ()),
                 Cautions("When not to trust these thresholds", found.warnings),
             ),
             sentences=(
@@ -425,7 +489,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                 f" {law_of_mixed(scenes='scenes' in effects)}."
             ),
             tables={
-                "thresholds.csv": pd.DataFrame(lines),
+                "thresholds.csv": threshold_lines(each),
                 "threshold_differences.csv": frame_of(Difference, found.contrasts),
             },
             figures=(
@@ -436,8 +500,27 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     curves,
                     plan,
                 ),
+                *(
+                    [
+                        people_figure(
+                            "people", "their curves in one model", found.people, of_people, plan
+                        )
+                    ]
+                    if own
+                    else ()
+                ),
             ),
         )
+
+
+def threshold_lines(thresholds: Sequence[Threshold]) -> pd.DataFrame:
+    """Return thresholds of conditions with limits, and those of participants, one a row."""
+    return pd.DataFrame(
+        {"condition": one.condition, "participant": who, "threshold": value}
+        | ({} if who else {"lower": one.lower, "upper": one.upper, "width": one.width})
+        for one in thresholds
+        for who, value in (("", one.value), *one.individual.items())
+    )
 
 
 def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[float] = ()) -> str:
@@ -507,6 +590,7 @@ class OwnCurves:
     within: Mapping[str, tuple[ThresholdDifference, ...]]
     between: Mapping[str, tuple[ThresholdDifference, ...]]
     notes: tuple[str, ...]
+    counts: Mapping[str, Mapping[str, Counts]] = field(repr=False)
 
 
 class OwnCurvesPart(LevelsPart[OwnCurves]):
@@ -542,7 +626,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             if len(fits) > MOST_PEOPLE:
                 notes.append(f"{len(fits)} people: not compared with each other, one by one")
                 between[name] = {}
-        return OwnCurves(tuple(people), _compared(within), _compared(between), tuple(notes))
+        compared = _compared(within), _compared(between)
+        return OwnCurves(tuple(people), *compared, tuple(notes), counts_of_people(table, plan))
 
     def show(self, found: OwnCurves, plan: RatePlan) -> Shown:
         """Return each person's curve in a row, and what differs within people."""
@@ -553,9 +638,18 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             for who, several in groups.items()
             for one in several
         ]
+        curves = {
+            (one.participant, one.condition): DrawnCurve(
+                one.fit, threshold=(place.value, place.lower, place.upper)
+            )
+            for one in found.people
+            if one.known
+            for place in [one.fit.threshold]
+        }
         return Shown(
             title=self.title(plan),
             blocks=(
+                Picture("own_curves"),
                 Table.of(
                     "Each participant's curve, from these answers alone",
                     (
@@ -598,6 +692,11 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 "Each participant's psychometric function is the median of a posterior with priors"
                 " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"
                 " 2016); thresholds are compared by their posteriors, Holm-adjusted."
+            ),
+            figures=(
+                people_figure(
+                    "own_curves", "curves from these answers alone", found.counts, curves, plan
+                ),
             ),
             tables={
                 "people.csv": pd.DataFrame(map(_line, found.people)),

@@ -185,7 +185,9 @@ class CurvePlan(RatePlan):
     def stated_mistake(self) -> str:
         """What `threshold_at` must be and is not; empty where nothing is wrong."""
         choices = 1.0 / self.guess if self.guess else 0.0
-        if isinstance(self.threshold_at, str) and (choices < 2 or abs(choices - round(choices)) > 0.05):
+        if isinstance(self.threshold_at, str) and (
+            choices < 2 or abs(choices - round(choices)) > 0.05
+        ):
             return (
                 "d' is that of a choice among m, where --set guess is 1/m (2, 3, ...); state a"
                 " share of right answers in its place, such as 0.75"

@@ -1,6 +1,7 @@
 """Figures of results: legible at one column (3.33 in) and two (7 in), saved reproducibly."""
 
-from analysis.plots.curves import learning_plot, power_plot, psychometric_plot
+from analysis.plots.curves import learning_plot, power_plot
+from analysis.plots.levels import DrawnCurve, people_plot, psychometric_plot
 from analysis.plots.preference import forest_plot, preference_bars
 from analysis.plots.scales import jod_plot
 from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
@@ -10,6 +11,7 @@ from analysis.plots.trials import bias_bars, heat_map, reaction_plot
 __all__ = [
     "ONE_COLUMN_IN",
     "TWO_COLUMNS_IN",
+    "DrawnCurve",
     "bias_bars",
     "d_prime_plot",
     "detection_plot",
@@ -18,6 +20,7 @@ __all__ = [
     "heat_map",
     "jod_plot",
     "learning_plot",
+    "people_plot",
     "power_plot",
     "preference_bars",
     "psychometric_plot",

@@ -1,6 +1,6 @@
-"""Curves: psychometric functions, change over the session, power."""
+"""Curves: change over the session, power."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
@@ -11,15 +11,10 @@ from scipy import stats
 from analysis.models.learning import Course
 from analysis.plots.style import (
     BLUE,
-    DASHES,
-    GREY,
     LIGHT,
-    MARKERS,
     ORANGE,
     SERIES,
     explain,
-    legend_columns,
-    level_axis,
     limits_text,
     new_figure,
     style,
@@ -27,81 +22,8 @@ from analysis.plots.style import (
 
 Floats = NDArray[np.float64]
 
-FEW_LEVELS = 8
-"""Up to so many levels, each has its tick."""
 PERSON = "#B4B4B4"
 """Of one person's line, which lies below all else."""
-Curve = Callable[[Floats], Floats]
-
-
-def psychometric_plot(
-    series: Mapping[str, tuple[Floats, Floats, Floats, Curve | None]],
-    *,
-    x_label: str,
-    chance: float | None = None,
-    logarithmic: bool = False,
-    label: Callable[[str], str] = str,
-    width_in: float = 3.33,
-    simulated: bool = False,
-) -> Figure:
-    """Draw data as points and fits as curves, as [BB] Fig. 17.
-
-    Parameters
-    ----------
-    series : mapping of condition to (x, successes, trials, fit or None)
-        Whiskers are binomial standard errors. A fit gives the share of right answers at x; points
-        without one are joined by a thin line.
-    chance : float, optional
-        Where the dashed line stands; left out, at the guess rates of the fits.
-    """
-    with style(width_in):
-        figure = new_figure(width_in, 2.5 if width_in < 5 else 3.2, simulated=simulated)
-        axes = figure.subplots()
-        guesses: set[float] = set()
-        everything = np.concatenate([x for x, *_ in series.values()])
-        for number, (name, (x, successes, trials, fit)) in enumerate(series.items()):
-            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
-            dash = DASHES[number % len(DASHES)]
-            share = successes / trials
-            error = np.sqrt(np.maximum(share * (1.0 - share), 0.25 / trials) / trials)
-            axes.errorbar(
-                x,
-                share,
-                error,
-                color=colour,
-                ls="none" if fit is not None else "-",
-                lw=0.6,
-                marker=marker,
-                ms=3,
-                elinewidth=0.6,
-            )
-            curve = dash if fit is not None else "-"
-            width = 1.8 if fit is not None else 0.6
-            axes.plot(
-                [], [], ls=curve, lw=width, color=colour, marker=marker, ms=3, label=label(name)
-            )
-            if fit is not None:
-                space = np.geomspace if logarithmic else np.linspace
-                fine = space(everything.min(), everything.max(), 200)
-                axes.plot(fine, fit(fine), ls=dash, color=colour, lw=1.8, alpha=0.85)
-                guesses.add(float(getattr(fit, "guess", np.nan)))
-        shown = np.unique(everything)
-        if logarithmic:
-            level_axis(axes, everything)
-        elif shown.size <= FEW_LEVELS:
-            axes.set_xticks(shown, [f"{value:g}" for value in shown])
-        for guess in sorted(guesses if chance is None else {chance}):
-            if np.isfinite(guess):
-                axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
-        axes.set_ylim(-0.03, 1.03)
-        axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
-        axes.set_xlabel(x_label)
-        axes.set_ylabel("Proportion correct")
-        columns = legend_columns([label(name) for name in series], width_in)
-        figure.legend(
-            loc="outside lower center", ncols=columns, title="Whiskers: ± 1 binomial standard error"
-        )
-    return figure
 
 
 def learning_plot(

@@ -7,7 +7,10 @@ import pandas as pd
 
 from analysis.guessing import curve_mistake
 from analysis.parts import AnyPart
+from analysis.parts.goodness import GoodnessPart
 from analysis.parts.levels import CurvesPart, OwnCurvesPart, ThresholdsPart
+from analysis.parts.slopes import SlopesPart
+from analysis.parts.stated import StatedPart
 from analysis.plans.rates import CurvePlan, RatePlan, common_settings_of_table
 from analysis.plans.told import CurvesTold
 from analysis.tables.table import Source, opened
@@ -22,7 +25,14 @@ class TableOfLevels(RatesTask):
     kind: ClassVar[str] = "psychometric"
     task: ClassVar[str] = "answers"
     options: ClassVar[type[Analysis]] = CurvesTold
-    parts: ClassVar[tuple[AnyPart, ...]] = (CurvesPart(), ThresholdsPart(), OwnCurvesPart())
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        CurvesPart(),
+        ThresholdsPart(),
+        StatedPart(),
+        SlopesPart(),
+        GoodnessPart(),
+        OwnCurvesPart(),
+    )
 
     def table_answers(self, _decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
         """Return names for right and wrong answers: their number is not asked for."""

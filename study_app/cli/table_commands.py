@@ -113,7 +113,10 @@ def _question(
         with user_errors():
             for key in texts:
                 if key not in keys_of(model):
-                    raise StudyError(f"--{key}: must be left out with --{other} (got {given[key]})")
+                    option = key.replace("_", "-")
+                    raise StudyError(
+                        f"--{option}: must be left out with --{other} (got {given[key]})"
+                    )
             ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:
@@ -152,7 +155,11 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
     return inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
 
 
-@_question(CurvesTold, ("level", "by", "guess", "shape", "falling", "log"), needed=("level",))
+@_question(
+    CurvesTold,
+    ("level", "by", "guess", "threshold_at", "shape", "falling", "log"),
+    needed=("level",),
+)
 def psychometric() -> None:
     """Fit psychometric functions: thresholds of each person and of all people, compared.
 
@@ -309,7 +316,7 @@ def ask(
         try:
             source = from_question(analysis, rows, options_from(kind, texts), only)
         except StudyError as problem:  # its keys are options here
-            said = re.sub(r"--set (\w+)=", r"--\1 ", str(problem)).replace("--set ", "--")
+            said = re.sub(r"--set (\w+)(=?)", _as_option, str(problem))
             raise StudyError(said) from None
         if out is None:
             content = content_of(source, lambda name: progress(name, 0, 0))
@@ -318,6 +325,10 @@ def ask(
     print_content(content, simulated=source.simulated)
     if out is not None:
         say(f"page, tables, figures, numbers: {out}")
+
+
+def _as_option(key: re.Match[str]) -> str:
+    return f"--{key[1].replace('_', '-')}{' ' * bool(key[2])}"
 
 
 def print_content(content: Content, *, simulated: bool) -> None:

@@ -14,6 +14,7 @@ from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
+from analysis.parts.goodness import GoodnessPart
 from analysis.parts.graded import MetacognitionPart
 from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
@@ -21,6 +22,8 @@ from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
 from analysis.parts.random_effects import RightEffects, TimeEffects
 from analysis.parts.right_models import ModelsPart
+from analysis.parts.slopes import SlopesPart
+from analysis.parts.stated import StatedPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rates import (
     RatePlan,
@@ -49,6 +52,9 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         *sensitivity,
         CurvesPart(),
         ThresholdsPart(),
+        StatedPart(),
+        SlopesPart(),
+        GoodnessPart(),
         *levels,
         ComparisonsPart(),
         RateInteraction(),
