@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.special import expit, ndtri
+from scipy.special import expit, ndtr, ndtri
 
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Crossed, Difference, Pair, wald
@@ -243,7 +243,7 @@ class Population:
         places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
         reach = self._quantiles(places[1])[self.names.index(condition)] * _errors(covariance)
         lower, upper = (
-            floor + (1.0 - floor) * expit(end) for end in (value - reach, value + reach)
+            floor + (1.0 - floor) * ndtr(end) for end in (value - reach, value + reach)
         )
         return np.asarray(lower), np.asarray(upper)
 

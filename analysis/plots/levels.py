@@ -292,7 +292,7 @@ def misfit_plot(
                       label=label(one.condition))  # fmt: skip
         _level_ticks(axes, levels, width_in / shape[1], logarithmic=logarithmic)
         axes.set_xlabel(x_label)
-        axes.set_ylabel("Right answers: observed - expected")
+        axes.set_ylabel("Residual, share right")
         said = "Bands: 95 % of studies that the model simulates"
         if course is not None:
             said += f"; session: mean of participants, {limits_text(level)}"

@@ -33,7 +33,10 @@ from study_app.cli import app
 # The door: a report of a fixed table, or a command on one; the parts that it must show.
 _RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
 REPORTS = {
-    "two-answers": (*_RIGHT, "curves", "thresholds", "learning", "times", "random_times"),
+    "two-answers": (
+        *(*_RIGHT, "curves", "thresholds", "stated_thresholds", "slopes", "goodness"),
+        *("learning", "times", "random_times"),
+    ),
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
     "confidence": ("confidence", "metacognition", "graded"),
@@ -49,9 +52,9 @@ _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
     ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
     ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
-    ("psychometric", *_LEVELS, "--guess", "0.25"): (
+    ("psychometric", *_LEVELS, "--guess", "0.25", "--threshold-at", "dprime=1"): (
         "four-answers",
-        ("curves", "thresholds", "psychometric"),
+        ("curves", "thresholds", "stated_thresholds", "slopes", "goodness", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
     ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
@@ -262,6 +265,30 @@ SAID = {
         "sentence": "posterior p",
         "methods": "is the median of a posterior",
         "tables": {"people.csv", "comparisons_of_people.csv"},
+        "figure": "own_curves",
+    },
+    "stated_thresholds": {
+        "section": "levels",
+        "caption": "Thresholds in the population at ",
+        "sentence": "Thresholds at ",
+        "methods": "are the levels at which the typical participant of the mixed",
+        "tables": {"stated_thresholds.csv", "stated_threshold_differences.csv"},
+        "figure": "stated_thresholds",
+    },
+    "slopes": {
+        "section": "levels",
+        "caption": "Ratios of slopes at the threshold",
+        "sentence": "The slope at the threshold of ours was ",
+        "methods": "Slopes at the threshold were compared in a model",
+        "tables": {"slopes.csv"},
+    },
+    "goodness": {
+        "section": "levels",
+        "caption": "Goodness of fit, by studies that the model simulates",
+        "sentence": "Goodness of fit of ours: deviance",
+        "methods": "Goodness of fit was judged by a parametric bootstrap",
+        "tables": {"goodness.csv", "residuals.csv"},
+        "figure": "goodness",
     },
     "critical": {
         "section": "levels",

@@ -18,8 +18,8 @@ from made_up_trials import (
 )
 
 from analysis.models.critical_scaling import critical_scaling
-from analysis.models.psychometric import _Problem, fit_psychometric
 from analysis.models.population import Threshold
+from analysis.models.psychometric import _Problem, fit_psychometric
 from analysis.models.thresholds import fit_thresholds
 from analysis.parts import computed
 from analysis.parts.critical import apa_critical

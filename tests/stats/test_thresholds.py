@@ -232,7 +232,9 @@ def test_the_curve_is_the_one_that_an_adaptive_rule_plans_with(rng, shape, falli
     assert one.value == pytest.approx(7.0, abs=0.6)
     assert (one.width < 0) == falling
     np.testing.assert_allclose(
-        model.population.typical("all", x), probability(x, threshold=7.0, width=6.0, **told), atol=0.07
+        model.population.typical("all", x),
+        probability(x, threshold=7.0, width=6.0, **told),
+        atol=0.07,
     )
     if not logarithmic:  # widths are ratios there
         same = probability(x, threshold=one.value, width=abs(one.width), **told)
