@@ -196,7 +196,7 @@ class _Counts:
 
     def in_rows(self, values: Floats) -> Floats:
         """Sum values (trials,)."""
-        return np.bincount(self.row, weights=values).astype(np.float64)
+        return np.asarray(np.bincount(self.row, weights=values), dtype=np.float64)
 
     def in_cells(self, values: Floats) -> Floats:
         """Sum values (studies, rows)."""

@@ -242,9 +242,7 @@ class Population:
         )
         places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
         reach = self._quantiles(places[1])[self.names.index(condition)] * _errors(covariance)
-        lower, upper = (
-            floor + (1.0 - floor) * ndtr(end) for end in (value - reach, value + reach)
-        )
+        lower, upper = (floor + (1.0 - floor) * ndtr(end) for end in (value - reach, value + reach))
         return np.asarray(lower), np.asarray(upper)
 
     def typical(self, condition: str, x: Floats, who: str | None = None) -> Floats:
@@ -259,7 +257,7 @@ class Population:
         eta = self._eta(theta, condition, x)[:, None] + sd * _NODES
         guess, lapse = self.rates(theta)
         share = guess + (1.0 - guess - lapse) * (self.response.rise(eta)[0] @ _WEIGHTS)
-        return np.clip(share, guess + 1e-9, 1.0 - 1e-9)
+        return np.asarray(np.clip(share, guess + 1e-9, 1.0 - 1e-9))
 
     def _eta(self, theta: Floats, condition: str, x: Floats) -> Floats:
         k = self.names.index(condition)

@@ -107,7 +107,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             " p says that the curves do not fit.",
             muted=True,
         )
-        sessions = ()
+        sessions: tuple[Table, ...] = ()
         if over is not None and np.isfinite(over.p):
             sessions = (
                 Table.each(

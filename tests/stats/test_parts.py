@@ -278,7 +278,7 @@ SAID = {
     "slopes": {
         "section": "levels",
         "caption": "Ratios of slopes at the threshold",
-        "sentence": "The slope at the threshold of ours was ",
+        "sentence": "The slope at the threshold of ",
         "methods": "Slopes at the threshold were compared in a model",
         "tables": {"slopes.csv"},
     },
