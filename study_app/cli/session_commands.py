@@ -38,6 +38,9 @@ from study_app.simulate import Simulation, participant_code, simulate_study
 from study_app.sittings import Sitting, find_sittings
 from study_app.verification import checksums_of
 
+GAZE_HZ = 250.0
+"""Samples of a simulated eye."""
+
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
@@ -155,7 +158,7 @@ def simulate(
     doubled_per_1000: Annotated[
         float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
     ] = 0.0,
-    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = 250.0,
+    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = GAZE_HZ,
     steady_gaze: Annotated[
         bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
     ] = False,
@@ -163,15 +166,36 @@ def simulate(
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")
     ] = None,
+    web: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder that 'session export-web' wrote: observers run its page in Chromium,"
+            " without a window."
+        ),
+    ] = None,
 ) -> None:
     """Run artificial observers through the real session, on a virtual display.
 
-    Journals have the usual format and are marked as simulated.
+    Journals have the usual format and are marked as simulated. With --web, observers go through
+    the page that participants get, and sessions come home as those of participants do.
 
-    Example: metamerlab session simulate demo --out sessions --participants 11
+    Examples:
+
+        metamerlab session simulate demo --out sessions --participants 11
+
+        metamerlab session simulate my-study.toml --web web --stimuli clips --out sessions
     """
     with user_errors():
         study, screen = load_study(protocol, display)
+        if web is not None:
+            desk_only = {
+                "--late-per-1000": late_per_1000, "--doubled-per-1000": doubled_per_1000,
+                "--steady-gaze": steady_gaze, "--gaze-hz": gaze_hz != GAZE_HZ,
+            }  # fmt: skip
+            if given := [name for name, value in desk_only.items() if value]:
+                raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
+            if stimuli is None:
+                raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
         simulation = Simulation(
             study,
             screen,
@@ -207,17 +231,24 @@ def simulate(
 
             gc.freeze()  # what is loaded by now stays: no session need search it for garbage
             try:
-                outcomes = simulate_study(simulation, out, participants, on_attempt=on_attempt)
+                if web is None:
+                    ended = simulate_study(simulation, out, participants, on_attempt=on_attempt)
+                    outcomes = {code: outcome.main_done for code, outcome in ended.items()}
+                else:
+                    from study_app.web.simulate import simulate_in_browser  # pictures and fonts
+
+                    outcomes = simulate_in_browser(
+                        simulation, web, out, participants, on_attempt=on_attempt
+                    )
             except KeyboardInterrupt:
                 progress.stop()
                 say("stopped; the same command continues from here", file=sys.stderr)
                 raise typer.Exit(130) from None
             finally:
                 gc.unfreeze()
-        done = sum(outcome.main_done for outcome in outcomes.values())
-        made = f"{count_of(len(outcomes), 'simulated session')}, {count_of(done, 'decision')}"
-        say(f"{out / study.study.name}: {made}")
-        codes = {participant_code(number) for number in range(participants)}
+        made = count_of(len(outcomes), "simulated session")
+        say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
+        codes = {*map(participant_code, range(participants)), *outcomes}
         require_decisions(
             sitting
             for sitting in find_sittings(out, study.study.name)

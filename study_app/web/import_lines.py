@@ -368,13 +368,17 @@ class Session:
         ContradictionError
             Naming the line that does not follow from those before it.
         """
-        with Recorder.create(folder, lambda: self._now_s, lambda: self.line.at) as recorder:
-            recorder.waits_for_disk = False
-            self._now_s = self.begun.t_s
-            recorder.append(self._start(recorder))
+        with self.begin(folder) as recorder:
             for line in self.lines[1:]:
-                self.line, self._now_s = line, line.t_s
-                self._take(line, recorder)
+                self.take(line, recorder)
+
+    def begin(self, folder: Path) -> Recorder:
+        """Return a journal in a new folder that holds the first line."""
+        recorder = Recorder.create(folder, lambda: self._now_s, lambda: self.line.at)
+        recorder.waits_for_disk = False
+        self._now_s = self.begun.t_s
+        recorder.append(self._start(recorder))
+        return recorder
 
     def _start(self, recorder: Recorder) -> SessionStart:
         begun = self.begun
@@ -412,8 +416,19 @@ class Session:
             ),
         )
 
-    def _take(self, line: AnyLine, recorder: Recorder) -> None:
-        """Write what a line says, if it is what comes next."""
+    def next_step(self, recorder: Recorder) -> Step:
+        """Return what comes next, after all that was taken."""
+        return next_step(self.study, self.plan, recorder.events, self.begun.language)
+
+    def take(self, line: AnyLine, recorder: Recorder) -> None:
+        """Write what a line says, if it is what comes next.
+
+        Raises
+        ------
+        ContradictionError
+            If it is not.
+        """
+        self.line, self._now_s = line, line.t_s
         match line:
             case Resume():
                 self.reason = ""
@@ -446,7 +461,7 @@ class Session:
                     SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
                 )
                 return
-        step = next_step(self.study, self.plan, recorder.events, self.begun.language)
+        step = self.next_step(recorder)
         match step, line:
             case AskConsent(), ConsentLine():
                 recorder.append(

@@ -1,8 +1,7 @@
-"""Chromium and Firefox, driven from Python, and a server on loopback around a study."""
+"""Browsers for tests, and a server on loopback around a study."""
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 import os
@@ -10,29 +9,67 @@ import shutil
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from PIL import Image
 from web_kernel import WEB, needed, node_modules
 
-SCRIPTS = Path(__file__).with_name("web")
-CLOCK, OBSERVER = ((SCRIPTS / f"{one}.js").read_text() for one in ("virtual_clock", "observer"))
-KINDS = {
-    ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css",
-    ".json": "application/json", ".png": "image/png",
-}  # fmt: skip
-PROGRAMS = {"chrome": ("chromium", "chromium-browser"), "firefox": ("firefox-esr", "firefox")}
+from study_app.web.chromium import PROGRAMS, Chromium, running_chromium
+from study_app.web.serve import FolderHandler
+from study_app.web.serve import served as served_by
+from study_app.web.simulate import CLOCK, OBSERVER
+
+STUB = Path(__file__).with_name("web") / "jatos_stub.js"
+LUCKY = """
+let luck = 7, keys = null;
+const drawn = () => { luck = (Math.imul(luck, 1103515245) + 12345) >>> 0; return luck / 2 ** 32; };
+observer.text = "<b>edges</b> & \\u{1f440}";
+observer.reads_ms = 50;
+fetch("study.json").then((answer) => answer.json()).then((study) => {
+  const phases = study.rates[0].scripts[study.default_language].flatMap((script) => script.phases);
+  keys = Object.fromEntries(phases.map((phase) => [phase.name, phase.question?.keys.flat()]));
+});
+observer.answer = (phase) => {
+  const known = keys?.[phase];
+  return known ? [known[Math.floor(drawn() * known.length)], 40 + 100 * drawn()] : null;
+};
+"""
+"""An observer who answers by chance, and fast."""
 
 
-class Browser:
-    """A browser with one page; what it is told runs at once."""
+class Browser(Protocol):
+    """A browser with one page: what `Chromium` is, and `Firefox`."""
+
+    def open(
+        self,
+        url: str,
+        *scripts: str,
+        size: tuple[int, int] | None = ...,
+        anew: bool = ...,
+    ) -> None:
+        """Open a page, whose scripts run before its own."""
+
+    def evaluate(self, script: str) -> Any:
+        """Return what a script gives, awaited."""
+
+    def text(self) -> str:
+        """Return what the page says."""
+
+    def close(self) -> None:
+        """End the tab as a participant does."""
+
+    @property
+    def errors(self) -> list[str]:
+        """What went wrong in the page so far."""
+
+
+class Firefox:
+    """Firefox, driven through Node: it speaks BiDi, over web sockets, only."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
@@ -47,65 +84,72 @@ class Browser:
         assert "error" not in told, told["error"]
         return told["answer"]
 
-    def open(self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400)) -> None:
-        """Open a page with storage of its own, whose scripts run before its own.
-
-        Without a size it is the window as it is, whose ratio of pixels no browser makes up.
-        """
-        self.ask("open", url=url, scripts=scripts, size=size)
+    def open(
+        self,
+        url: str,
+        *scripts: str,
+        size: tuple[int, int] | None = (1920, 400),
+        anew: bool = True,
+    ) -> None:
+        self.ask("open", url=url, scripts=scripts, size=size, anew=anew)
 
     def evaluate(self, script: str) -> Any:
-        """Return what a script gives, awaited."""
         return self.ask("evaluate", script=script)
 
-    def until(self, script: str, timeout_s: float = 60.0) -> Any:
-        """Wait until a script gives something true; say what the page shows where it does not."""
-        told = self.ask("until", script=f"Boolean({script})", timeout_s=timeout_s)
-        assert told, f"{script}: {self.text()!r}, errors {self.ask('errors')}"
-        return told
-
     def text(self) -> str:
-        """Return what the page says."""
         return str(self.evaluate("document.body?.innerText ?? ''"))
 
-    def screen(self) -> np.ndarray:
-        """Return the composited page, shape (height, width, 3)."""
-        shot = base64.b64decode(self.ask("screenshot"))
-        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+    def close(self) -> None:
+        self.ask("close")
+
+    @property
+    def errors(self) -> list[str]:
+        return list(self.ask("errors"))
+
+
+def until(browser: Browser, script: str, timeout_s: float = 60.0) -> None:
+    """Wait until a script gives something true; say what the page shows where it does not."""
+    end = time.monotonic() + timeout_s
+    while not browser.evaluate(f"Boolean({script})"):
+        assert time.monotonic() < end, f"{script}: {browser.text()!r}, errors {browser.errors}"
+        time.sleep(0.02)
+
+
+def screen(browser: Chromium) -> np.ndarray:
+    """Return the composited page, shape (height, width, 3)."""
+    return np.asarray(Image.open(io.BytesIO(browser.screenshot())).convert("RGB"))
 
 
 @contextmanager
-def running_browser(
-    folder: Path, kind: str, *args: str, prefs: dict[str, object] | None = None
-) -> Iterator[Browser]:
-    """Start a browser without a screen; it ends with the block."""
-    path = next(filter(None, map(shutil.which, PROGRAMS[kind])), None)
-    needed(PROGRAMS[kind][0], path)
+def chromium_for_tests(*arguments: str) -> Iterator[Chromium]:
+    """Start Chromium, where it is there."""
+    needed("Chromium", next(filter(None, map(shutil.which, PROGRAMS)), None))
+    with running_chromium(*arguments) as browser:
+        yield browser
+
+
+@contextmanager
+def running_firefox(folder: Path) -> Iterator[Firefox]:
+    """Start Firefox without a screen; it ends with the block."""
+    path = shutil.which("firefox-esr") or shutil.which("firefox")
+    needed("Firefox", path)
     modules = node_modules()
     needed("puppeteer-core", (modules / "puppeteer-core").is_dir())
     script = folder / "driver.mjs"
-    if not (folder / "node_modules").exists():
-        (folder / "node_modules").symlink_to(modules)  # where Node looks for puppeteer-core
+    (folder / "node_modules").symlink_to(modules)  # where Node looks for puppeteer-core
     subprocess.run(
         [modules / ".bin" / "esbuild", "test/driver.ts", "--bundle", "--platform=node",
          "--format=esm", "--external:puppeteer-core", "--log-level=warning",
          f"--outfile={script}"],
         cwd=WEB, check=True, timeout=60,
     )  # fmt: skip
-    plain = ("--no-sandbox", "--disable-gpu", "--mute-audio", "--force-color-profile=srgb")
     with subprocess.Popen(
         ["node", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         env=os.environ | {"MOZ_HEADLESS_WIDTH": "1920", "MOZ_HEADLESS_HEIGHT": "1080"},
     ) as process:  # fmt: skip
-        browser = Browser(process)
+        browser = Firefox(process)
         try:
-            browser.ask(
-                "launch",
-                browser=kind,
-                path=path,
-                args=[*(plain if kind == "chrome" else ()), *args],
-                prefs=prefs or {},
-            )
+            browser.ask("launch", path=path)
             yield browser
             browser.ask("quit")
         finally:
@@ -174,85 +218,71 @@ class Site:
             "session": self.session, "batch": self.batch, "version": self.version,
             "component": len(self.results) - 1,
         }  # fmt: skip
-        return (SCRIPTS / "jatos_stub.js").read_text().replace("STATE", json.dumps(state)).encode()
+        return STUB.read_text().replace("STATE", json.dumps(state)).encode()
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    wbufsize = -1  # header and body in one packet: two wait for each other
+class _Handler(FolderHandler):
+    site: Site
 
-    def __init__(self, site: Site, *rest: Any) -> None:
-        self.site = site
-        super().__init__(*rest)
-
-    def do_GET(self) -> None:
-        name = self.path.split("?")[0].lstrip("/") or "index.html"
-        self.site.asked.append(name)
-        if name == "jatos.js" and self.site.jatos:
+    def do_GET(self) -> None:  # noqa: N802
+        self.site.asked.append(self.name)
+        if self.name == "jatos.js" and self.site.jatos:
             with self.site.lock:
                 return self.answer(200, self.site.stub(), ".js")
-        path = self.site.folder / name
-        status, data = (200, path.read_bytes()) if path.is_file() else (404, b"")
-        if name in self.site.faults:
-            status, data = self.site.faults[name](data)
+        if self.name not in self.site.faults:
+            return super().do_GET()
+        path = self.site.folder / self.name
+        found = path.read_bytes() if path.is_file() else b""
+        status, data = self.site.faults[self.name](found)
         return self.answer(status, data, path.suffix)
 
-    def do_POST(self) -> None:
-        body = json.loads(self.rfile.read(int(self.headers["content-length"])))
+    def do_POST(self) -> None:  # noqa: N802
+        body = json.loads(self.body())
         what = self.path.removeprefix("/jatos/")
         if self.site.lost(what):
             return self.hang()
         if self.site.refuses or (self.site.ended and what != "end"):
-            return self.answer(403, b"{}", ".json")
+            return self.answer(403, b"{}")
         if what == "append" and len(self.site.results[body["component"]]) > 5_000_000:
-            return self.answer(413, b"{}", ".json")
+            return self.answer(413, b"{}")
         with self.site.lock:
             told = self.site.post(what, body)
         if self.site.hang(what):
             return self.hang()
-        return self.answer(200, json.dumps(told).encode(), ".json")
+        return self.answer(200, json.dumps(told).encode())
 
     def hang(self) -> None:
         """Answer nothing while the page is there."""
         self.close_connection = True
         time.sleep(2)
 
-    def answer(self, status: int, data: bytes, suffix: str) -> None:
-        self.send_response(status)
-        self.send_header("content-type", KINDS.get(suffix, "application/octet-stream"))
-        self.send_header("content-length", str(len(data)))
-        self.end_headers()
-        self.wfile.write(data)
-
-    def handle(self) -> None:
-        try:
-            super().handle()
-        except ConnectionError:
-            return  # the tab was killed
-
-    def log_message(self, *_: object) -> None:
-        return
-
 
 @contextmanager
 def served(folder: Path, *, jatos: bool = True) -> Iterator[Site]:
-    """Serve a folder on a port of its own, so that its storage in a browser is its own, too."""
+    """Serve a folder."""
     site = Site(folder, jatos)
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, site))
-    server.daemon_threads = True
-    site.url = f"http://localhost:{server.server_address[1]}/"
-    thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
-    thread.start()
-    try:
+    with served_by(type("Handler", (_Handler,), {"folder": folder, "site": site})) as site.url:
         yield site
-    finally:
-        server.shutdown()
-        server.server_close()
 
 
-def whole(
-    browser: Browser, site: Site, *scripts: str, page: str = "index.html?slot=3&simulated"
+def begin(
+    browser: Browser,
+    site: Site,
+    *scripts: str,
+    page: str = "index.html?slot=1&simulated",
+    **how: Any,
 ) -> None:
-    """Let the artificial observer run a study to its end on the virtual clock."""
-    browser.open(f"{site.url}{page}", CLOCK, OBSERVER, *scripts)
-    browser.until("['ended', 'aborted'].includes(document.title)", 60)
+    """Open a study on the virtual clock, for an observer who answers by chance."""
+    how.setdefault("size", json.loads((site.folder / "study.json").read_text())["window_px"])
+    browser.open(f"{site.url}{page}", CLOCK, OBSERVER, LUCKY, *scripts, **how)
+
+
+def whole(browser: Browser, site: Site, *scripts: str, **how: Any) -> None:
+    """Let the artificial observer run a study to its end."""
+    begin(browser, site, *scripts, **how)
+    until(browser, "['ended', 'aborted'].includes(document.title)")
+
+
+def said(lines: list[str], kind: str) -> list[Mapping[str, Any]]:
+    """Return the lines of a kind, those that came twice once."""
+    return [line for line in map(json.loads, dict.fromkeys(lines)) if line["kind"] == kind]

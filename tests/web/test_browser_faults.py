@@ -7,34 +7,23 @@ import re
 import time
 
 import pytest
-from web_browser import CLOCK, OBSERVER, running_browser, served, whole
-from web_study import brought_home, built, cases_in, for_browsers
+from web_browser import CLOCK, OBSERVER, begin, said, served, until, whole
+from web_study import brought_home, built, for_browsers
 
 from protocols.journal import Note
 from protocols.journal_file import read_journal
 
 
 @pytest.fixture(scope="module")
-def of(short_study, tmp_path_factory):
+def of(case):
     """A built study."""
-    return cases_in(tmp_path_factory, short_study)("yes-no")
-
-
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory):
-    args = ("--host-resolver-rules=MAP lab.test 127.0.0.1",)
-    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome", *args) as browser:
-        yield browser
+    return case("yes-no")
 
 
 @pytest.fixture
 def site(of):
     with served(of.out) as site:
         yield site
-
-
-def said(site, kind):
-    return [line for line in map(json.loads, dict.fromkeys(site.lines)) if line["kind"] == kind]
 
 
 def changed(data: bytes) -> bytes:
@@ -56,16 +45,16 @@ def test_a_wrong_file_is_named_never_shown_and_the_session_goes_on_once_it_is_me
     }
     for number, (words, fault) in enumerate(faults.items()):
         site.faults = {f"packs/{name}": fault for name in packs}
-        chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
-        chromium.until("document.querySelector('main a')")
+        begin(chromium, site)
+        until(chromium, "document.querySelector('main a')")
         text = chromium.text()
         assert text.startswith("Something went wrong: ")
         assert re.search(words, text), text
-        assert said(site, "attempt") == []
-        notes = said(site, "note")
+        assert said(site.lines, "attempt") == []
+        notes = said(site.lines, "note")
         assert len(notes) == number + 1
         assert re.search(words, notes[-1]["text"])
-        assert said(site, "end")[-1]["reason"] == "error"
+        assert said(site.lines, "end")[-1]["reason"] == "error"
     site.faults = {}
     whole(chromium, site)
     (imported,) = brought_home(of, site.lines, tmp_path)
@@ -78,8 +67,8 @@ def test_a_wrong_file_is_named_never_shown_and_the_session_goes_on_once_it_is_me
 def test_a_wrong_picture_is_named(chromium, site, of):
     name = next((of.out / "pictures").iterdir()).name
     site.faults = {f"pictures/{name}": lambda data: (200, changed(data))}
-    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
-    chromium.until("document.body.innerText.includes('went wrong')")
+    begin(chromium, site)
+    until(chromium, "document.body.innerText.includes('went wrong')")
     assert f"pictures/{name} is not the picture that was hashed" in chromium.text()
 
 
@@ -93,11 +82,11 @@ def test_a_slow_line_is_told_and_noted(chromium, site, of, tmp_path):
     site.faults = {f"packs/{path.name}": slow for path in (of.out / "packs").iterdir()}
     told = "document.body?.innerText.includes('The line is slow')"
     seen = f"let slow = 0; setInterval(() => {{ if ({told}) slow = 1; }}, 5)"
-    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, seen)
-    chromium.until("document.title === 'ended'")
+    begin(chromium, site, seen, "clock.patience_ms = 100;")
+    until(chromium, "document.title === 'ended'")
     assert chromium.evaluate("slow") == 1
     assert re.fullmatch(
-        r"the stimuli of practice-\d+ came after \d+ s", said(site, "note")[0]["text"]
+        r"the stimuli of practice-\d+ came after \d+ s", said(site.lines, "note")[0]["text"]
     )
     assert brought_home(of, site.lines, tmp_path)[0].state == "imported"
 
@@ -126,9 +115,9 @@ observer.each = (frames) => {
 @pytest.mark.slow
 def test_whatever_comes_between_voids_the_attempt_and_is_named(chromium, site, of, tmp_path):
     whole(chromium, site, DISTURBED)
-    disturbed = [line["disturbed"][1] for line in said(site, "attempt") if line["disturbed"]]
+    disturbed = [line["disturbed"][1] for line in said(site.lines, "attempt") if line["disturbed"]]
     assert disturbed == ["focus", "hidden", "full-screen", "size"]
-    assert len(said(site, "pause")) == 4
+    assert len(said(site.lines, "pause")) == 4
     assert brought_home(of, site.lines, tmp_path)[0].reason == "completed"
 
 
@@ -139,8 +128,8 @@ def test_answers_that_a_server_does_not_take_are_offered_as_a_file(chromium, sit
         return False
 
     site.lost = from_now_on
-    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER)
-    chromium.until("document.querySelector('main a[download]')")
+    begin(chromium, site)
+    until(chromium, "document.querySelector('main a[download]')")
     assert chromium.text().startswith("Your answers could not be sent.")
     copy = chromium.evaluate(
         "fetch(document.querySelector('a[download]').href).then((file) => file.text())"
@@ -153,13 +142,13 @@ def test_answers_that_a_server_does_not_take_are_offered_as_a_file(chromium, sit
 @pytest.mark.slow
 def test_who_leaves_may_come_back_or_withdraw(chromium, site):
     leaves = 'observer.leave = ["start", "quit"];'
-    chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, leaves)
-    chromium.until("document.querySelector('main button.withdraw')")
+    begin(chromium, site, leaves)
+    until(chromium, "document.querySelector('main button.withdraw')")
     assert chromium.text().startswith("You have left the study.")
-    assert said(site, "end")[-1]["reason"] == "quit"
+    assert said(site.lines, "end")[-1]["reason"] == "quit"
     assert site.ended is None
     chromium.evaluate("document.querySelector('button.withdraw').click()")
-    chromium.until("document.title === 'aborted'")
+    until(chromium, "document.title === 'aborted'")
     assert site.results == []
 
 
@@ -169,7 +158,7 @@ def test_screens_that_cannot_run_the_study_are_refused_before_anything_is_asked(
 ):
     def refused(*scripts: str, url: str = site.url, size: tuple[int, int] = (1920, 400)) -> str:
         chromium.open(f"{url}?slot=1", CLOCK, OBSERVER, *scripts, size=size)
-        chromium.until("document.querySelector('main')?.innerText.length > 60")
+        until(chromium, "document.querySelector('main')?.innerText.length > 60")
         return chromium.text()
 
     exact = built(for_browsers(of.study), tmp_path)
@@ -182,10 +171,9 @@ def test_screens_that_cannot_run_the_study_are_refused_before_anything_is_asked(
     assert insecure.startswith("This page must come over https")
     chromium.open("about:blank", CLOCK, OBSERVER)
     phone = {"width": 390, "height": 844, "deviceScaleFactor": 3, "mobile": True}
-    chromium.ask("devtools", method="Emulation.setDeviceMetricsOverride", params=phone)
-    touch = {"enabled": True, "maxTouchPoints": 5}
-    chromium.ask("devtools", method="Emulation.setTouchEmulationEnabled", params=touch)
-    chromium.ask("goto", url=f"{site.url}?slot=1")
-    chromium.until("document.querySelector('main')?.innerText.length > 60")
+    chromium.devtools("Emulation.setDeviceMetricsOverride", **phone)
+    chromium.devtools("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
+    chromium.go(f"{site.url}?slot=1")
+    until(chromium, "document.querySelector('main')?.innerText.length > 60")
     assert chromium.text().startswith("This study needs a computer")
     assert site.lines == []

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from web_browser import Browser, Site, running_browser, served
+from web_browser import Browser, Site, chromium_for_tests, screen, served
 from web_kernel import WEB, node_modules
-from web_study import WEB_CASES, BuiltWebStudy, cases_in
+from web_study import WEB_CASES, BuiltWebStudy
 
 from protocols.hashing import sha256_bytes
 from protocols.script import Frames, Picture, ScriptPhase
@@ -25,12 +25,6 @@ from study_app.web.export import WebBuild
 SMOOTH = {False: (0, 0), True: (8, 1)}
 """Most pixels and codes that differ: on a flat canvas, Firefox blends smooth edges a little off."""
 RATIOS = (1, 1.1, 1.25, 1.5, 2)
-
-
-@pytest.fixture(scope="module")
-def case(short_study, tmp_path_factory):
-    """Give a built case by its name, made once."""
-    return cases_in(tmp_path_factory, short_study)
 
 
 @pytest.fixture(scope="module")
@@ -44,18 +38,6 @@ def lab(tmp_path_factory):
         cwd=WEB, check=True, timeout=60,
     )  # fmt: skip
     return script.read_bytes()
-
-
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory):
-    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome") as browser:
-        yield browser
-
-
-@pytest.fixture(scope="module")
-def firefox(tmp_path_factory):
-    with running_browser(tmp_path_factory.mktemp("firefox"), "firefox") as browser:
-        yield browser
 
 
 @dataclass(frozen=True)
@@ -198,11 +180,11 @@ def test_a_colour_chunk_changes_no_pixel(chromium, firefox, case, lab):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", RATIOS)
-def test_the_composited_page_shows_what_is_painted_at_any_ratio(case, lab, tmp_path, ratio):
+def test_the_composited_page_shows_what_is_painted_at_any_ratio(case, lab, ratio):
     of, scale = case("two-alternative"), max(1, round(ratio))
     args = f"--force-device-scale-factor={ratio}", "--window-size=900,500"
     with (
-        running_browser(tmp_path, "chrome", *args) as browser,
+        chromium_for_tests(*args) as browser,
         served(of.out, jatos=False) as site,
     ):
         width, height, _ = opened(browser, site, of, lab, scale, flat=False, size=None)
@@ -211,7 +193,7 @@ def test_the_composited_page_shows_what_is_painted_at_any_ratio(case, lab, tmp_p
         assert some
         for scene in some:
             browser.evaluate(f"lab.paint({scene.told})")
-            shot = browser.screen()
+            shot = screen(browser)
             assert shot.shape[:2] == (height, width)
             wanted = on_canvas(scene.screen, width, height, scale)
             assert np.count_nonzero((shot != wanted).any(axis=2)) == 0

@@ -8,8 +8,8 @@ import threading
 import time
 
 import pytest
-from web_browser import CLOCK, OBSERVER, Browser, Site, running_browser, served, whole
-from web_study import WEB_CASES, BuiltWebStudy, brought_home, cases_in
+from web_browser import Browser, Site, begin, said, served, until, whole
+from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import Journal, read_journal
@@ -33,24 +33,6 @@ TYPED = "<b>edges</b> & \U0001f440"
 DEFAULT = "yes-no with confidence"
 
 
-@pytest.fixture(scope="module")
-def case(short_study, tmp_path_factory):
-    """Give a built case by its name, made once."""
-    return cases_in(tmp_path_factory, short_study)
-
-
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory):
-    with running_browser(tmp_path_factory.mktemp("chromium"), "chrome") as browser:
-        yield browser
-
-
-@pytest.fixture(scope="module")
-def firefox(tmp_path_factory):
-    with running_browser(tmp_path_factory.mktemp("firefox"), "firefox") as browser:
-        yield browser
-
-
 def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
     """Bring home what a site holds: one whole session, to which Python agrees."""
     (imported,) = brought_home(of, site.lines, root)
@@ -67,18 +49,17 @@ def whole_session(browser: Browser, of: BuiltWebStudy, root) -> None:
         assert [name for name in browser.evaluate(fetched) if not name.startswith(site.url)] == []
         assert browser.evaluate("document.cookie") == ""
     assert site.ended == {"done": True}
-    assert browser.ask("errors") == []
+    assert browser.errors == []
     journal = session_of(of, site, root)
-    said = dict(enumerate(map(json.loads, dict.fromkeys(site.lines))))
-    attempts = [line for line in said.values() if line["kind"] == "attempt"]
+    attempts = said(site.lines, "attempt")
     assert [(one.trial, one.outcome, one.answer) for one in journal.attempts] == [
         (line["trial"], line["outcome"], line["answer"]) for line in attempts
     ]
     voids = {one.void_reason for one in journal.attempts}
     assert voids >= {None, "focus-lost", "paused", "dropped-frames"}
-    (text,) = (line["text"] for line in said.values() if line.get("question") == "strategy")
-    assert text == TYPED
-    assert len(site.lines) > len(said), "the server's retries were not tried"
+    typed = [one for one in said(site.lines, "answer") if one["question"] == "strategy"]
+    assert [one["text"] for one in typed] == [TYPED]
+    assert len(site.lines) > len({*site.lines}), "the server's retries were not tried"
 
 
 def test_a_session_in_chromium_comes_home(chromium, case, tmp_path):
@@ -114,9 +95,9 @@ observer.each = () => {
 def test_a_labs_own_pages_stand_around_a_session_in_jspsych(chromium, case, tmp_path):
     of = case("yes-no")
     with served(of.out) as site:
-        chromium.open(f"{site.url}lab.html?slot=3", CLOCK, OBSERVER, FORMS)
-        chromium.until("shown.length === 2 && document.querySelector('canvas')?.dataset.phase")
-        chromium.ask("kill", crash=False)
+        begin(chromium, site, FORMS, page="lab.html?slot=3")
+        until(chromium, "shown.length === 2 && document.querySelector('canvas')?.dataset.phase")
+        chromium.close()
         whole(chromium, site, FORMS, page="lab.html?slot=3")
         # Whoever comes back is not asked again.
         assert chromium.evaluate("shown.length") == 1
@@ -158,10 +139,10 @@ def test_tabs_that_are_killed_lose_nothing_and_double_nothing(chromium, case, tm
         people += 1
         with served(of.out) as site:
             while not site.ended and kills < 12 * people:
-                chromium.open(f"{site.url}?slot={people}", CLOCK, OBSERVER)
+                begin(chromium, site)
                 dies(site, chance)
                 kills += not site.ended
-                chromium.ask("kill", crash=chance.random() < 0.5)
+                chromium.close(crash=chance.random() < 0.5)
                 site.hang = site.lost = lambda _: False
             if not site.ended:
                 whole(chromium, site)

@@ -6,7 +6,7 @@ import json
 
 import pytest
 from web_kernel import running_kernel
-from web_study import WEB_CASES, BuiltWebStudy, brought_home, cases_in
+from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
@@ -21,12 +21,6 @@ FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 def kernel(tmp_path_factory):
     with running_kernel(tmp_path_factory.mktemp("kernel")) as kernel:
         yield kernel
-
-
-@pytest.fixture(scope="module")
-def case(short_study, tmp_path_factory):
-    """Give a built case by its name, made once."""
-    return cases_in(tmp_path_factory, short_study)
 
 
 @pytest.mark.parametrize("name", WEB_CASES)

@@ -96,6 +96,8 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     if (error instanceof Refusal) return "refused";
     if (error instanceof FileError || error instanceof UnsentError) return "error";
     throw error;
+  } finally {
+    pages.dataset["page"] = "over"; // for whoever drives the page
   }
 }
 

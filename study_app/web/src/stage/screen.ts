@@ -110,6 +110,7 @@ export class Screen implements Stage {
       requestAnimationFrame(frame);
     }).finally(() => {
       this.watching = false;
+      delete this.canvas.dataset["phase"];
       this.canvas.style.cursor = "default";
     });
   }

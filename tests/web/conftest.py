@@ -1,0 +1,27 @@
+"""Browsers and built studies, each made once for all tests of a process."""
+
+from __future__ import annotations
+
+import pytest
+from web_browser import chromium_for_tests, running_firefox
+from web_study import cases_in
+
+
+@pytest.fixture(scope="session")
+def case(short_study, tmp_path_factory):
+    """Give a built case by its name, made once."""
+    return cases_in(tmp_path_factory, short_study)
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """Chromium, in which the host `lab.test` is this machine."""
+    with chromium_for_tests("--host-resolver-rules=MAP lab.test 127.0.0.1") as browser:
+        yield browser
+
+
+@pytest.fixture(scope="session")
+def firefox(tmp_path_factory):
+    """Firefox."""
+    with running_firefox(tmp_path_factory.mktemp("firefox")) as browser:
+        yield browser
