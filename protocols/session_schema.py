@@ -290,10 +290,6 @@ class Exclusions(Model):
     """Slower answers are left out. Default: no limit."""
 
 
-LinkParameter = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
-WebAddress = Annotated[str, StringConstraints(pattern=r"^https?://\S{1,2000}$")]
-
-
 class Web(Model):
     """How the study runs in a participant's own browser."""
 
@@ -307,9 +303,9 @@ class Web(Model):
     ) = None
     """Parameter of the link whose value is kept, such as a panel's code of the participant.
     Default: none is kept."""
-    completion_url: Annotated[str, StringConstraints(pattern=r"^https?://\S{1,2000}$")] | None = (
-        None
-    )
+    completion_url: (
+        Annotated[str, StringConstraints(pattern=r"^https?://\S+$", max_length=2048)] | None
+    ) = None
     """Address that the last page links to. Default: none."""
     completion_code: Text | None = None
     """Code that the last page shows. Default: none."""

@@ -113,6 +113,7 @@ def run_attempt(
     log = Log()
     state = Trial()
     written, last = False, len(script.phases) - 1
+    before: int | None = None  # the phase of the flip before
     onset_s = 0.0  # of the question
     asked: Question | None = None
     pauses = False
@@ -125,7 +126,6 @@ def run_attempt(
             notice = state.follows(script)
         shown = stage.show(Picture(phase, state.frames, rests, notice))
         flip = pacer.flip(shown.t_s)
-        before = log.flips[-1].phase if log.flips else None
         log.shown.append(shown)
         log.flips.append(Flipped(state.phase, state.shown_frames(script), flip))
         if before != state.phase:  # the first flip of a phase
@@ -150,11 +150,9 @@ def run_attempt(
         answer, interrupt = _read_keys(stage, state, script, onset_s, log)
         if interrupt:
             interrupts.append(interrupt)
-        state = advance(
-            state,
-            Observed(flip.refreshes if len(log.flips) > 1 else 1, gaze, answer, interrupt),
-            script,
-        )
+        refreshes = 1 if before is None else flip.refreshes
+        before = state.phase
+        state = advance(state, Observed(refreshes, gaze, answer, interrupt), script)
     return AttemptResult(state, log, tuple(interrupts))
 
 

@@ -7,6 +7,7 @@ hold every character of it.
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from pathlib import Path
 
 from PIL import ImageFont
@@ -33,7 +34,12 @@ def find_fonts() -> list[Path]:
     home = Path.home()
     data = os.environ.get("XDG_DATA_HOME") or str(home / ".local/share")
     shared = os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share"
-    folders = [home / ".fonts", *(Path(base) / "fonts" for base in (data, *shared.split(":")))]
+    folders = (home / ".fonts", *(Path(base) / "fonts" for base in (data, *shared.split(":"))))
+    return list(_fonts_in(folders))
+
+
+@lru_cache(maxsize=1)  # a study has dozens of texts
+def _fonts_in(folders: tuple[Path, ...]) -> tuple[Path, ...]:
     found = {
         path
         for folder in folders
@@ -41,7 +47,7 @@ def find_fonts() -> list[Path]:
         for path in folder.rglob("*")
         if path.suffix.lower() in (".ttf", ".otf", ".ttc")
     }
-    return sorted(found, key=lambda path: (_preference(path), str(path)))
+    return tuple(sorted(found, key=lambda path: (_preference(path), str(path))))
 
 
 def missing_characters(font: Path, text: str) -> str:
@@ -52,10 +58,9 @@ def missing_characters(font: Path, text: str) -> str:
     OSError
         If `font` is not a font that FreeType can read.
     """
-    face = ImageFont.truetype(font, 32, layout_engine=ImageFont.Layout.BASIC)
-    blank = _outline(face, "\U0010ffff")  # never assigned: every font draws its "not here" box
+    blank = _outline(font, "\U0010ffff")  # never assigned: every font draws its "not here" box
     return "".join(
-        char for char in dict.fromkeys(text) if not char.isspace() and _outline(face, char) == blank
+        char for char in dict.fromkeys(text) if not char.isspace() and _outline(font, char) == blank
     )
 
 
@@ -72,6 +77,12 @@ def _preference(path: Path) -> int:
     return next((rank for rank, start in enumerate(_PREFERRED) if name.startswith(start)), 99)
 
 
-def _outline(face: ImageFont.FreeTypeFont, char: str) -> tuple[tuple[int, int], bytes]:
-    mask = face.getmask(char, mode="L")
+@lru_cache(maxsize=1)
+def _face(font: Path) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(font, 32, layout_engine=ImageFont.Layout.BASIC)
+
+
+@lru_cache(maxsize=1024)  # texts share their letters
+def _outline(font: Path, char: str) -> tuple[tuple[int, int], bytes]:
+    mask = _face(font).getmask(char, mode="L")
     return mask.size, bytes(mask)

@@ -11,8 +11,7 @@ from protocols.journal import Calibration, Note
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Gaze
 from protocols.viewing import Viewing
-from study_app.gaze.open_source import LookAt
-from study_app.gaze.source import CalibrationResult, GazeSource, Tracker
+from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
 from study_app.recorder import Recorder
 from study_app.stage import Page, Stage
 from study_app.validation import nine_points_px, unfit_gaze

@@ -233,12 +233,13 @@ class Pages:
                 return face, wrapped, f"{high} lines where {room // face.line_px} are free"
             return face, wrapped, ""
 
-        face, wrapped, amiss = laid(_SMALLEST_PX)  # first: a long text takes long in each size
-        while letter_px > _SMALLEST_PX and not amiss:
-            larger, lines, too_large = laid(letter_px)
-            if not too_large:
-                return larger, lines
-            letter_px = round(letter_px * 0.9)
+        found = laid(letter_px)
+        if found[2] and letter_px > _SMALLEST_PX:
+            smallest = laid(_SMALLEST_PX)  # a text that is too long for it is tried in no other
+            while found[2] and found is not smallest:
+                letter_px = round(letter_px * 0.9)
+                found = smallest if smallest[2] or letter_px <= _SMALLEST_PX else laid(letter_px)
+        face, wrapped, amiss = found
         return amiss or (face, wrapped)
 
 

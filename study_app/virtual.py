@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import Question, TrialScript
-from study_app.live.renderer import Look
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
+
+    from study_app.live.renderer import Look
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Wall clock of simulated sessions when their virtual clock reads 0."""

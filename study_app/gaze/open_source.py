@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -22,16 +21,9 @@ from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
-from study_app.gaze.source import GazeSource
+from study_app.gaze.source import GazeSource, LookAt
 from study_app.gaze.tobii import TobiiGaze
 from study_app.gaze.trusted import TrustedGaze
-
-LookAt: TypeAlias = Callable[
-    [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
-]
-"""Called with the target's place in pixels (None: an empty screen), how long to show it (one flip
-at least), what to call at every flip, and what to tell the keys that go down. False: someone
-pressed a quit key."""
 
 
 def _no_window(*_: object) -> bool:

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+LookAt: TypeAlias = Callable[
+    [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
+]
+"""Called with the target's place in pixels (None: an empty screen), how long to show it (one flip
+at least), what to call at every flip, and what to tell the keys that go down. False: someone
+pressed a quit key."""
 
 
 class GazeSample(NamedTuple):
