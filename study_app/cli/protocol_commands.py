@@ -14,7 +14,6 @@ from protocols.errors import StudyError
 from protocols.feasibility import (
     MIB,
     TRIALS_IN_MEMORY,
-    check_feasible,
     clip_memory_bytes,
     clip_size_px,
     session_duration_s,
@@ -319,12 +318,15 @@ def _summary(study: StudyProtocol, screen: Display, plan: Plan) -> Table:
 
 
 def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
+    # Imported here: it draws texts.
+    from study_app.shown_texts import shortcomings
+
     table = Table(title="Feasible on", title_justify="left")
     for column in ("display", "rate", "distance", "verdict"):
         table.add_column(column)
     screens = {name: load_display(name) for name in shipped("displays")} | {screen.name: screen}
     for name, entry in sorted(screens.items()):
-        problems = check_feasible(study, entry)
+        problems = shortcomings(study, entry).problems
         mark = " (chosen)" if name == screen.name else ""
         verdict = "\n".join(map(str, problems)) if problems else "yes"
         table.add_row(

@@ -8,9 +8,10 @@ from attack.kills import CASES, write_study
 from typer.testing import CliRunner
 
 from protocols.errors import StudyError
-from protocols.load import load_study, shipped
+from protocols.load import load_display, load_study, shipped
 from protocols.schema import StudyProtocol
 from study_app.cli import app
+from study_app.cli.protocol_commands import _feasibility_table
 from study_app.pages import Pages
 from study_app.shown_texts import require_showable, shortcomings, shown_texts
 from study_app.stage import Page
@@ -68,6 +69,18 @@ def test_each_text_of_each_language_is_checked_by_itself():
         (found, *_) = shortcomings(changed(STUDY, "de", **{kind: value}), DISPLAY).problems
         assert found.place == f"text.languages.de.{place}"
     assert shortcomings(STUDY, DISPLAY).problems == []
+
+
+def test_show_tells_of_each_display_what_check_tells():
+    """Before, its table knew of times and stimuli alone."""
+    study = changed(STUDY, "de", consent=LONG, question=LONG)
+    names, _, _, verdicts = (column.cells for column in _feasibility_table(study, DISPLAY).columns)
+    told = dict(zip(names, verdicts, strict=True))
+    assert {name.removesuffix(" (chosen)") for name in told} == set(shipped("displays"))
+    for name, said in told.items():
+        display = load_display(name.removesuffix(" (chosen)"))
+        assert said == "\n".join(map(str, shortcomings(study, display).problems))
+        assert "must fit on" in said
 
 
 @pytest.mark.parametrize(
