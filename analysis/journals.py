@@ -8,9 +8,11 @@ from protocols.against_plan import contradictions, plan_of
 from protocols.errors import StudyError
 from protocols.journal import SessionStart
 from protocols.journal_file import DamagedLine, Journal, find_journals, read_journal
+from protocols.plugins import culprit
 from protocols.schema import StudyProtocol
 from protocols.side_files import SideFiles, check_side_files
 from protocols.tasks.pairs import PairTask
+from protocols.tasks.registry import check_row
 
 Progress = Callable[[str, int, int], None]
 """Told what is done, how much of it, and of how much; 0 where no end is known."""
@@ -112,19 +114,24 @@ def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
     plan = plan_of(protocol, reading.start)
     made = frozenset(entry.name for entry in protocol.stimuli.pool())
     wrong: dict[int, str] = {}
-    for attempt in journal.attempts:
-        try:
-            row = protocol.task.row(attempt)
-        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
-            continue
-        if unknown := _unknown(protocol, row, attempt.stimulus_names, made):
-            wrong[attempt.n] = f"{attempt.trial}: {unknown}"
     if plan is not None:
-        wrong |= {
+        wrong = {
             attempt.n: reason
             for attempt, reason in contradictions(protocol, plan, journal.attempts)
         }
+    for attempt in journal.attempts:
+        if attempt.n in wrong:
+            continue
+        try:
+            row = protocol.task.row(attempt)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            if plan is not None and (said := culprit(error)):  # the attempt is as planned
+                raise StudyError(said) from error
+            wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
+            continue
+        check_row(protocol.task, protocol.pool, row)
+        if unknown := _unknown(protocol, row, attempt.stimulus_names, made):
+            wrong[attempt.n] = f"{attempt.trial}: {unknown}"
     if wrong:
         journal = replace(
             journal,

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache, wraps
 from importlib import metadata
-from typing import Any, TypeVar, get_args
+from types import GenericAlias
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from protocols.errors import StudyError
 from protocols.outside import plug_in, visible_line
@@ -24,6 +29,7 @@ GROUPS = (
     "trackers",
 )  # fmt: skip
 _PREFIX = "metamerlab."
+_OURS = ("protocols", "pipeline", "stimuli", "study_app", "analysis")
 
 
 def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> dict[str, T]:
@@ -46,7 +52,7 @@ def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> d
         If a package takes a name that is taken, cannot be imported, or names something else.
     """
     found = dict(shipped)
-    for entry in metadata.entry_points(group=_PREFIX + group):
+    for entry in _entry_points().select(group=_PREFIX + group):
         owner = _owner(entry)
         if entry.name in found:
             raise StudyError(
@@ -62,13 +68,90 @@ def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> d
     return found
 
 
-def misfit(group: str, name: str, must: str, found: object) -> StudyError:
+def check_methods(group: str, name: str, plugged: type[Any]) -> None:
+    """Let a plug-in's class check what it returns, in each method that takes the place of ours.
+
+    Ours states what it returns. A list stands for a tuple, as pydantic converts it.
+
+    Parameters
+    ----------
+    group, name : str
+        Of the entry point.
+    plugged : type
+        Changed in place, with those of its bases that are not ours.
+
+    Raises
+    ------
+    StudyError
+        If one cannot be called as ours is; afterwards by each that returns something else.
+    """
+    ours = [base for base in plugged.__mro__ if _is_ours(base)]
+    for base in plugged.__mro__:
+        for key, own in () if base in ours else [*vars(base).items()]:
+            stated = [vars(one)[key] for one in ours if key in vars(one) and key[0] != "_"]
+            first = stated[-1] if stated else None
+            if isinstance(first, property):
+                if not isinstance(own, property):
+                    raise misfit(group, name, f"have {key} as a property", own)
+                if own.fget not in _CHECKING:
+                    setattr(base, key, property(_checking(group, name, own.fget, first.fget)))
+            elif inspect.isfunction(first):
+                takes = [*inspect.signature(first).parameters]
+                if not inspect.isfunction(own) or not taking(len(takes))(name, own):
+                    must = f"have a method {key}({', '.join(takes)})"
+                    raise misfit(group, name, must, own)
+                if own not in _CHECKING:
+                    setattr(base, key, _checking(group, name, own, first))
+
+
+_CHECKING: set[object] = set()
+"""Methods of plug-ins that check what they return."""
+
+
+def _is_ours(base: type[Any]) -> bool:
+    return base.__module__.split(".")[0] in (*_OURS, "pydantic", "builtins", "abc")
+
+
+def _checking(group: str, name: str, own: Any, first: Any) -> Callable[..., Any]:
+    """Return a method of a plug-in that checks that it returns what ours says."""
+    wanted: Any = get_type_hints(first)["return"]
+    told = inspect.formatannotation(wanted)
+    lazy = get_origin(wanted) is Iterator
+    if lazy:
+        wanted = GenericAlias(tuple, (*get_args(wanted), ...))
+    elif "Json" in told:  # it names itself
+        wanted = get_origin(wanted)
+    # What is inside a phase or a model is checked elsewhere.
+    apart = any(one in told for one in ("Phase", "Adaptive", "Recipe"))
+    inside: Literal["always", "never"] = "never" if apart else "always"
+    alone: Any = GenericAlias(tuple, (wanted,))
+    adapter = TypeAdapter[Any](alone, config=ConfigDict(revalidate_instances=inside))
+
+    @wraps(own)
+    def method(*given: Any, **named: Any) -> Any:
+        found = own(*given, **named)
+        if isinstance(found, Iterator):
+            found = tuple(found)  # what is raised meanwhile is the plug-in's
+        try:
+            (found,) = adapter.validate_python((found,))
+        except ValidationError as error:
+            wrong = error.errors()[0]
+            place = "".join(f" at {one}" for one in wrong["loc"][1:])
+            must = f"return {told} from {first.__name__}"
+            raise misfit(group, name, must, wrong["input"], place) from None
+        return iter(found) if lazy else found
+
+    _CHECKING.add(method)
+    return method
+
+
+def misfit(group: str, name: str, must: str, found: object, place: str = "") -> StudyError:
     """Return what to say of a plug-in that is, or returns, something else than it must."""
     kind = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
-    owners = [_owner(entry) for entry in metadata.entry_points(group=_PREFIX + group, name=name)]
+    owners = map(_owner, _entry_points().select(group=_PREFIX + group, name=name))
     return StudyError(
         f"package {', '.join(owners)!r}: its plug-in {name!r} of metamerlab.{group} must {must}"
-        f" (got {kind}); mend or uninstall the package"
+        f" (got {kind}{place}); mend or uninstall the package"
     )
 
 
@@ -79,7 +162,12 @@ def culprit(error: BaseException) -> str | None:
     where one of its classes lacks a method that it must have.
     """
     told = "".join(traceback.format_exception(error)).replace("\\", "/")
-    entries = [entry for name in GROUPS for entry in metadata.entry_points(group=_PREFIX + name)]
+    entries = [
+        entry
+        for name in GROUPS
+        for entry in _entry_points().select(group=_PREFIX + name)
+        if entry.module.split(".")[0] not in _OURS  # what ships may stand under another name
+    ]
     raised = f"{type(error).__name__}: {visible_line(str(error))}"
     for whole in (True, False):  # the module that it names, or another of its package
         for entry in entries:
@@ -129,6 +217,15 @@ def taking(count: int) -> Fits:
         return True
 
     return fits
+
+
+def _entry_points() -> metadata.SelectableGroups:
+    return _installed(tuple(sys.path))
+
+
+@lru_cache(maxsize=1)  # a file of every package is read
+def _installed(_path: tuple[str, ...]) -> metadata.SelectableGroups:
+    return metadata.entry_points()
 
 
 def _owner(entry: metadata.EntryPoint) -> str:

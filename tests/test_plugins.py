@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import multiprocessing
 import os
@@ -19,14 +20,18 @@ from pathlib import Path
 import pytest
 import typer
 
+from analysis.journals import read_study
 from analysis.tasks import ANALYSES, analysis_of
 from pipeline.errors import InputError
 from pipeline.methods.registry import _with_plugins
-from protocols.errors import StudyError
-from protocols.load import load_protocol
+from protocols.errors import Problem, StudyError
+from protocols.load import load_display, load_protocol
+from protocols.plugins import check_methods
+from protocols.tasks.base import Arrangement, Cell, Task
 from study_app.cli.errors import user_errors
 from study_app.gaze.open_source import ADAPTERS, open_gaze
 from study_app.observers import OBSERVERS, default_model
+from study_app.simulate import Simulation, simulate_study
 
 
 def test_a_labs_method_and_metric_are_listed_with_their_package(with_packages, lab_site):
@@ -291,6 +296,7 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
         ("condition_columns", "NotImplementedError", "check"),
         ("problems", "ValueError", "check"),
         *((name, None, "check") for name in ("answers", "cells", "shown_s", "description")),
+        *((name, None, "check") for name in ("problems", "phases", "phases_after", "row")),
     ]
     told = [(m, e, [*DOORS[door][:2], str(path), *DOORS[door][2:]]) for m, e, door in cases]
     done = subprocess.run(
@@ -301,11 +307,15 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
 
     for (method, error, door), line in zip(cases, done.stdout.splitlines(), strict=True):
         code, said, exception = json.loads(line)
+        if method == "row":  # nothing was answered yet
+            assert code == 0, exception
+            continue
         assert code == 2, (method, door, exception)
         if error is None:
             assert re.fullmatch(
-                r"error: package 'odd-one': its plug-in 'mine' of metamerlab\.tasks must return"
-                rf" [\w.\[\], ]+ from {method} \(got NoneType\); mend or uninstall the package",
+                r"error: (?:/\S+mine\.toml: task: )?package 'odd-one': its plug-in 'mine' of"
+                rf" metamerlab\.tasks must return [\w.\[\], ]+ from {method} \(got NoneType\);"
+                r" mend or uninstall the package",
                 said,
             ), said
             continue
@@ -317,6 +327,142 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
         ), (method, door, said)
     assert {each.name for each in tmp_path.iterdir()} <= {"site", "mine.toml", "sessions"}
     assert not [*tmp_path.glob("sessions/*/*")]
+
+
+class Broken:
+    """What no method of ours returns."""
+
+
+HOOKS = {
+    name: function
+    for name, member in vars(Task).items()
+    if inspect.isfunction(function := getattr(member, "fget", member)) and name[0] != "_"
+}
+
+
+@pytest.mark.parametrize("hook", HOOKS)
+def test_each_method_of_a_task_says_itself_that_it_returns_something_else(hook):
+    """Before, most gave a traceback from where their value was used."""
+    kept: list[object] = []
+
+    class Odd(type(DEMO.task)):
+        def own(self, *_: object) -> object:
+            return kept[-1]
+
+    own = Odd.own
+    own.__name__ = hook
+    setattr(Odd, hook, property(own) if isinstance(vars(Task)[hook], property) else own)
+    task = Odd.model_construct(**dict(DEMO.task))
+    check_methods("tasks", "two-interval", Odd)
+    check_methods("tasks", "two-interval", Odd)  # twice is once
+    given = [None] * (len(inspect.signature(HOOKS[hook]).parameters) - 1)
+
+    def call() -> object:
+        found = getattr(task, hook)
+        return found(*given) if callable(found) else found
+
+    for wrong in (Broken(), Broken, [Broken()], {"a": Broken()}, None):
+        kept.append(wrong)
+        if (hook, wrong) == ("adaptation", None):
+            continue
+        if hook in ("row", "whole_row") and isinstance(wrong, dict):
+            continue
+        with pytest.raises(StudyError) as caught:
+            call()
+        said = str(caught.value)
+        assert "its plug-in 'two-interval' of metamerlab.tasks must return " in said
+        assert f" from {hook} (got " in said
+        assert said.endswith("; mend or uninstall the package")
+
+
+@pytest.mark.parametrize(
+    ("cells", "what"),
+    [
+        ([Cell("a scene", None)], "NoneType at 0 at arrangements"),
+        ([Cell("a scene", (Arrangement({"column": Broken()}, ("one",)),))], "Broken at 0"),
+        ([Cell("a scene", (Arrangement({}, (1,)),))], "int at 0 at arrangements at 0 at stimuli"),
+    ],
+)
+def test_what_a_task_returns_is_checked_to_the_last_part(cells, what):
+    class Odd(type(DEMO.task)):
+        def cells(self, _pool):
+            return cells
+
+    check_methods("tasks", "two-interval", Odd)
+    with pytest.raises(StudyError, match=rf"from cells \(got {what}"):
+        Odd.model_construct(**dict(DEMO.task)).cells(DEMO.pool)
+
+
+def test_a_list_stands_for_a_tuple_and_an_iterator_is_read_once():
+    class Odd(type(DEMO.task)):
+        def answers(self):
+            return ["first", "second"]
+
+        def problems(self, _pool):
+            return [Problem("task", "wrong")]
+
+    check_methods("tasks", "two-interval", Odd)
+    task = Odd.model_construct(**dict(DEMO.task))
+    assert task.answers() == ("first", "second")
+    assert list(task.problems(DEMO.pool)) == [Problem("task", "wrong")]
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory) -> Path:
+    """Return a folder with a session of the demonstration."""
+    folder = tmp_path_factory.mktemp("answered")
+    simulate_study(Simulation(DEMO, load_display("fhd27-60hz")), folder, 1)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("row", "must"),
+    [
+        (lambda _: {}, r"return its column 'scene' from row \(got dict with nothing\)"),
+        (lambda row: row | {"chose_first": "abc"},
+         r"return from row, in its column 'chose_first', what is '0/1' \(got str\)"),
+        (lambda row: row | {"scene": [1]},
+         r"return from row, in its column 'scene', what is 'text' \(got list\)"),
+        (lambda _: None, r"return dict\[str, object\] from row \(got NoneType\)"),
+        (lambda _: {}["its own"], r"return or say what is wrong \(its row raised KeyError"),
+    ],
+)  # fmt: skip
+def test_a_row_of_something_else_stops_the_analysis_with_its_task(
+    install_package, monkeypatch, answered, row, must
+):
+    """Before, these were tracebacks, or the attempts were taken for damaged lines."""
+    site = install_package("odd-one", {"odd.py": ODD}, "[metamerlab.tasks]\nmine = odd:Model\n")
+    monkeypatch.syspath_prepend(str(site))
+    task = type(DEMO.task)
+    inner = "def row(self, attempt): return change(real(self, attempt))"
+    names = {"real": task.row, "change": row}
+    exec(compile(inner, str(site / "odd.py"), "exec"), names)
+
+    class Odd(task):
+        row = names["row"]
+
+    study = DEMO.model_copy(update={"task": Odd.model_construct(**dict(DEMO.task))})
+    check_methods("tasks", "mine", Odd)
+    with pytest.raises(StudyError, match=rf"its plug-in '(mine|two-interval)' of .* must {must}"):
+        read_study(answered, study)
+
+
+@pytest.mark.parametrize(
+    ("name", "member", "must"),
+    [
+        ("row", lambda _self: {}, r"have a method row\(self, attempt\) \(got function\)"),
+        ("phases", lambda _self, _pool: (), r"have a method phases\(self, pool, display\)"),
+        ("labels", {"a": "b"}, r"have a method labels\(self\) \(got dict\)"),
+        ("catch_trials", lambda _self: 3, "have catch_trials as a property"),
+    ],
+)
+def test_a_method_that_cannot_be_called_as_ours_is_named(name, member, must):
+    class Odd(type(DEMO.task)):
+        pass
+
+    setattr(Odd, name, member)
+    with pytest.raises(StudyError, match=rf"'two-interval' of metamerlab.tasks must {must}"):
+        check_methods("tasks", "two-interval", Odd)
 
 
 def test_a_task_that_lacks_a_method_is_named_with_it(install_package, with_packages, tmp_path):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from typing import get_type_hints
+from collections.abc import Mapping
+from numbers import Real
 
-from pydantic import TypeAdapter, ValidationError
-
-from protocols.plugins import based_on, misfit, registered
+from protocols.plugins import based_on, check_methods, misfit, registered
 from protocols.pool import Pool
 from protocols.tasks.abx import Abx
 from protocols.tasks.base import Task
@@ -32,7 +31,7 @@ TASKS: dict[str, type[Task]] = registered(
     "name a class based on protocols.tasks.base.Task, whose kind is the entry's name",
     based_on(Task),
 )
-_CHECKED = (
+_ASKED = (
     "answers", "cells", "catch_cells", "durations", "shown_s", "description", "design_sentence",
     "right_answer", "condition_columns", "answer_columns", "own_columns", "labels",
 )  # fmt: skip
@@ -41,21 +40,42 @@ _CHECKED = (
 def check_returns(task: Task, pool: Pool | None = None) -> None:
     """Refuse the task of a plug-in of which a method returns something else than it must.
 
-    With a pool these are the methods that take one, which a study without mistakes may ask.
+    Every method says so when it is called. Called at once are those without arguments; with a pool
+    those that take one, which a study without mistakes may ask.
 
     Raises
     ------
     StudyError
         Naming the plug-in and the method.
     """
-    for name in _CHECKED if not type(task).__module__.startswith("protocols.") else ():
-        method = getattr(Task, name)
-        if (len(inspect.signature(method).parameters) > 1) != (pool is not None):
-            continue
-        found = getattr(task, name)(*[pool] if pool else [])
-        wanted = get_type_hints(method)["return"]
-        try:
-            TypeAdapter(wanted).validate_python(found)
-        except ValidationError:
-            said = f"return {inspect.formatannotation(wanted)} from {name}"
-            raise misfit("tasks", task.kind, said, found) from None
+    if type(task).__module__.startswith("protocols."):
+        return
+    for plugged in (type(task), type(task).analysis):
+        check_methods("tasks", task.kind, plugged)
+    if task.adaptation is not None:
+        check_methods("tasks", task.kind, type(task.adaptation))
+    for name in _ASKED:
+        if (len(inspect.signature(getattr(Task, name)).parameters) > 1) == (pool is not None):
+            getattr(task, name)(*[pool] if pool else [])
+
+
+def check_row(task: Task, pool: Pool, row: Mapping[str, object]) -> None:
+    """Refuse the task of a plug-in whose `row` is not what its columns say; None says nothing.
+
+    Raises
+    ------
+    StudyError
+        Naming the plug-in and the column.
+    """
+    if type(task).__module__.startswith("protocols."):
+        return
+    for column in (*task.condition_columns(pool), *task.answer_columns()):
+        if column.name not in row:
+            place = f" with {', '.join(row) or 'nothing'}"
+            must = f"return its column {column.name!r} from row"
+            raise misfit("tasks", task.kind, must, row, place)
+        value = row[column.name]
+        wanted = (Real, str) if column.kind in ("text", "value") else Real
+        if value is not None and not isinstance(value, wanted):
+            must = f"return from row, in its column {column.name!r}, what is {column.kind!r}"
+            raise misfit("tasks", task.kind, must, value)
