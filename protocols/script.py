@@ -678,7 +678,7 @@ class Scripts:
             )
         shown: list[Frames | Picture | Fill] = []
         for entry in phase.show:
-            if not isinstance(entry, get_args(Drawable)):
+            if type(entry) not in get_args(Drawable):
                 known = ", ".join(one.__name__ for one in get_args(Drawable))
                 raise _wrong(
                     phase,

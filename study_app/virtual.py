@@ -10,17 +10,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import Question, TrialScript
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
-
-if TYPE_CHECKING:  # sessions without a screen load no graphics
-    import moderngl
-
-    from study_app.live.renderer import Look
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Wall clock of simulated sessions when their virtual clock reads 0."""
@@ -44,31 +39,6 @@ class VirtualClock:
         """Return the virtual wall clock, UTC."""
         moment = EPOCH + timedelta(seconds=self._now_s)
         return moment.strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
-
-
-class VirtualScreen:
-    """A screen without a monitor for `study_app.live`; a frame takes `cost_s` to draw."""
-
-    def __init__(self, clock: VirtualClock, refresh_hz: float, cost_s: float = 0.0) -> None:
-        self._clock, self.refresh_hz, self._cost_s = clock, refresh_hz, cost_s
-
-    def now(self) -> float:
-        """Return the virtual clock."""
-        return self._clock()
-
-    def wait_until(self, t_s: float) -> None:
-        """Move the clock."""
-        self._clock.move_to(t_s)
-
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:  # noqa: ARG002
-        """Take as long as drawing does."""
-        self._clock.move_to(self._clock() + self._cost_s)
-
-    def flip(self) -> float:
-        """Wait for the next refresh of the grid."""
-        line = math.floor(self._clock() * self.refresh_hz + 1e-6) + 1
-        self._clock.move_to(line / self.refresh_hz)
-        return self._clock()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
+from virtual_screen import VirtualScreen
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
@@ -28,7 +29,7 @@ from study_app.live.log import LiveChoice, LiveFlip, LiveLog, read_log
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw import redraw
 from study_app.live.renderer import STEPS_PER_PX, Look, View, on_grid
-from study_app.virtual import VirtualClock, VirtualScreen
+from study_app.virtual import VirtualClock
 
 HZ = 60.0
 WIDTH, HEIGHT, FRAMES = 96, 72, 9

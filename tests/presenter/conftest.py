@@ -424,7 +424,7 @@ class Screen:
         """
         read = study.folder / "read"  # how far the other process has read
         read.write_bytes(b"\xff" * 8)
-        script = Path(__file__).with_name("screen_watcher.py")
+        script = Path(__file__).parents[1] / "helpers/screen_watcher.py"
         watcher = subprocess.Popen(
             [sys.executable, script, self.file, *map(str, study.rectangle), read],
             stdin=subprocess.PIPE,

@@ -182,7 +182,15 @@ class Gabor:
     """A drawable that no stage knows."""
 
 
+class Grating(Image):
+    """Another one, which would be drawn as what it is based on."""
+
+
 MISTAKES = {
+    "a drawable that is based on another": (
+        [replace(SHOWN, show=(Grating(0),))],
+        r"phase 'shown': must show what every stage can draw .* \(got Grating\); draw it as",
+    ),
     "a drawable that nobody draws": (
         [replace(SHOWN, show=(Gabor(),))],
         r"phase 'shown': must show what every stage can draw \(Fixation, .*\) \(got Gabor\);"

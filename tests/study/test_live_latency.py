@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from virtual_screen import VirtualScreen
 
 from study_app.cli.live import _Showing
 from study_app.gaze.lsl import LslGaze, LslSpec
@@ -15,7 +16,7 @@ from study_app.gaze.trusted import AHEAD_S, TrustedGaze
 from study_app.live.latency import SILENT_S, Latency
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.renderer import View
-from study_app.virtual import VirtualClock, VirtualScreen
+from study_app.virtual import VirtualClock
 
 HZ, COST_S, SECONDS = 60.0, 0.004, 4.0
 FAR_S = 1234.5
