@@ -1,6 +1,7 @@
 """Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say."""
 
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -429,8 +430,7 @@ def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:
 
 def write_error(path: Path, reason: str) -> Exception:
     """Return what to raise of a file that a library did not write whole; its reason is named."""
-    free = os.statvfs(path.parent)
-    if free.f_bavail == 0:
+    if shutil.disk_usage(path.parent).free == 0:
         return OSError(28, "No space left on device", str(path))
     return InputError(f"{path}: cannot be written ({reason})")
 

@@ -7,7 +7,9 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from protocols.folder_hold import held
+import psutil
+
+from protocols.locks import held
 
 _WRITING = re.compile(
     r"\.(?P<name>.+)\.(?P<process>[0-9]+)\.part"
@@ -30,15 +32,8 @@ def written(name: str) -> tuple[str, int] | None:
 
 def is_gone(process: int) -> bool:
     """Return whether no other process here has this number."""
-    if process == os.getpid():
-        return True  # who asks has not begun to write
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return True
-    except PermissionError:
-        return False
-    return False
+    # Who asks has not begun to write.
+    return process == os.getpid() or not psutil.pid_exists(process)
 
 
 def clear_files(path: Path) -> None:

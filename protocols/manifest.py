@@ -7,7 +7,6 @@ inputs give the same bytes.
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping
 from functools import cached_property
@@ -34,6 +33,7 @@ from protocols.units import (
     Sha256,
     Share,
 )
+from protocols.whole_file import write_whole
 
 MANIFEST_NAME = "manifest.json"
 
@@ -153,15 +153,10 @@ def write_manifest(folder: Path, manifest: Manifest) -> Path:
     StudyError
         If the folder cannot be written.
     """
-    target, temporary = folder / MANIFEST_NAME, folder / (MANIFEST_NAME + ".part")
+    target = folder / MANIFEST_NAME
     try:
-        with temporary.open("wb") as file:
-            file.write(_file_bytes(manifest))
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
+        write_whole(target, _file_bytes(manifest))
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise StudyError(f"{target}: must be writable ({error.strerror})") from None
     return target
 

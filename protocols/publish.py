@@ -67,6 +67,6 @@ def publish() -> list[Path]:
         path, text = schema_path(name), schema_text(name)
         path.parent.mkdir(exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", newline="\n")
             changed.append(path)
     return changed

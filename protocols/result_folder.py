@@ -12,8 +12,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from protocols.errors import StudyError
-from protocols.folder_hold import held
 from protocols.hashing import sha256_file
+from protocols.locks import held
 
 LISTING = ".metamerlab-files.json"
 """The files of a result and their hashes, so that a later command knows what it may replace."""
@@ -66,6 +66,7 @@ def whole_folder(
             if place.is_dir() and any(place.iterdir()):
                 _swap(out, place, work, replace, keeps)
             else:
+                _remove_empty(place)  # Windows moves no folder over another
                 work.rename(place)
         undo.pop_all()
     _clear(place, "old")  # a program killed between those two moves left the earlier result there
@@ -194,7 +195,7 @@ def _place(out: Path) -> Path:
             f"{out}: must not be or hold the folder that this command runs in ({here}), as it"
             " appears only when whole; run it from another folder, or choose another"
         )
-    if place.is_mount():
+    if os.path.ismount(place):  # Python 3.11 on Windows has no Path.is_mount
         raise StudyError(
             f"{out}: must not be where a disk is mounted, as it appears only when whole; choose a"
             " folder in it"
@@ -280,7 +281,7 @@ def write_listing(folder: Path, without: Collection[Path] = ()) -> None:
     }
     files.pop(LISTING, None)
     text = json.dumps({"format": 1, "files": files}, indent=1, sort_keys=True)
-    (folder / LISTING).write_text(text + "\n", encoding="utf-8")
+    (folder / LISTING).write_bytes(f"{text}\n".encode())
 
 
 def _listed(folder: Path) -> dict[str, str]:
@@ -306,7 +307,7 @@ def _hidden(out: Path, kind: str) -> Iterator[Path]:
                     break
             # Cleared away by another program in the moment before it was held: once more.
         try:
-            (folder / _MARK).write_text(_mark(out), encoding="utf-8")
+            (folder / _MARK).write_bytes(_mark(out).encode())
             yield folder
         finally:
             _drop(folder)
@@ -334,5 +335,5 @@ def _clear(out: Path, kind: str) -> None:
         if left_behind.fullmatch(entry.name) and not entry.is_symlink():
             # Gone meanwhile, or someone else's.
             with suppress(OSError), held(entry) as stale:
-                if stale and (entry / _MARK).read_text(encoding="utf-8") == _mark(out):
+                if stale and (entry / _MARK).read_bytes() == _mark(out).encode():
                     _drop(entry)

@@ -31,9 +31,9 @@ from protocols.left_behind import written
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
 from protocols.result_folder import leaves, remove_own
+from protocols.whole_file import PART, sync_folder, write_whole
 from stimuli.contact import SHEET_NAME
 from stimuli.preview import PREVIEW_FOLDER
-from stimuli.whole_file import PART, write_whole
 
 BUILD_FOLDER = ".build"
 HOLES_FOLDER = "holes"
@@ -301,6 +301,11 @@ def _recorded(out: Path) -> dict[str, Clip]:
     return {}
 
 
+_OCCUPIED = {errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR} | (
+    {errno.EACCES} if os.name == "nt" else set()
+)
+
+
 def move_over(source: Path, target: Path, out: Path | None = None) -> None:
     """Move a complete folder to its place; what builds wrote there goes first.
 
@@ -322,23 +327,16 @@ def move_over(source: Path, target: Path, out: Path | None = None) -> None:
             entry.unlink()
     target.parent.mkdir(parents=True, exist_ok=True)
     _remove_own(out or target.parent, target)
-    sync(source)
+    sync_folder(source)
     try:
+        with suppress(OSError):
+            target.rmdir()  # Windows moves no folder over another, empty or not
         source.replace(target)
     except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+        if error.errno not in _OCCUPIED:
             raise
         raise StudyError(
             f"{target}: must hold frames alone (something else is there, which no build made);"
             " move it away"
         ) from None
-    sync(target.parent)
-
-
-def sync(folder: Path) -> None:
-    """Have the disk know of what was put into `folder`."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    sync_folder(target.parent)

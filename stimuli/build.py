@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pipeline.errors import InputError
-from protocols.folder_hold import only_build
+from protocols.locks import only_build
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import (

@@ -24,6 +24,7 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import create_method
 from protocols.hashing import sha256_bytes
 from protocols.recipes.warped_clips import ClipName
+from protocols.whole_file import write_whole
 from stimuli.batch_folder import SURVEY_NAME
 from stimuli.exr import save_colour
 from stimuli.fills import Fills
@@ -34,7 +35,6 @@ from stimuli.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.scenery import Scenery
 from stimuli.solve import solve_extent
 from stimuli.true_view import true_share, with_true_view
-from stimuli.whole_file import write_whole
 
 ENCODERS = 2
 IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
 from protocols.schema import StudyProtocol
+from protocols.whole_file import sync_folder
 from stimuli.batch_folder import (
     Outcome,
     Report,
@@ -24,7 +25,6 @@ from stimuli.batch_folder import (
     remove_previews,
     remove_strangers,
     remove_unfinished,
-    sync,
 )
 from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.executors import LocalProcesses
@@ -144,7 +144,7 @@ class ClipBuild(Generic[N]):
             for record in self.records.values():
                 self.draft.store(record)  # what an old manifest says, before it goes
             manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
-            sync(self.out)
+            sync_folder(self.out)
         self._work(missing)
         self.check_all()
         remove_strangers(self.out, names)
@@ -157,7 +157,7 @@ class ClipBuild(Generic[N]):
         manifest = self.draft.manifest(clips)
         if not manifest_path.exists():
             write_manifest(self.out, manifest)
-            sync(self.out)
+            sync_folder(self.out)
         remove_unfinished(self.out)
         return Outcome(manifest, missing, kept)
 

@@ -16,8 +16,8 @@ from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
+from protocols.whole_file import write_whole
 from stimuli.png import decode
-from stimuli.whole_file import write_whole
 
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
+from protocols.whole_file import write_whole
 from stimuli.plane_file import check_byte_order
-from stimuli.whole_file import write_whole
 
 MAGIC = np.float32(202021.25)
 UNKNOWN_PX = 1e9

@@ -6,9 +6,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.errors import InputError
-from protocols.folder_hold import held
 from protocols.left_behind import clear_folders, remove_files
-from stimuli.whole_file import PART
+from protocols.locks import held
+from protocols.whole_file import PART
 
 READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 _UNREAD = (".heic", ".heif")

@@ -18,11 +18,11 @@ from protocols.recipes.warped_clips import BuiltinScene, ClipName, MeshScene
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.units import Scalar
+from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.clip import Survey, read_survey
 from stimuli.open_scene import open_world
 from stimuli.orders import Orders
-from stimuli.whole_file import write_whole
 from stimuli.worker import RendererInfo
 
 VERSIONED = (

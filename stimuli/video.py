@@ -17,8 +17,8 @@ from pipeline.errors import InputError
 from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
 from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from protocols.left_behind import clear_files
+from protocols.whole_file import whole_path
 from stimuli.png import encode_bytes
-from stimuli.whole_file import whole_path
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """What is written, by ending: .avi keeps every pixel, the others are smaller."""

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from study_app.strip import BLOCK_PX, BLOCKS, CRC_BITS, GUARD, NUMBER_BITS, code_of
 
 VERTEX = """
-#version 430
+#version 330
 void main() {  // the whole viewport, as a strip of two triangles
     gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0, 0.0, 1.0);
 }
 """
 # Texel for pixel: texelFetch knows no filter. GL counts rows from below, images from above.
 _LAYER = """
-#version 430
-layout(binding = 0) uniform sampler2DArray clip;
+#version 330
+uniform sampler2DArray clip;
 uniform ivec2 corner;  // lower left pixel of the viewport
 uniform int layer;
 out vec4 colour;
@@ -31,8 +31,8 @@ void main() {
 }
 """
 _IMAGE = """
-#version 430
-layout(binding = 0) uniform sampler2D image;
+#version 330
+uniform sampler2D image;
 uniform ivec2 corner;
 out vec4 colour;
 void main() {
@@ -41,7 +41,7 @@ void main() {
 }
 """
 _STRIP = f"""
-#version 430
+#version 330
 uniform ivec2 corner;
 uniform uint code;
 out vec4 colour;

@@ -7,6 +7,7 @@ hold every character of it.
 from __future__ import annotations
 
 import os
+import sys
 from functools import lru_cache
 from pathlib import Path
 
@@ -32,9 +33,18 @@ _PREFERRED = ("dejavusans.", "notosans-regular.", "notosanscjk-regular.", "frees
 def find_fonts() -> list[Path]:
     """Return every TrueType and OpenType font file, those with wide coverage first."""
     home = Path.home()
-    data = os.environ.get("XDG_DATA_HOME") or str(home / ".local/share")
-    shared = os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share"
-    folders = (home / ".fonts", *(Path(base) / "fonts" for base in (data, *shared.split(":"))))
+    folders: tuple[Path, ...]
+    if sys.platform == "win32":
+        data = os.environ.get("LOCALAPPDATA") or str(home / "AppData/Local")
+        root = os.environ.get("SYSTEMROOT") or "C:/Windows"
+        folders = (Path(data) / "Microsoft/Windows/Fonts", Path(root) / "Fonts")
+    elif sys.platform == "darwin":
+        folders = tuple(base / "Library/Fonts" for base in (home, Path("/"), Path("/System")))
+    else:
+        data = os.environ.get("XDG_DATA_HOME") or str(home / ".local/share")
+        shared = os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share"
+        bases = (data, *shared.split(":"))
+        folders = (home / ".fonts", *(Path(base) / "fonts" for base in bases))
     return list(_fonts_in(folders))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_toml
 from protocols.read_file import decode_utf8, read_bytes
+from protocols.whole_file import whole_path
 
 LEVELS = (0, 32, 64, 96, 128, 160, 192, 224, 255)
 """Encoded greys that are shown, 0 to 255."""
@@ -94,18 +94,12 @@ def store_luminance(path: Path, fit: LuminanceFit) -> Display:
             text = pattern.sub(line, text, count=1)
         else:
             text = text.rstrip("\n") + f"\n{line}\n"
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part.toml")
     try:
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        display = load_toml(temporary, Display)
-        temporary.replace(path)
+        with whole_path(path, ".toml") as temporary:
+            temporary.write_bytes(text.encode())
+            display = load_toml(temporary, Display)
     except OSError as error:
         raise StudyError(f"{path}: must be writable ({error.strerror})") from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return display
 
 

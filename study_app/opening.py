@@ -30,7 +30,7 @@ from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
 from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder
-from study_app.sittings import claimed, is_stillborn, next_slot, sitting_folder
+from study_app.sittings import claimed, is_stillborn, next_slot, require_portable, sitting_folder
 from study_app.stage import Stage
 
 
@@ -70,6 +70,7 @@ def begin(
     texts_of(protocol, language)
     info = _gaze_info(protocol, gaze)
     folder = sitting_folder(setting.root, protocol, participant)
+    require_portable(folder)
     if folder.exists() and not is_stillborn(folder):
         raise StudyError(
             f"participant: a code is used once (got {participant!r}, which has"

@@ -7,10 +7,9 @@ its own when the session is resumed.
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypedDict
@@ -20,6 +19,12 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.journal import AnyEvent, SideFile
 from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
+from protocols.locks import held
+from protocols.whole_file import sync_folder
+
+_APPENDING = (
+    os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)
+)  # Windows: no line ends of its own
 
 
 class Stamps(TypedDict):
@@ -43,6 +48,7 @@ class Recorder:
     def __init__(
         self,
         folder: Path,
+        opened: ExitStack,
         descriptor: int,
         events: list[AnyEvent],
         clock: Callable[[], float],
@@ -55,7 +61,7 @@ class Recorder:
         self.waits_for_disk = True
         """Whether an event is on the disk, and not only handed to the system, when it counts as
         written. False is for what can be made anew: then a power cut may cost the last seconds."""
-        self._descriptor = descriptor
+        self._opened, self._descriptor = opened, descriptor
         self._clock, self._wall_clock = clock, wall_clock
         self.start_s = clock()
         """When the journal was opened, on the stage's clock."""
@@ -74,20 +80,23 @@ class Recorder:
             If the folder has one already, or cannot be written.
         """
         path = folder / JOURNAL_NAME
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND, 0o644)
-        except FileExistsError:
-            raise StudyError(
-                f"{path}: a journal is never written over; take another participant code, or"
-                " 'metamerlab session resume'"
-            ) from None
-        except OSError as error:
-            raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
-        lock_journal(descriptor, path)
-        with _disk_of(folder, descriptor):
-            _sync_folder(folder)
-        return cls(folder, descriptor, [], clock, wall_clock)
+        with ExitStack() as opening:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                descriptor = _open(path, os.O_CREAT | os.O_EXCL, opening)
+                opening.enter_context(journal_held(path))
+            except FileExistsError:
+                raise StudyError(
+                    f"{path}: a journal is never written over; take another participant code, or"
+                    " 'metamerlab session resume'"
+                ) from None
+            except OSError as error:
+                raise StudyError(
+                    f"{folder}: must be a writable folder ({error.strerror})"
+                ) from None
+            with _disk_of(folder):
+                sync_folder(folder)
+            return cls(folder, opening.pop_all(), descriptor, [], clock, wall_clock)
 
     @classmethod
     def resume(
@@ -101,22 +110,22 @@ class Recorder:
             If there is none, it is damaged, or another program has it open.
         """
         path = folder / JOURNAL_NAME
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND)
-        except FileNotFoundError:
-            raise StudyError(f"{path}: must exist to be resumed (there is no journal)") from None
-        except OSError as error:
-            raise StudyError(f"{path}: must be writable ({error.strerror})") from None
-        try:
-            lock_journal(descriptor, path)
+        with ExitStack() as opening:
+            try:
+                descriptor = _open(path, 0, opening)
+                opening.enter_context(journal_held(path))
+            except FileNotFoundError:
+                raise StudyError(
+                    f"{path}: must exist to be resumed (there is no journal)"
+                ) from None
+            except OSError as error:
+                raise StudyError(f"{path}: must be writable ({error.strerror})") from None
             journal = read_journal(path)
-        except StudyError:
-            os.close(descriptor)
-            raise
-        recorder = cls(folder, descriptor, list(journal.events), clock, wall_clock)
-        with _disk_of(folder, descriptor):
-            recorder._mend(journal)
-        return recorder
+            with _disk_of(folder):
+                recorder = cls(folder, opening, descriptor, list(journal.events), clock, wall_clock)
+                recorder._mend(journal)
+            recorder._opened = opening.pop_all()
+            return recorder
 
     def __enter__(self) -> Recorder:
         return self
@@ -126,9 +135,7 @@ class Recorder:
 
     def close(self) -> None:
         """Release the journal; safe to call twice."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        self._opened.close()
 
     def stamps(self) -> Stamps:
         """Return what the next event says about its place and time."""
@@ -237,39 +244,39 @@ def write_new(stem: Path, suffix: str, data: bytes, *, waits: bool = True) -> Pa
     return path
 
 
-def lock_journal(descriptor: int, path: Path) -> None:
-    """Hold an open journal for this program, until it is closed.
+@contextmanager
+def journal_held(path: Path) -> Iterator[None]:
+    """Hold a journal for this program, for the block.
 
     Raises
     ------
     StudyError
-        If another program holds it.
+        If another program holds it, or its file system has no locks.
     """
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise StudyError(f"{path}: another program has this session open; close it first") from None
+    with held(path) as alone:
+        if alone is None:
+            raise StudyError(
+                f"{path}: must lie where files can be locked (the file system has no locks), so"
+                " that two programs never write one journal; name another folder"
+            )
+        if not alone:
+            raise StudyError(f"{path}: another program has this session open; close it first")
+        yield
+
+
+def _open(path: Path, flags: int, until: ExitStack) -> int:
+    descriptor = os.open(path, _APPENDING | flags, 0o644)
+    until.callback(os.close, descriptor)
+    return descriptor
 
 
 @contextmanager
-def _disk_of(folder: Path, descriptor: int) -> Iterator[None]:
-    """Close a journal that cannot be opened whole; say that it is the disk that refuses."""
+def _disk_of(folder: Path) -> Iterator[None]:
+    """Say of a journal that cannot be opened whole that it is the disk that refuses."""
     try:
         yield
     except OSError as error:
-        os.close(descriptor)
         raise DiskError(
             f"{folder}: the disk refused a write ({error.strerror}); what was recorded before is"
             " saved. Make room, and try again"
         ) from None
-    except StudyError:
-        os.close(descriptor)
-        raise
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

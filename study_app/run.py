@@ -13,9 +13,9 @@ from typing import Any, TypeAlias
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.folder_hold import kept_for_sitting
 from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.locks import kept_for_sitting
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
@@ -47,6 +47,10 @@ from study_app.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.window import Pacing, Window
 
 RecordedEvents = list[AnyEvent]
+if sys.platform == "win32":
+    _TERMINAL_CLOSED = signal.SIGBREAK
+else:
+    _TERMINAL_CLOSED = signal.SIGHUP
 Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None
 
 
@@ -296,7 +300,7 @@ def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
     with suppress(ValueError):  # not the main thread: signals are someone else's
         before = {
             number: signal.signal(number, on_signal)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # HUP: a terminal closed
+            for number in (signal.SIGINT, signal.SIGTERM, _TERMINAL_CLOSED)
         }
     try:
         yield

@@ -5,9 +5,9 @@ Gives each new participant the next free counterbalancing slot, and refuses a co
 
 from __future__ import annotations
 
-import fcntl
 import glob
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,9 +19,12 @@ from pydantic import TypeAdapter, ValidationError
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart
 from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal
+from protocols.locks import lock
 from protocols.read_file import read_bytes
 from protocols.schema import StudyProtocol
 from protocols.units import ParticipantCode
+
+_DEVICE = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,29 @@ def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
     return root / protocol.study.name / participant
 
 
+def require_portable(folder: Path) -> None:
+    """Refuse a session's folder that Windows or macOS could not hold beside the others.
+
+    Raises
+    ------
+    StudyError
+        If study or code is a name of a device on Windows, or another code differs by case alone.
+    """
+    for what, name in (("study.name", folder.parent.name), ("participant", folder.name)):
+        if _DEVICE.fullmatch(name):
+            raise StudyError(
+                f"{what}: must not be a name that Windows keeps for a device (got {name!r}), as a"
+                " folder is called so; choose another"
+            )
+    others = folder.parent.iterdir() if folder.parent.is_dir() else ()
+    same = [one.name for one in others if one.name.casefold() == folder.name.casefold()]
+    if same and folder.name not in same:
+        raise StudyError(
+            f"participant: a code must differ by more than case from {same[0]!r}, which was used"
+            f" (got {folder.name!r}): Windows and macOS have one folder for both; choose another"
+        )
+
+
 def is_stillborn(folder: Path) -> bool:
     """Return whether a session was killed before its first line was whole.
 
@@ -164,7 +190,7 @@ def claimed(root: Path) -> Iterator[None]:
     except OSError as error:
         raise StudyError(f"{root}: must be a writable folder ({error.strerror})") from None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        lock(descriptor, waits=True)
         yield
     finally:
         os.close(descriptor)

@@ -83,7 +83,7 @@ class Window:
         self.monitor_mm: tuple[int, int] = glfw.get_monitor_physical_size(monitor)
         self.mode_hz = float(mode.refresh_rate)
         for hint, value in (
-            (glfw.CONTEXT_VERSION_MAJOR, 4),
+            (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
             (glfw.CONTEXT_VERSION_MINOR, 3),
             (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
             (glfw.OPENGL_FORWARD_COMPAT, True),
@@ -102,8 +102,8 @@ class Window:
         )
         if not self._handle:
             raise StudyError(
-                f"a window with OpenGL 4.3 must open (found: {_last_error()}); install a driver"
-                " with OpenGL 4.3, or run 'metamerlab doctor'"
+                f"a window with OpenGL 3.3 must open (found: {_last_error()}); install a driver"
+                " with OpenGL 3.3, or run 'metamerlab doctor'"
             )
         self._is_open = True
         glfw.make_context_current(self._handle)

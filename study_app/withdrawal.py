@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,9 @@ from protocols.chain import first_link, sealed
 from protocols.errors import StudyError
 from protocols.journal import SessionStart, Withdrawal
 from protocols.journal_file import JOURNAL_NAME
-from study_app.recorder import lock_journal
+from protocols.locks import lock_name
+from protocols.whole_file import write_whole
+from study_app.recorder import journal_held
 from study_app.sittings import Sitting, claimed, find_sittings
 
 
@@ -62,12 +63,11 @@ def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | 
         else:
             slot = _slot(sitting)
         try:
-            with path.open("rb") as held:
-                lock_journal(held.fileno(), path)
+            with journal_held(path):
                 if slot is not None:
                     _put_stone(sitting, slot, wall_clock())
                 for entry in sorted(sitting.folder.iterdir()):
-                    if entry.name == JOURNAL_NAME:
+                    if entry.name in (JOURNAL_NAME, lock_name(JOURNAL_NAME)):
                         continue
                     if entry.is_dir() and not entry.is_symlink():
                         shutil.rmtree(entry)
@@ -94,9 +94,4 @@ def _put_stone(sitting: Sitting, slot: int, at: str) -> None:
     """Replace the journal in one step."""
     path = sitting.folder / JOURNAL_NAME
     stone = Withdrawal(n=0, t_s=0.0, at=at, study=sitting.study, slot=slot)
-    temporary = path.with_name("stone.part")
-    with temporary.open("wb") as file:
-        file.write(sealed(stone, first_link(b""))[1])
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    write_whole(path, sealed(stone, first_link(b""))[1])

@@ -14,6 +14,7 @@ from typing import Any, Self, TypeAlias, cast
 import moderngl
 import numpy as np
 
+from pipeline.gl.context import require_compute
 from pipeline.gl.shader import Constant, ShaderError, Source, code_of, compile_source, flatten
 from pipeline.gl.texture import image_format
 
@@ -109,6 +110,8 @@ class Shader:
     ------
     ShaderError
         If a constant is wrong or the driver refuses the source.
+    GLUnavailableError
+        If the context has no compute shaders.
     """
 
     def __init__(self, ctx: moderngl.Context, path: str, **constants: Constant) -> None:
@@ -122,6 +125,7 @@ class Shader:
         return shader
 
     def _compile(self, ctx: moderngl.Context, source: Source) -> None:
+        require_compute(ctx)
         self._ctx = ctx
         self._program = compile_source(ctx, source)
         self.path = str(self._program.extra)

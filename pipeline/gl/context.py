@@ -1,10 +1,14 @@
-"""OpenGL contexts: off-screen through EGL, or the one the caller's window made current.
+"""OpenGL contexts: off-screen, or the one the caller's window made current.
+
+Off-screen ones come through EGL on Linux, through WGL on Windows and through CGL on macOS, which
+has no compute shaders: there, and wherever OpenGL 4.3 is missing, numpy does what it can.
 
 A context belongs to the thread that made it, and one is current at a time: work goes to
 the current one, whichever object asks. Making a context makes it current.
 """
 
 import ctypes
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,15 +19,23 @@ import moderngl
 from pipeline.errors import GLUnavailableError
 
 REQUIRED_VERSION = 430  # compute shaders, image atomics
+SHOWING_VERSION = 330
 _OLDEST_VERSION = 300  # asked for only to learn the name of a driver that is too old
 MAX_DEVICES = 16
 _LIBEGL = "libEGL.so.1"
 _PAST_THE_LAST = "but found"  # glcontext: "requested device index 3, but found 2 devices"
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software")
 
-_CURE = (
+_HAS_EGL = sys.platform == "linux"
+_CURE = {
+    "darwin": "macOS has no compute shaders and never will: draw in the container"
+    " (Containerfile) or on another machine",
+    "win32": "install a graphics driver with OpenGL 4.3 or newer, or put Mesa's opengl32.dll beside"
+    " python.exe",
+}.get(
+    sys.platform,
     "install a driver with OpenGL 4.3 or newer; without a GPU, Mesa's software renderer"
-    " will do (Debian, Ubuntu: apt-get install libegl1 libgl1)"
+    " will do (Debian, Ubuntu: apt-get install libegl1 libgl1)",
 )
 
 
@@ -54,7 +66,7 @@ def describe(ctx: moderngl.Context) -> Renderer:
 
 
 def create_context(device_index: int | None = None) -> moderngl.Context:
-    """Open an off-screen context on an EGL device and make it current.
+    """Open an off-screen context and make it current.
 
     Free it with `release_context`, at the latest before a window's context is made
     current in the same thread.
@@ -63,13 +75,18 @@ def create_context(device_index: int | None = None) -> moderngl.Context:
     ----------
     device_index : int, optional
         Which EGL device, from 0. By default the first hardware renderer, or, where there
-        is none, the first software renderer.
+        is none, the first software renderer. Windows and macOS choose for themselves.
 
     Raises
     ------
     GLUnavailableError
         If no device gives OpenGL 4.3, with what each device answered and the cure.
     """
+    if not _HAS_EGL:
+        try:
+            return moderngl.create_context(require=REQUIRED_VERSION, standalone=True)
+        except Exception as error:  # moderngl and glcontext raise bare Exception
+            raise GLUnavailableError(f"OpenGL 4.3 is needed (found: {error}); {_CURE}") from error
     if device_index is not None:
         try:
             return _open(device_index)
@@ -106,7 +123,8 @@ def release_context(ctx: moderngl.Context) -> None:
     makes its GLX context current in this thread.
     """
     ctx.release()
-    ctypes.CDLL(_LIBEGL).eglReleaseThread()
+    if _HAS_EGL:
+        ctypes.CDLL(_LIBEGL).eglReleaseThread()
 
 
 @contextmanager
@@ -127,7 +145,8 @@ def adopt_context() -> moderngl.Context:
     Raises
     ------
     GLUnavailableError
-        If no context is current, or it is older than OpenGL 4.3.
+        If no context is current, or it is older than OpenGL 3.3, which has all that shows
+        pictures; only what makes them needs `REQUIRED_VERSION`.
     """
     try:
         # Not create_context(): that looks for GLX alone once any other context was made,
@@ -139,12 +158,26 @@ def adopt_context() -> moderngl.Context:
             f"a window's OpenGL context must be current in this thread (found: {error});"
             " make the window's context current first"
         ) from error
-    if ctx.version_code < REQUIRED_VERSION:
+    if ctx.version_code < SHOWING_VERSION:
         raise GLUnavailableError(
-            f"the window's context must be OpenGL 4.3 or newer (found: {describe(ctx)});"
-            f" ask for 4.3 core when the window is made, or {_CURE}"
+            f"the window's context must be OpenGL 3.3 or newer (found: {describe(ctx)});"
+            f" ask for 3.3 core when the window is made, or {_CURE}"
         )
     return ctx
+
+
+def require_compute(ctx: moderngl.Context) -> None:
+    """Refuse a context that shows pictures and cannot make them.
+
+    Raises
+    ------
+    GLUnavailableError
+        If it is older than OpenGL 4.3.
+    """
+    if ctx.version_code < REQUIRED_VERSION:
+        raise GLUnavailableError(
+            f"what is drawn at this moment needs OpenGL 4.3 (found: {describe(ctx)}); {_CURE}"
+        )
 
 
 class _RefusedError(Exception):

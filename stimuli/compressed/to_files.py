@@ -19,6 +19,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.limits import check_need
 from pipeline.video_file import is_video
+from protocols.whole_file import write_whole
 from stimuli import pictures
 from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
 from stimuli.compressed.steps import write_steps
@@ -27,7 +28,6 @@ from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.video import check_video, folder_of_frames, write_video
-from stimuli.whole_file import write_whole
 
 ENDING = ".metamer"
 Say = Callable[[str], None]

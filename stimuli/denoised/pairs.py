@@ -20,9 +20,9 @@ from pipeline.denoising.samples import Sampling, composed
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from protocols.outside import reading
+from protocols.whole_file import write_whole
 from stimuli.denoised.path_traced import PathTracer
 from stimuli.scenes.registry import build_scene, scene_entry
-from stimuli.whole_file import write_whole
 from stimuli.world import Viewpoint, World
 
 WIDTH_DEG = 40.0

@@ -31,6 +31,7 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from protocols.outside import check_within, check_zip, reading
+from protocols.whole_file import write_whole
 from stimuli.denoised.pairs import (
     MOST_VIEWS,
     WIDTH_DEG,
@@ -50,7 +51,6 @@ from stimuli.denoised.unet import (
     to_onnx,
 )
 from stimuli.scenes.registry import scene_entry
-from stimuli.whole_file import write_whole
 
 KINDS: tuple[Kind, ...] = ("moments", "rgb")
 RATE = 1e-3  # Adam's, at first; it falls to a hundredth along half a cosine

@@ -16,11 +16,11 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Equirectangular, Flat, Geometry, Viewing
+from protocols.whole_file import write_whole
 from stimuli import pictures
 from stimuli.choice import Choice
 from stimuli.foveated.rings import draw_gaze
 from stimuli.pictures import Picture
-from stimuli.whole_file import write_whole
 
 ENDINGS = (".webp", ".png", ".apng")
 LONGEST_PX = 480

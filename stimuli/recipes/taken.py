@@ -13,18 +13,18 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 from pipeline.errors import InputError
 from protocols.errors import StudyError
-from protocols.folder_hold import only_build
 from protocols.hashing import sha256_bytes
+from protocols.locks import only_build
 from protocols.manifest import Clip
 from protocols.recipes.base import Recipe
 from protocols.units import Scalar
+from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores
 from stimuli.preview import PREVIEW_FOLDER
 from stimuli.recipes.base import Builder, Outcome, Report, Where
 from stimuli.records import ManifestDraft, is_whole
-from stimuli.whole_file import write_whole
 from stimuli.worker import RendererInfo
 
 _LISTED = 12

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from protocols.hashing import Json, sha256_file, sha256_json
+from protocols.whole_file import write_whole
 from stimuli.score.available import family_versions
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import Family
 from stimuli.score.pair import Pair
 from stimuli.score.viewing import Gaze, Viewing
-from stimuli.whole_file import write_whole
 
 
 def hash_files(pairs: Iterable[Pair]) -> dict[Path, str]:

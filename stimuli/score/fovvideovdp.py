@@ -82,7 +82,9 @@ def open_metric(viewing: Viewing, parameters: str | None, *, foveated: bool) -> 
                 current = json.loads((shipped / CURRENT).read_bytes())
                 wanted = json.loads((shipped / parameters).read_bytes())
                 wanted["k_cm"] = current["k_cm"]
-                (Path(folder) / CURRENT).write_text(json.dumps(wanted), encoding="utf-8")
+                (Path(folder) / CURRENT).write_text(
+                    json.dumps(wanted), encoding="utf-8", newline="\n"
+                )
                 utils.config_files.set_config_dir(folder)
             try:
                 return pyfvvdp.fvvdp(

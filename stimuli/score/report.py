@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from protocols.html_page import html_page
 from protocols.revision import code_revision, package_version
+from protocols.whole_file import write_whole
 from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.metrics import HOLES, METRICS
@@ -32,7 +33,6 @@ from stimuli.score.write import (
     scores_json,
     write_text,
 )
-from stimuli.whole_file import write_whole
 
 _AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
 

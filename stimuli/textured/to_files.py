@@ -19,6 +19,7 @@ from pipeline.textures.bake import Baked, bake, strips
 from pipeline.textures.file_format import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
+from protocols.whole_file import whole_file
 from stimuli import pictures
 from stimuli.foveated.looking import gaze_words, look_at, read_gaze
 from stimuli.foveated.moving import save_moving
@@ -26,7 +27,6 @@ from stimuli.foveated.rings import draw_gaze
 from stimuli.textured.draw import LOOKS, TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import TexturedScene, open_textured_scene
-from stimuli.whole_file import whole_file
 
 PLANET_PX = 1024
 """Height of the map that scenes show unless another is given."""

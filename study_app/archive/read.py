@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path, PosixPath, PurePosixPath
-from typing import Any, BinaryIO, ClassVar
+from typing import IO, Any, ClassVar
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
@@ -51,7 +51,7 @@ class Findings:
 
 
 @contextmanager
-def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iterator[BinaryIO]:
+def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iterator[IO[bytes]]:
     """Yield a plain archive: the file itself, or decrypted into a file without a name.
 
     Raises
@@ -80,7 +80,7 @@ def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iter
             yield plain_file
 
 
-def check(path: Path, file: BinaryIO) -> Findings:
+def check(path: Path, file: IO[bytes]) -> Findings:
     """Prove an archive whole: each file against the list, each session as `session verify` does.
 
     Nothing is unpacked for that: what is sealed lies nowhere in the clear, and a killed program
@@ -124,7 +124,7 @@ def check_folder(folder: Path) -> Findings:
     return Findings(index, sittings, (*problems, *wrong), notes)
 
 
-def restore(path: Path, file: BinaryIO, out: Path) -> Index:
+def restore(path: Path, file: IO[bytes], out: Path) -> Index:
     """Unpack an archive into a folder that did not exist before, file by file against the list.
 
     Raises
@@ -153,7 +153,7 @@ def restore(path: Path, file: BinaryIO, out: Path) -> Index:
 
 
 @contextmanager
-def _members(path: Path, file: BinaryIO) -> Iterator[tuple[zipfile.ZipFile, Index]]:
+def _members(path: Path, file: IO[bytes]) -> Iterator[tuple[zipfile.ZipFile, Index]]:
     """Yield an archive whose members are exactly those of its list, and none of them a trap."""
     with reading(path, "an archive of 'session archive'", StudyError):
         check_zip(path, file, StudyError)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from protocols.errors import StudyError
 from protocols.outside import limit
@@ -26,7 +26,11 @@ def _pyrage() -> Any:
 
 
 def seal(
-    plain: BinaryIO, out: BinaryIO, *, recipients: Sequence[str] = (), passphrase: str | None = None
+    plain: IO[bytes],
+    out: IO[bytes],
+    *,
+    recipients: Sequence[str] = (),
+    passphrase: str | None = None,
 ) -> None:
     """Encrypt a file from where it stands, to public keys or by a passphrase.
 
@@ -58,7 +62,7 @@ def seal(
     pyrage.encrypt_io(plain, out, keys)
 
 
-def is_sealed(file: BinaryIO) -> bool:
+def is_sealed(file: IO[bytes]) -> bool:
     """Return whether a file is encrypted; it stands at its beginning before and after."""
     head = file.read(len(MAGIC))
     file.seek(0)
@@ -66,7 +70,7 @@ def is_sealed(file: BinaryIO) -> bool:
 
 
 def unseal(
-    path: Path, sealed: BinaryIO, plain: BinaryIO, *, identity: Path | None,
+    path: Path, sealed: IO[bytes], plain: IO[bytes], *, identity: Path | None,
     ask: Callable[[], str],
 ) -> None:  # fmt: skip
     """Decrypt a file.

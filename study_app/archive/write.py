@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import IO
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
@@ -156,7 +156,7 @@ def _sittings(root: Path, study: str) -> Iterator[tuple[str, Path]]:
 
 
 def _pack(
-    file: BinaryIO, members: Sequence[tuple[str, Path]], progress: Progress
+    file: IO[bytes], members: Sequence[tuple[str, Path]], progress: Progress
 ) -> tuple[Entry, ...]:
     entries = []
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -172,7 +172,7 @@ def _pack(
 
 
 @contextmanager
-def _appearing(out: Path) -> Iterator[BinaryIO]:
+def _appearing(out: Path) -> Iterator[IO[bytes]]:
     """Yield a file beside `out` that takes its name once it is whole and on the disk."""
     clear_files(out)
     part = out.with_name(f".{out.name}.{os.getpid()}.part")
@@ -202,7 +202,7 @@ def _name(part: Path, out: Path) -> None:
 
 
 @contextmanager
-def _plain(final: BinaryIO, encrypted: bool) -> Iterator[BinaryIO]:
+def _plain(final: IO[bytes], encrypted: bool) -> Iterator[IO[bytes]]:
     """Yield where the readable archive goes: a file without a name where another is to be kept."""
     if not encrypted:
         yield final

@@ -308,7 +308,7 @@ def power(
                     if found.designs:
                         save_figure(found.draw_designs(width), work, f"scenes-{name}")
                 text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
-                (work / "power.json").write_text(text + "\n", encoding="utf-8")
+                (work / "power.json").write_text(text + "\n", encoding="utf-8", newline="\n")
     _print_power(dataclasses.replace(found, warnings=(*notes, *found.warnings)))
     if out is not None:
         say(f"curve: {out / 'power-2-column.png'}")

@@ -87,9 +87,9 @@ def figure(
 
         metamerlab figure clips --scene garden --size large --crops 120,80,64,48 --out figure.svg
     """
+    from protocols.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
     from stimuli.teaser import rows_of, teaser
-    from stimuli.whole_file import write_whole
 
     with user_errors():
         if out.suffix not in ENDINGS:

@@ -31,7 +31,7 @@ from protocols.read_file import decode_utf8, read_bytes
 from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
-from stimuli.whole_file import write_new
+from protocols.whole_file import write_new
 from study_app.cli.errors import user_errors
 from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument

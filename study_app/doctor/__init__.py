@@ -7,6 +7,7 @@ of its own (`probes`), so that a driver that crashes is a finding too.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Set
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def examine(
         check_extras(requirements()),
         check_names(metamerlab.PACKAGES),
         check_gl(probe("gl"), needs),
-        check_egl(probe("egl")),
+        *((check_egl(probe("egl")),) if sys.platform == "linux" else ()),
         *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
         check_text_shaping(),
         check_fonts(),

@@ -65,11 +65,14 @@ def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Findin
             Finding("display", Status.FAIL, reason, cure, FOR_SESSIONS, answer),
             Finding("timing", Status.FAIL, no_timing, cure, FOR_SESSIONS),
         ]
-    findings = [_judge_platform(answer["platform"], environment)]
+    findings = [
+        _judge_platform(answer["platform"], environment),
+        *_judge_desktop(answer),
+    ]
     findings += [_judge_monitor(monitor) for monitor in answer["monitors"]]
     window = answer["window"]
     if "error" in window:
-        cure = "install the graphics card's driver with OpenGL 4.3 or newer"
+        cure = "install the graphics card's driver with OpenGL 3.3 or newer"
         lost = Finding("window", Status.FAIL, window["error"], cure, FOR_SESSIONS)
         return [*findings, lost, Finding("timing", Status.FAIL, no_timing, cure, FOR_SESSIONS)]
     return [*findings, _judge_window(window), _judge_timing(window, answer["monitors"])]
@@ -78,14 +81,45 @@ def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Findin
 def _judge_platform(system: str, environment: Mapping[str, str]) -> Finding:
     if system == "X11" and not environment.get("WAYLAND_DISPLAY"):
         return Finding("display", Status.PASS, "X11", "", FOR_SESSIONS)
+    if system in ("Windows", "macOS"):
+        cure = "prove its timing with a photodiode: sessions were never run on this system"
+        return Finding("display", Status.WARN, system, cure, FOR_SESSIONS)
     found = "X11 through Wayland (Xwayland)" if system == "X11" else system
     cure = "log in to an X11 session: a compositor may delay or drop frames unseen"
     return Finding("display", Status.WARN, found, cure, FOR_SESSIONS)
 
 
+def _judge_desktop(answer: Answer) -> list[Finding]:
+    """Name what may delay frames, or cover the screen in the middle of a trial."""
+    findings = []
+    if answer.get("compositor"):
+        cure = "turn the compositor off, or see that it steps aside for a full-screen window"
+        found = "a compositor draws this desktop: frames may come a refresh later than is logged"
+        findings.append(Finding("compositor", Status.WARN, found, cure, FOR_SESSIONS))
+    if covering := answer.get("disturbers"):
+        found = f"{', '.join(covering)} may cover the screen with a saver, a lock or a notice"
+        cure = "turn on 'do not disturb', and screen saver and lock off, for the time of a session"
+        findings.append(Finding("notices", Status.WARN, found, cure, FOR_SESSIONS))
+    kinds = {(one["refresh_hz"], one["scale"]) for one in answer["monitors"]}
+    if len(kinds) > 1:
+        shown = "; ".join(
+            f"{one['name']} {one['refresh_hz']} Hz at scale {one['scale']:g}"
+            for one in answer["monitors"]
+        )
+        found = f"they differ: {shown}"
+        cure = (
+            "name the participant's one in the display file (monitor =), scale it by 1, and switch"
+            " the others off or to its rate: a desktop may wait for the slowest"
+        )
+        findings.append(Finding("monitors", Status.WARN, found, cure, FOR_SESSIONS))
+    return findings
+
+
 def _judge_monitor(monitor: Answer) -> Finding:
     width_px, width_mm = monitor["width_px"], monitor["width_mm"]
     refresh = f"{monitor['refresh_hz']} Hz" if monitor["refresh_hz"] else "unknown refresh rate"
+    if monitor["fastest_hz"] > monitor["refresh_hz"] > 0:
+        refresh += f" (it also has {monitor['fastest_hz']} Hz)"
     found = (
         f"{width_px} x {monitor['height_px']} px, {refresh}, {width_mm} x {monitor['height_mm']} mm"
     )

@@ -6,17 +6,21 @@ answer too.
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import json
 import os
+import re
 import signal
 import statistics
 import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
+
+import psutil
 
 from pipeline.errors import GLUnavailableError
 
@@ -103,12 +107,17 @@ def display() -> Answer:
     names = {
         getattr(glfw, "PLATFORM_X11", None): "X11",
         getattr(glfw, "PLATFORM_WAYLAND", None): "Wayland",
+        getattr(glfw, "PLATFORM_WIN32", None): "Windows",
+        getattr(glfw, "PLATFORM_COCOA", None): "macOS",
     }
     monitors = glfw.get_monitors()
     found: Answer = {
         "platform": names.get(glfw.get_platform(), "unknown"),
         "monitors": [_monitor(glfw, monitor) for monitor in monitors],
+        "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
     }
+    if found["platform"] == "X11":
+        found["compositor"] = has_compositor()
     found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
     glfw.terminate()
     return found
@@ -117,19 +126,49 @@ def display() -> Answer:
 def _monitor(glfw: Any, monitor: Any) -> Answer:
     mode = glfw.get_video_mode(monitor)
     width_mm, height_mm = glfw.get_monitor_physical_size(monitor)
+    alike = [one.refresh_rate for one in glfw.get_video_modes(monitor) if one.size == mode.size]
     return {
         "name": _text(glfw.get_monitor_name(monitor)),
         "width_px": mode.size.width,
         "height_px": mode.size.height,
         "refresh_hz": mode.refresh_rate,
+        "fastest_hz": max(alike, default=mode.refresh_rate),
+        "scale": glfw.get_monitor_content_scale(monitor)[0],
         "width_mm": width_mm,
         "height_mm": height_mm,
     }
 
 
+def has_compositor() -> bool:
+    """Whether a program puts the windows of an X11 screen together: it owns a known selection."""
+    x11 = ctypes.CDLL("libX11.so.6")
+    for call in (x11.XOpenDisplay, x11.XInternAtom, x11.XGetSelectionOwner):
+        call.restype = ctypes.c_void_p
+    server = ctypes.c_void_p(x11.XOpenDisplay(None))
+    if not server:
+        return False
+    try:
+        name = f"_NET_WM_CM_S{x11.XDefaultScreen(server)}".encode()
+        atom = ctypes.c_ulong(x11.XInternAtom(server, name, False))
+        return bool(x11.XGetSelectionOwner(server, atom))
+    finally:
+        x11.XCloseDisplay(server)
+
+
+def disturbers(running: Iterable[str]) -> list[str]:
+    """Programs among those running that may cover the screen: savers, lockers, notices."""
+    return sorted({name for name in running if _DISTURBERS.match(name)})
+
+
+_DISTURBERS = re.compile(
+    r"xscreensaver|[a-z0-9]+-screensaver|light-locker|xss-lock|xautolock|swayidle|dunst|mako"
+    r"|notify-osd|[a-z0-9]+-notifyd|notification-daemon|gnome-shell|plasmashell"
+)
+
+
 def _time_swaps(glfw: Any) -> Answer:
     for hint, value in (
-        (glfw.CONTEXT_VERSION_MAJOR, 4),
+        (glfw.CONTEXT_VERSION_MAJOR, 3),
         (glfw.CONTEXT_VERSION_MINOR, 3),
         (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
     ):
@@ -137,7 +176,7 @@ def _time_swaps(glfw: Any) -> Answer:
     window = glfw.create_window(64, 64, "metamerlab doctor", None, None)
     if not window:
         _, reason = glfw.get_error()
-        return {"error": _text(reason) or "no window with OpenGL 4.3"}
+        return {"error": _text(reason) or "no window with OpenGL 3.3"}
     glfw.make_context_current(window)
     glfw.swap_interval(1)
 

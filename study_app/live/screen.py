@@ -17,7 +17,7 @@ RINGS_DEG = (1.0, 5.0, 10.0, 20.0, 30.0)
 _TEXT_PX = 16
 _LINES = 4
 _RINGS = f"""
-#version 430
+#version 330
 uniform vec2 corner;  // of the picture, from the upper left of the screen
 uniform float height;  // of the screen
 uniform vec2 centre_px;

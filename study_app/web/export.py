@@ -248,7 +248,9 @@ class WebBuild:
             )
             for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
                 shutil.copyfile(str(asset), work / asset.name)
-            (work / STUDY_FILE).write_text(written.model_dump_json(indent=1) + "\n")
+            (work / STUDY_FILE).write_text(
+                written.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n"
+            )
         return needs
 
     def page(self, language: str) -> Pages:

@@ -59,7 +59,7 @@ from protocols.web_lines import Pause as PauseLine
 from protocols.web_study import deviations_s
 from study_app.attempt import Log, run_attempt
 from study_app.attempt_record import attempt_event
-from study_app.recorder import Recorder, lock_journal, write_new
+from study_app.recorder import Recorder, journal_held, write_new
 from study_app.session import (
     AskConsent,
     AskQuestion,
@@ -287,8 +287,7 @@ def _continue(folder: Path, made: Path) -> None:
             place.parent.mkdir(exist_ok=True)
             write_new(place.with_suffix(""), place.suffix, path.read_bytes())
     journal = folder / JOURNAL_NAME
-    with journal.open("r+b") as file:
-        lock_journal(file.fileno(), journal)
+    with journal_held(journal), journal.open("r+b") as file:
         file.seek(0, os.SEEK_END)
         file.write((made / JOURNAL_NAME).read_bytes()[file.tell() :])
         file.flush()

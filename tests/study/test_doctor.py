@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from study_app.doctor import Job, Status, examine, worst
 from study_app.doctor.findings import Finding, Needs
 from study_app.doctor.graphics import check_display, check_egl, check_gl
-from study_app.doctor.probes import PROBES, ask
+from study_app.doctor.probes import PROBES, ask, disturbers
 from study_app.doctor.software import (
     check_extras,
     check_names,
@@ -41,6 +41,8 @@ def display(refresh_hz=60, swap_s=1 / 60, longest_s=None, width_mm=597, renderer
         "width_px": 1920,
         "height_px": 1080,
         "refresh_hz": refresh_hz,
+        "fastest_hz": refresh_hz,
+        "scale": 1.0,
         "width_mm": width_mm,
         "height_mm": round(width_mm * 9 / 16),
     }
@@ -119,6 +121,50 @@ def test_a_monitor_of_unknown_or_guessed_size_is_a_warning(width_mm, status):
 
     assert monitor.status is status
     assert "1920 x 1080 px, 60 Hz" in monitor.found
+
+
+def test_a_desktop_that_may_cover_or_delay_frames_is_named():
+    quiet = [finding.check for finding in check_display(display(), {})]
+    assert not {"compositor", "notices", "monitors"} & set(quiet)
+    second = {**display(refresh_hz=240)["monitors"][0], "name": "DP-2", "scale": 2.0}
+    answer = display()
+    answer |= {"compositor": True, "disturbers": ["dunst", "xscreensaver"]}
+    answer["monitors"].append(second)
+
+    findings = check_display(answer, {})
+
+    assert "DP-1 60 Hz at scale 1; DP-2 240 Hz at scale 2" in named(findings, "monitors").found
+    assert "dunst, xscreensaver" in named(findings, "notices").found
+    for check in ("compositor", "notices", "monitors"):
+        assert named(findings, check).status is Status.WARN
+        assert named(findings, check).cure
+
+
+def test_a_monitor_says_that_it_could_be_faster():
+    answer = display()
+    answer["monitors"][0]["fastest_hz"] = 240
+
+    assert "60 Hz (it also has 240 Hz)" in named(check_display(answer, {}), "monitor DP").found
+
+
+@pytest.mark.parametrize(
+    ("running", "found"),
+    [
+        (["bash", "python3", "Xorg", "openbox"], []),
+        (["xfce4-screensaver", "xfce4-notifyd", "bash"], ["xfce4-notifyd", "xfce4-screensaver"]),
+        (["gnome-shell", "gnome-shell"], ["gnome-shell"]),
+    ],
+)
+def test_programs_that_put_windows_over_others_are_known(running, found):
+    assert disturbers(running) == found
+
+
+@pytest.mark.parametrize("system", ["Windows", "macOS"])
+def test_a_system_that_no_session_ran_on_is_a_warning(system):
+    said = named(check_display({**display(), "platform": system}, {}), "display")
+
+    assert said.status is Status.WARN
+    assert "never run" in said.cure
 
 
 def test_wayland_is_a_warning_even_behind_x11():
@@ -287,6 +333,37 @@ def test_timing_fails_on_xvfb_and_nothing_crashes(tmp_path: Path):
     assert "800 x 600 px" in findings["monitor screen"]["found"]
     assert findings["timing"]["status"] == "FAIL"
     assert "virtual" in findings["timing"]["found"]
+
+
+COMPOSITOR = """
+import ctypes
+from study_app.doctor.probes import has_compositor
+print(has_compositor())
+x11 = ctypes.CDLL("libX11.so.6")
+x11.XOpenDisplay.restype = ctypes.c_void_p
+server = ctypes.c_void_p(x11.XOpenDisplay(None))
+x11.XDefaultRootWindow.restype = x11.XInternAtom.restype = ctypes.c_ulong
+root = ctypes.c_ulong(x11.XDefaultRootWindow(server))
+x11.XCreateSimpleWindow.restype = ctypes.c_ulong
+mine = ctypes.c_ulong(x11.XCreateSimpleWindow(server, root, 0, 0, 1, 1, 0, 0, 0))
+name = ctypes.c_ulong(x11.XInternAtom(server, b"_NET_WM_CM_S0", 0))
+x11.XSetSelectionOwner(server, name, mine, 0)
+x11.XSync(server, 0)
+print(has_compositor())
+"""
+
+
+def test_a_compositor_is_known_by_the_selection_that_it_owns():
+    if shutil.which("xvfb-run") is None:
+        if os.environ.get("REQUIRE_GL") == "1":
+            pytest.fail("xvfb-run is needed (apt-get install xvfb xauth)")
+        pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
+    done = subprocess.run(
+        ["xvfb-run", "-a", sys.executable, "-c", COMPOSITOR],
+        capture_output=True, text=True, timeout=60, env=without_display(),
+    )  # fmt: skip
+
+    assert done.stdout.split() == ["False", "True"], done.stderr
 
 
 @pytest.mark.parametrize("name", sorted(PROBES))

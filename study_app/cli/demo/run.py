@@ -24,8 +24,8 @@ from protocols.load import load_study
 from protocols.outside import page_bytes
 from protocols.result_folder import remove_listed, unlisted, write_listing
 from protocols.revision import code_revision, package_version
+from protocols.whole_file import write_whole
 from stimuli.executors import cores
-from stimuli.whole_file import write_whole
 from study_app.cli.demo.screen import require_screen, virtual_screen
 from study_app.cli.demo.steps import SCREEN, Options, Step, steps_of
 from study_app.sittings import is_stillborn

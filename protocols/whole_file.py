@@ -87,3 +87,14 @@ def whole_path(path: Path, ending: str = "") -> Iterator[Path]:
         if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise type(error)(error.errno, error.strerror, str(path)) from None
         raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk know of what was put into a folder, where a folder can be flushed to it."""
+    if os.name != "posix":
+        return  # Windows opens no folder; its file systems keep a journal of names
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

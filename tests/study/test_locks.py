@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import signal
 import subprocess
 import sys
 
+import portalocker
 import pytest
 
+from protocols import locks
 from protocols.errors import StudyError
-from protocols.folder_hold import held, kept_for_sitting, only_build
+from protocols.locks import held, kept_for_sitting, lock_name, only_build
+from study_app.recorder import Recorder
 
 SIT = """
 import sys, time
 from pathlib import Path
-from protocols.folder_hold import kept_for_sitting
+from protocols.locks import kept_for_sitting
 with kept_for_sitting(Path(sys.argv[1])):
     print("session", flush=True)
     time.sleep(600)
@@ -84,10 +85,46 @@ def test_a_read_only_folder_can_be_shown(clips):
 
 def test_a_file_system_without_locks_stops_neither(clips, monkeypatch):
     def refuse(_handle, _kind):
-        raise OSError(errno.ENOLCK, "No locks available")
+        raise portalocker.LockException("No locks available")
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(portalocker, "lock", refuse)
     with held(clips) as alone:
         assert alone is None
     with kept_for_sitting(clips), only_build(clips):
         pass
+
+
+@pytest.fixture
+def locked_beside(monkeypatch):
+    """Locks as on Windows: what is locked cannot be read, and no folder is locked."""
+    monkeypatch.setattr(locks, "_LOCKS_LET_READ", False)
+
+
+@pytest.mark.usefixtures("locked_beside")
+def test_where_a_folder_cannot_be_locked_a_file_beside_it_stands_for_it(clips):
+    with kept_for_sitting(clips), kept_for_sitting(clips):
+        assert {entry.name for entry in clips.parent.iterdir()} == {"clips", ".clips.lock"}
+        assert "while a session shows its clips" in refused_build(clips)
+    with only_build(clips):
+        assert "another build is at work" in refused_build(clips)
+    assert list(clips.parent.iterdir()) == [clips]
+    assert list(clips.iterdir()) == []
+
+
+@pytest.mark.usefixtures("locked_beside")
+def test_a_journal_that_is_written_is_read_by_others_and_opened_by_none(tmp_path):
+    with Recorder.create(tmp_path, lambda: 0.0, lambda: "t") as recorder:
+        with pytest.raises(StudyError, match="another program has this session open"):
+            Recorder.resume(tmp_path, lambda: 0.0, lambda: "t")
+        assert (tmp_path / lock_name(recorder.path.name)).stat().st_size == 0
+        assert recorder.path.read_bytes() == b""
+    assert [entry.name for entry in tmp_path.iterdir()] == [recorder.path.name]
+
+
+def test_a_journal_is_refused_where_no_file_can_be_locked(tmp_path, monkeypatch):
+    def refuse(_handle, _kind):
+        raise portalocker.LockException("No locks available")
+
+    monkeypatch.setattr(portalocker, "lock", refuse)
+    with pytest.raises(StudyError, match="must lie where files can be locked"):
+        Recorder.create(tmp_path, lambda: 0.0, lambda: "t")
