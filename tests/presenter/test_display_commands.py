@@ -43,6 +43,21 @@ def test_a_display_is_measured_and_its_typed_readings_give_gamma(screen, make_st
     assert str(report) in out
 
 
+def test_a_window_without_opengl_3_3_is_refused_before_anything_is_shown(
+    screen, make_study, monkeypatch
+):
+    study = make_study()
+    monkeypatch.setenv("MESA_GL_VERSION_OVERRIDE", "3.1")
+
+    done = screen.run(
+        "session", "check-display", study.folder / "little.toml", "--software-pacing"
+    )
+
+    assert done.returncode == 2
+    assert "a window with OpenGL 3.3 must open" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_the_header_points_to_the_measurement_of_the_display(screen, make_study):
     study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
     done = screen.run(*screen.session("run", study, "--simulate"))

@@ -162,6 +162,13 @@ def write_pictures(folder, case):
     (folder / "stimuli.csv").write_text("\n".join(lines) + "\n")
 
 
+@pytest.fixture(autouse=True)
+def opengl_3_3(monkeypatch):
+    """Windows have what every desk has: OpenGL 3.3 and no compute shaders."""
+    monkeypatch.setenv("MESA_GL_VERSION_OVERRIDE", "3.3FC")
+    monkeypatch.setenv("MESA_GLSL_VERSION_OVERRIDE", "330")
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", CASES)

@@ -150,7 +150,7 @@ def test_a_device_asked_for_that_is_too_old_is_refused_by_name(devices):
 
 
 @pytest.mark.parametrize(
-    ("version_code", "message"), [(420, r"found: Old GPU \(OpenGL 4.2\)"), (430, None)]
+    ("version_code", "message"), [(320, r"found: Old GPU \(OpenGL 3.2\)"), (330, None)]
 )
 def test_a_windows_context_must_be_new_enough(monkeypatch, version_code, message):
     window = FakeContext("Old GPU", version_code)
