@@ -59,7 +59,9 @@ def sources(repository: Path) -> set[str]:
         for path in (repository / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
         if "node_modules" not in path.parts
-        if web not in path.parents or path.suffix == ".py" or web / "assets" in path.parents
+        if web not in path.parents
+        or path.suffix == ".py"
+        or {web / "assets", web / "driven"} & {*path.parents}
     }
 
 

@@ -49,9 +49,7 @@ def test_a_window_without_opengl_3_3_is_refused_before_anything_is_shown(
     study = make_study()
     monkeypatch.setenv("MESA_GL_VERSION_OVERRIDE", "3.1")
 
-    done = screen.run(
-        "session", "check-display", study.folder / "little.toml", "--software-pacing"
-    )
+    done = screen.run("session", "check-display", study.folder / "little.toml", "--software-pacing")
 
     assert done.returncode == 2
     assert "a window with OpenGL 3.3 must open" in done.stderr
