@@ -192,7 +192,8 @@ class _Counts:
 
     @property
     def shown_in_cells(self) -> Floats:
-        return self.in_cells(self.shown[None])[0]
+        (cells,) = self.in_cells(self.shown[None])
+        return np.asarray(cells)
 
     def in_rows(self, values: Floats) -> Floats:
         """Sum values (trials,)."""

@@ -6,12 +6,12 @@ No library is needed: a message is JSON, and ends with a zero byte.
 from __future__ import annotations
 
 import base64
-import fcntl
 import json
 import os
 import select
 import shutil
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -223,8 +223,15 @@ def running_chromium(*arguments: str) -> Iterator[Chromium]:
     Raises
     ------
     StudyError
-        If it is not here.
+        If it is not here, or this is Windows.
     """
+    if sys.platform == "win32":
+        raise StudyError(
+            "an observer in Chromium needs Linux or macOS, whose programs hand each other pipes"
+            " (this is Windows); run this command there, or in the container"
+        )
+    import fcntl  # Windows has none
+
     path = chromium_path()
     rights = ("--no-sandbox",) if os.geteuid() == 0 else ()  # for root it has no sandbox
     theirs, to = os.pipe()
@@ -260,6 +267,8 @@ def running_chromium(*arguments: str) -> Iterator[Chromium]:
 
 def _ended(process: int) -> None:
     """Wait for a process; end its group if it does not end."""
+    if sys.platform == "win32":
+        return  # none was started
     until = time.monotonic() + 10
     while os.waitpid(process, os.WNOHANG) == (0, 0):
         if time.monotonic() > until:
