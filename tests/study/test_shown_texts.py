@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from attack.kills import CASES, write_study
@@ -10,6 +14,7 @@ from typer.testing import CliRunner
 from protocols.errors import StudyError
 from protocols.load import load_display, load_study, shipped
 from protocols.schema import StudyProtocol
+from study_app import fonts, text_image
 from study_app.cli import app
 from study_app.cli.protocol_commands import _feasibility_table
 from study_app.pages import Pages
@@ -162,3 +167,27 @@ def test_the_question_stands_above_the_labels_however_long_it_is():
         question, *labels = asked.lay().blocks
         ends = question.top + len(question.lines) * question.face.line_px
         assert ends <= min(label.top for label in labels)
+
+
+def test_fonts_are_searched_once_for_all_texts_of_a_study(monkeypatch):
+    """Before, the folders were read anew for each text: a tenth of a simulated session."""
+    fonts._fonts_in.cache_clear()
+    text_image._font_for.cache_clear()
+    read: list[Path] = []
+    rglob = Path.rglob
+    monkeypatch.setattr(
+        Path, "rglob", lambda path, wanted: read.append(path) or rglob(path, wanted)
+    )
+    shortcomings(STUDY, DISPLAY)
+    assert read
+    assert len(read) == len(set(read))
+
+
+def test_a_simulated_session_loads_no_tracker_and_no_graphics():
+    code = "import sys, study_app.simulate; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    apart = {"pupil", "eyelink", "gazepoint", "tobii", "lsl", "open_source"}
+    assert not {f"study_app.gaze.{name}" for name in apart} & set(loaded)
+    assert not {"moderngl", "ssl"} & set(loaded)
