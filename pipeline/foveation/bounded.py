@@ -37,6 +37,10 @@ EXCESS = -0.3
 """Excess kurtosis of noise, -.5 where its finest band is strongest, -.1 where coarse ones are. The
 mean is mended to first order in it (Edgeworth)."""
 
+FARTHEST = 8.0
+"""Deviations from the base that noise leads to at most, bound as free. Farther, a nearly white
+cloud had black specks."""
+
 BOUND_CONSTANTS = {
     "FREE": FREE,
     "BOUND": BOUND,
@@ -45,6 +49,7 @@ BOUND_CONSTANTS = {
     "STEEPEST": STEEPEST,
     "SHARPENED": SHARPENED,
     "EXCESS": EXCESS,
+    "FARTHEST": FARTHEST,
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
 }
 """What bounded.glsl is compiled with."""
@@ -66,11 +71,12 @@ def added(
     base, noise, deviation : ndarray of shape (..., 3)
         Of red, green and blue; noise is normal, of that deviation.
     below, above : ndarray of shape (..., 3), optional
-        How far from the base noise may lead; by default to the ends of the display.
+        How far from the base noise may lead, beside `FARTHEST`.
     """
     deviation = np.sqrt(deviation**2 + SMALLEST_VARIANCE)
-    low = 0 if below is None else np.maximum(base - below, 0)
-    width = (1 if above is None else np.minimum(base + above, 1)) - low
+    reach = FARTHEST * deviation
+    low = np.maximum(base - (reach if below is None else np.minimum(below, reach)), 0)
+    width = np.minimum(base + (reach if above is None else np.minimum(above, reach)), 1) - low
     place, spread = (base - low) / width, deviation / width
     room = (np.minimum(place, 1 - place) / spread).min(axis=-1, keepdims=True)
     share = np.clip((FREE - room) / (FREE - BOUND), 0, 1)

@@ -7,6 +7,7 @@
 #constant STEEPEST
 #constant SHARPENED          // share of the variance that is left out at most
 #constant EXCESS             // kurtosis of noise
+#constant FARTHEST           // deviations from the base
 #constant SMALLEST_VARIANCE
 
 // The normal distribution's function, and its inverse (Abramowitz and Stegun 1964, 26.2.19 and 26.2.23,
@@ -53,7 +54,8 @@ Spread spread_of(vec3 variance) {
 // Add normal noise to R'G'B'. Where there is none, the base stays as it is.
 vec3 added(vec3 base, vec3 noise, Spread spread) {
     if (noise == vec3(0.0)) return base;
-    vec3 changed = base + noise, low = max(base - spread.below, 0.0), high = min(base + spread.above, 1.0);
+    vec3 changed = base + noise, reach = FARTHEST * spread.deviation;
+    vec3 low = max(base - min(spread.below, reach), 0.0), high = min(base + min(spread.above, reach), 1.0);
     vec3 room = min(base - low, high - base) * spread.rate;
     float share = clamp((FREE - min(room.r, min(room.g, room.b))) / (FREE - BOUND), 0.0, 1.0);
     if (share > 0.0) {

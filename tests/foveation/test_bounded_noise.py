@@ -158,6 +158,14 @@ def test_metamers_of_print_skies_and_nights_keep_mean_and_statistics(name):
     assert statistics_distance(shown, picture) < 0.17
 
 
+def test_a_nearly_white_cloud_has_no_black_specks():
+    """Mean and variance alone would allow a black pixel among a thousand."""
+    picture, pools = PICTURES["pale sky"](EDGE), pools_of(EDGE)
+    shown = metamer(picture, pools, MetamerSettings(), 1)
+    assert picture.min() > 0.79
+    assert shown.min() > 0.45
+
+
 @pytest.mark.parametrize("name", COLOURFUL)
 def test_metamers_of_saturated_colours_keep_them_in_the_mean(name):
     picture, pools = COLOURFUL[name](EDGE), pools_of(EDGE)
