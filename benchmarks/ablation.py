@@ -85,13 +85,17 @@ def _from_squares(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     return mean, np.maximum(0.0, square - mean**2)
 
 
+def _of_one_pixel() -> NDArray[np.float64]:
+    return np.pad(np.ones((1, 1)), 3)
+
+
 CORRECTIONS: dict[str, tuple[Patch, ...]] = {
     "0034 the base is not measured across outlines": (
         (statistics, "noise_variances", _outlines_measured),
     ),
     "0047 noise is mixed": ((tile, "fitted_mixing", unmixed),),
     "0058 the base is relaxed": ((inpaint, "RELAXED_RESOLUTIONS", 0),),
-    "0059 noise is softened": ((tile, "softened", lambda image, _: image),),
+    "0059 noise is softened": ((tile, "softening", _of_one_pixel),),
 }
 DEFAULT = "metameric"
 DEFAULTS = MetamericSettings()

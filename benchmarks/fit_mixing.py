@@ -106,7 +106,7 @@ def _fold(spectrum: Complex, level: int) -> Complex:
 
 
 def noise_statistics(levels: int) -> tuple[Array, Array]:
-    """Measure unit noise bands against each other, as `tile.unit_bands` makes them.
+    """Measure unit noise bands against each other, as `tile.split` makes them.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def noise_statistics(levels: int) -> tuple[Array, Array]:
     count = len(filters)
     frequency = np.asarray(2 * np.pi * np.fft.fftfreq(EDGE), np.float64)
     per_texel = frequency / TEXELS_PER_PX
-    passed = [np.ones((EDGE, EDGE))]  # by as many levels; see tile.softened
+    passed = [np.ones((EDGE, EDGE))]  # by as many levels; see tile.softening
     for level in range(levels):
         low = _response(fitted_kernels().low, frequency * (1 << level))
         passed.append(passed[-1] * np.abs(low) ** 2)

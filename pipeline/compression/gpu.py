@@ -98,7 +98,7 @@ class DecompressPass(PicturePass):
         self._unfold.run_over(self.size, cells=self._cells, picture=picture)
         if self._base is None:
             return
-        self._set_seed(seed)
+        self._noise.set_seed(check_seed(seed))
         self._weigh.run_over(
             halved((self._weights.width, self._weights.height)),
             atlas=self._atlas,
@@ -108,7 +108,7 @@ class DecompressPass(PicturePass):
             halved(self.size),
             source=self._base,
             weights=self._weights,
-            noise=self._noise,
+            noise=self._noise.texture,
             target=target,
         )
 
@@ -150,15 +150,4 @@ class DecompressPass(PicturePass):
         self._finish = self._compile("finish_screen", **noise_constants(self.levels, BASE=False))
         self._finish["strength"] = 1.0
         self._eye.look(self._grid.gaze_px)
-        self._seed = -1
-
-    def _set_seed(self, seed: int) -> None:
-        if check_seed(seed) == self._seed:
-            return
-        noise = screen_noise(self.size, seed, self.levels, wraps=False)
-        layers, height, width, _ = noise.shape
-        if self._seed < 0:
-            self._noise = self._array((width, height), layers, "rgba32ui")
-            self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._noise.write(noise.tobytes())
-        self._seed = seed
+        self._noise = self._part(screen_noise(self._ctx, self.size, self.levels, wraps=False))

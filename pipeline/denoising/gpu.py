@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import check_seed, tile_edge
+from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.passes import (
     TILE,
     PicturePass,
@@ -50,10 +50,7 @@ class DenoisePass(PicturePass):
         self._weigh = self._shader(
             "denoising/weights.comp.glsl", TILE=TILE, **gain_constants(levels, aim=AIM)
         )
-        edge = tile_edge(height, width) // 2
-        self._noise = self._array((edge, edge), -(-12 * levels // 16), "rgba32ui")
-        self._noise.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._seed = -1
+        self._noise = self._part(screen_noise(ctx, self.size, levels, wraps=False))
         self._finish = self._compile("finish_screen", **noise_constants(levels, BASE=False))
         self._finish["strength"] = 1.0
 
@@ -73,13 +70,13 @@ class DenoisePass(PicturePass):
         """Make the metamer of what was loaded, into `target`: rgba32f of the picture's size."""
         check_texture(target, "target", self.size, "rgba32f")
         self._eye.look(gaze_px)
-        self._set_seed(seed)
+        self._noise.set_seed(check_seed(seed))
         self._weigh.run_over(halved(self._blocks), maps=self._maps, weights=self._weights)
         self._finish.run_over(
             halved(self.size),
             source=self._base,
             weights=self._weights,
-            noise=self._noise,
+            noise=self._noise.texture,
             target=target,
         )
 
@@ -94,12 +91,6 @@ class DenoisePass(PicturePass):
             return np.ascontiguousarray(read_back(target)[..., :3])
         finally:
             target.release()
-
-    def _set_seed(self, seed: int) -> None:
-        if check_seed(seed) == self._seed:
-            return
-        self._noise.write(screen_noise(self.size, seed, self.levels, wraps=False).tobytes())
-        self._seed = seed
 
 
 def layered(maps: MomentMaps) -> NDArray[np.float32]:

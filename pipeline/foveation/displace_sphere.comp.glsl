@@ -7,6 +7,7 @@
 
 #include "pools.glsl"
 #include "cubic.glsl"
+#include "hashing.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -14,15 +15,6 @@ uniform sampler2D source;
 layout(rgba32f) uniform writeonly image2D warped;
 uniform float reach, smoothness;
 uniform uvec3 key;
-
-// Random bits of whole numbers. Twin: pcg3d() in noise/hashing.py.
-uvec3 pcg3d(uvec3 v) {
-    v = v * 1664525u + 1013904223u;
-    v.x += v.y * v.z; v.y += v.z * v.x; v.z += v.x * v.y;
-    v ^= v >> 16u;
-    v.x += v.y * v.z; v.y += v.z * v.x; v.z += v.x * v.y;
-    return v;
-}
 
 // Blend the vectors of the 27 nearest points of a lattice of spacing 2^level.
 vec3 lattice_noise(vec3 ray, int level) {

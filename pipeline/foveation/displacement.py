@@ -10,7 +10,6 @@ D hangs on the picture, not on the screen, and on a gaze of its own: see steady_
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -25,7 +24,9 @@ from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import finished, twice
-from pipeline.foveation.sphere import displaced_rays, noise_key
+from pipeline.foveation.sphere import displaced_rays
+from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.tile import white_noise
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +161,7 @@ def _on_sphere_px(
         np.radians(pools.pooling.sigma_deg(pools.eccentricity_deg())),
         reach=settings.reach,
         smoothness=settings.smoothness,
-        key=noise_key(seed),
+        key=key_of(seed, Stream.LATTICE),
         laid_on=laid_on,
     )
     found: Floats = np.stack(geometry.positions(moved), axis=-1) - np.stack([x, y], axis=-1)
@@ -205,10 +206,7 @@ def unit_field(pools: Pools, smoothness: float, seed: int) -> Floats:
 
 def field_noise(size: tuple[int, int], seed: int) -> Floats:
     """White vectors of unit variance, the same on every platform: (H, W, 2)."""
-    # Not the key of the noise tile, whose first numbers would be the same.
-    raw = np.random.Philox(key=[seed, 1]).random_raw(size[0] * size[1] * 2)
-    uniform = (raw >> 11).astype(np.float64) * 2.0**-53 - 0.5
-    return (uniform * math.sqrt(12)).reshape(*size, 2)
+    return white_noise(seed, size, 2, Stream.FIELD)
 
 
 def pooled_white_variance(lod: Floats) -> Floats:

@@ -7,11 +7,13 @@ what the displaced one lacks.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import moderngl
 import numpy as np
 
-from pipeline.features.gpu import band_constants
-from pipeline.foveation.chain import chain_length, chain_of
+from pipeline.features.gpu import band_constants, low_constants
+from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import ChainPass
 from pipeline.foveation.displacement import (
     CUBIC,
@@ -20,7 +22,6 @@ from pipeline.foveation.displacement import (
     MOST_MATCH,
     REACH,
     DisplacementSettings,
-    field_noise,
     white_energies,
 )
 from pipeline.foveation.geometry import Geometry
@@ -28,10 +29,12 @@ from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.passes import PicturePass, Pooled, halved, resolutions
-from pipeline.foveation.sphere import FINEST, noise_key
+from pipeline.foveation.passes import TILE, PicturePass, Pooled, halved, resolutions
+from pipeline.foveation.sphere import FINEST
 from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 from pipeline.gl.shader import Constant
+from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION
 
 MATCH_CONSTANTS: dict[str, Constant] = {
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
@@ -137,6 +140,13 @@ class _FlatField(PicturePass):
         least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
         push = self._compile("field", **least)
         displace = self._compile("displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least)
+        self._white = self._shader(
+            "foveation/field_white.comp.glsl",
+            TILE=TILE,
+            WHITE_BITS=WHITE_BITS,
+            WHITE_DEVIATION=WHITE_DEVIATION,
+        )
+        self._halve = self._shader("foveation/field_halve.comp.glsl", TILE=TILE, **low_constants())
         self._set(smoothness=settings.smoothness, reach=settings.reach)
         displace["energies"] = np.array(white_energies(count + 2), np.float32)
         sizes = resolutions(self.size, count)
@@ -167,11 +177,10 @@ class _FlatField(PicturePass):
     def set_seed(self, seed: int) -> None:
         if seed == self._seed:
             return
-        white = field_noise(self.size[::-1], seed)
-        for texture, noise in zip(
-            self._noise, chain_of(white, self._count, wraps=False), strict=True
-        ):
-            texture.write(np.ascontiguousarray(noise, np.float32).tobytes())
+        self._white["key"] = key_of(seed, Stream.FIELD)
+        self._white.run_over(self.size, noise=self._noise[0])
+        for fine, coarse in pairwise(self._noise):
+            self._halve.run_over(coarse.size, fine=fine, coarse=coarse)
         self._seed = seed
 
     def displace(self, source: moderngl.Texture) -> None:
@@ -198,7 +207,7 @@ class _SphereField(PicturePass):
         )
 
     def set_seed(self, seed: int) -> None:
-        self._shader_of_all["key"] = noise_key(seed)
+        self._shader_of_all["key"] = key_of(seed, Stream.LATTICE)
 
     def displace(self, source: moderngl.Texture) -> None:
         self._displace.run(source)

@@ -39,6 +39,8 @@ from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
+from pipeline.noise.hashing import Stream
+from pipeline.noise.tile import white_noise
 from protocols.outside import reading
 
 Tensor = Any  # torch may be absent
@@ -190,11 +192,8 @@ class EnergyMetamer(Pooled):
             constant: Any = {LAWS[law][0]: self.pooling.constant}
             ours = Metamer(law=law, fovea_deg=self.pooling.fovea_deg, **constant)
             return (by_charts if look.geometry.wraps else Metamer.apply)(ours, picture, look)
-        # Not the key of another kind of noise with this seed.
-        noise = np.random.Generator(np.random.Philox(key=[look.seed, 3])).standard_normal(
-            picture.shape[:2], dtype=np.float32
-        )
-        return np.clip(base + START_NOISE * noise[..., None], 0, 1)
+        noise = white_noise(look.seed, picture.shape[:2], 1, Stream.START)
+        return np.clip(base + START_NOISE * noise.astype(np.float32), 0, 1)
 
     def _key(self, picture: Picture, look: Look) -> str:
         """Hash all that decides the result."""

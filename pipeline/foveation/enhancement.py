@@ -28,6 +28,8 @@ from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import blurred, finished
 from pipeline.foveation.sphere import noise_strength
+from pipeline.noise.hashing import Stream
+from pipeline.noise.tile import white_noise
 
 Floats = NDArray[np.float64]
 
@@ -74,9 +76,7 @@ def noise_enhanced(
 
 def octave_noise(size: tuple[int, int], count: int, seed: int, *, wraps: bool) -> list[Floats]:
     """White noise split into `count` octaves, each (H, W) with variance 1."""
-    raw = np.random.Philox(key=[seed, 2]).random_raw(size[0] * size[1])
-    white = ((raw >> 11).astype(np.float64) * 2.0**-53 - 0.5) * math.sqrt(12)
-    chain = chain_of(white.reshape(*size, 1), count, wraps=wraps)
+    chain = chain_of(white_noise(seed, size, 1, Stream.OCTAVES), count, wraps=wraps)
     octaves = []
     for level in range(count):
         band = chain[level] - enlarge(chain[level + 1], chain[level].shape[:2], 1, wraps=wraps)

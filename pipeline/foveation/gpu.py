@@ -43,6 +43,7 @@ from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.compute import Shader, Step, Steps, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gains import gain_constants
+from pipeline.noise.gpu import NoisePass
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
@@ -57,6 +58,15 @@ class Call:
     seed: int
     noise_shift_px: moderngl.Texture | None
     field_gaze_px: tuple[float, float]
+
+
+@dataclass(eq=False)
+class Carried:
+    """Noise that surfaces carry along, and the last pass that reads it."""
+
+    finish: Shader
+    texture: moderngl.TextureArray
+    seed: int = -1
 
 
 class FoveationPass(PicturePass):
@@ -267,8 +277,8 @@ class MetamerPass(FoveationPass):
         self.settings = settings
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
-        self._tiles: dict[bool, moderngl.TextureArray] = {}  # by whether it is carried
-        self._seeds: dict[bool, int] = {}
+        self._screen: NoisePass | None = None
+        self._carried: Carried | None = None
         if seed is not None:
             self.set_seed(seed)
         self._chroma = settings.chroma != "luma"
@@ -290,7 +300,6 @@ class MetamerPass(FoveationPass):
         )
         self._gains = self._gains_step(gains)
         self._on_screen = self._compile_finish(carried=False)
-        self._carried: Shader | None = None
         self._finish_steps = Steps(self._finish_step)
 
     def _analyse(self, source: moderngl.Texture) -> None:
@@ -314,14 +323,14 @@ class MetamerPass(FoveationPass):
         target: moderngl.Texture,
         shift_px: moderngl.Texture | None,
     ) -> Step:
-        finish = self._on_screen if shift_px is None else self._carried
-        assert finish is not None
-        return finish.step_over(
+        lies = self._screen if shift_px is None else self._carried
+        assert lies is not None
+        return (self._on_screen if isinstance(lies, NoisePass) else lies.finish).step_over(
             halved(self.size),
             source=source,
             coarse=self._chain.chosen.lows[0],
             weights=self._weights,
-            noise=self._tiles[shift_px is not None],
+            noise=lies.texture,
             target=target,
             **given(shift_px=shift_px),
         )
@@ -329,23 +338,28 @@ class MetamerPass(FoveationPass):
     def set_seed(self, seed: int, *, carried: bool = False) -> None:
         """Make the noise of `seed`, unless it is at hand."""
         seed = check_seed(seed)
-        if carried and self._carried is None:
-            self._carried = self._compile_finish(carried=True)
-        if self._seeds.get(carried) == seed:
-            return
         if carried:
-            tile = self._carried_tile(seed)
-        else:
-            tile = screen_noise(self.size, seed, self.levels, wraps=self.geometry.wraps)
-        layers, height, width, _ = tile.shape
-        if carried not in self._tiles:
-            self._tiles[carried] = self._array((width, height), layers, "rgba32ui")
-            self._tiles[carried].filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._tiles[carried].write(tile.tobytes())
-        self._seeds[carried] = seed
-        if carried and self._carried is not None:
+            self._carry(seed)
+            return
+        if self._screen is None:
+            wraps = self.geometry.wraps
+            self._screen = self._part(screen_noise(self._ctx, self.size, self.levels, wraps=wraps))
+        self._screen.set_seed(seed)
+
+    def _carry(self, seed: int) -> None:
+        if self._carried is not None and self._carried.seed == seed:
+            return
+        tile = self._carried_tile(seed)
+        if self._carried is None:
+            layers, height, width, _ = tile.shape
+            texture = self._array((width, height), layers, "rgba32ui")
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            finish = self._compile_finish(carried=True)
             lags = fitted_mixing(self.levels).lag_correlation
-            self._carried["lag_correlation"] = lags.reshape(-1, len(LAGS))
+            finish["lag_correlation"] = lags.reshape(-1, len(LAGS))
+            self._carried = Carried(finish, texture)
+        self._carried.texture.write(tile.tobytes())
+        self._carried.seed = seed
 
     def _gains_step(self, gains: Shader) -> Step:
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.

@@ -19,13 +19,13 @@ from pipeline.noise.mixing import fitted_mixing
 from pipeline.noise.tile import (
     TILE,
     NoiseBands,
+    Steps,
     between,
     look_up,
     mixed,
     mixed_bands,
     split,
-    unit_bands,
-    white_noise,
+    white_steps,
 )
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ def tile_edge(height: int, width: int) -> int:
 
 def grained(noise: Floats) -> Halves:
     """Round to `GRAIN`, within `MOST_STEPS`; read-only."""
-    steps = np.clip(np.rint(noise / GRAIN), -MOST_STEPS, MOST_STEPS)
+    steps = np.clip(np.floor(noise / GRAIN + 0.5), -MOST_STEPS, MOST_STEPS)
     found = np.ascontiguousarray(GRAIN * steps, np.float16)
     found.flags.writeable = False
     return found
@@ -68,12 +68,12 @@ def noise_tile(seed: int, levels: int, channels: int, edge: int = TILE) -> Halve
 
     It goes on at its borders.
     """
-    return _mixed_and_grained(unit_bands(seed, levels, channels, edge))
+    return _mixed_and_grained(split(white_steps(seed, (edge, edge), channels), levels))
 
 
-def _mixed_and_grained(bands: Floats) -> Halves:
-    """Mix unit bands, (levels, channels, H, W, 3), and round: (H, W, channels, levels * 3)."""
-    levels, channels, height, width = bands.shape[:-1]
+def _mixed_and_grained(bands: Steps) -> Halves:
+    """Mix bands, (levels, 3, channels, H, W), and round: (H, W, channels, levels * 3)."""
+    levels, _, channels, height, width = bands.shape
     found = np.empty((height, width, channels, 3 * levels), np.float16)
     for index, band in enumerate(mixed(bands)):  # one at a time: memory
         found[..., index] = grained(band.transpose(1, 2, 0))
@@ -85,11 +85,16 @@ def _mixed_and_grained(bands: Floats) -> Halves:
 def panorama_noise(seed: int, levels: int, channels: int, height_px: int) -> Halves:
     """Noise for a whole panorama: (height, 2 * height, channels, levels * 3), of unit variance."""
     height, width = size = height_px, 2 * height_px
-    margin = 5 << levels  # farther than any filter reaches
+    margin = panorama_margin(levels)
     whole = [(margin, margin + -edge % (1 << levels)) for edge in size]
-    white = np.pad(white_noise(seed, size, channels), (*whole, (0, 0)), mode="wrap")
-    bands = split(white, levels)[:, :, margin : margin + height, margin : margin + width]
-    return _mixed_and_grained(np.ascontiguousarray(bands))
+    white = np.pad(white_steps(seed, size, channels), ((0, 0), *whole), mode="wrap")
+    noise = _mixed_and_grained(split(white, levels))
+    return noise[margin : margin + height, margin : margin + width]
+
+
+def panorama_margin(levels: int) -> int:
+    """Pixels around a panorama for which noise is made too: farther than any filter reaches."""
+    return 5 << levels
 
 
 @lru_cache(maxsize=1)

@@ -21,8 +21,8 @@ from pipeline.foveation.geometry import (
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
-    noise_tile,
-    panorama_noise,
+    MOST_STEPS,
+    panorama_margin,
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
@@ -31,6 +31,7 @@ from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
+from pipeline.noise.gpu import NoisePass
 
 TILE = 8  # work-group edge
 TEXEL_BYTES = 16  # of noise
@@ -156,20 +157,17 @@ def weight_layers(levels: int, *, bent: bool) -> int:
     return levels + -(-(levels + 1 + 4 * bent) // 4)
 
 
-def screen_noise(size: Size, seed: int, levels: int, *, wraps: bool) -> NDArray[np.int8]:
-    """Noise that lies on the screen, as finish_screen.comp.glsl reads it.
-
-    A texel holds 2x2 pixels of four bands: (layers, rows / 2, columns / 2, 16).
-    """
-    width, height = size
-    if wraps:
-        tile = panorama_noise(seed, levels, 1, height)[:, :, 0]
-        tile = np.pad(tile, ((0, height % 2), (0, 0), (0, 0)))
-    else:
-        tile = noise_tile(seed, levels, 1, tile_edge(height, width))[:, :, 0]
-    rows, columns, bands = tile.shape
-    cells = tile.reshape(rows // 2, 2, columns // 2, 2, bands).transpose(0, 2, 4, 1, 3)
-    return layered(cells.reshape(rows // 2, columns // 2, 4 * bands))
+def screen_noise(ctx: moderngl.Context, size: Size, levels: int, *, wraps: bool) -> NoisePass:
+    """What makes noise that lies on the screen. Twin: noise_tile(), panorama_noise()."""
+    edge = tile_edge(size[1], size[0])
+    return NoisePass(
+        ctx,
+        size if wraps else (edge, edge),
+        levels,
+        step=GRAIN,
+        most_steps=MOST_STEPS,
+        margin=panorama_margin(levels) if wraps else 0,
+    )
 
 
 def layered(noise: NDArray[np.floating]) -> NDArray[np.int8]:

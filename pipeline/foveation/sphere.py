@@ -101,13 +101,6 @@ def lattice_noise(rays: Floats, level: Floats, key: tuple[int, int, int]) -> Flo
     return np.asarray(total / np.sqrt(energy)[..., None])
 
 
-def noise_key(seed: int) -> tuple[int, int, int]:
-    """What a seed hashes with."""
-    # Not the key of other noise of this seed.
-    low, high = np.random.Philox(key=[seed, 4]).random_raw(2)
-    return int(low) & 0xFFFFFFFF, int(low) >> 32, int(high) & 0xFFFFFFFF
-
-
 def _uniform(bits: Bits) -> Floats:
     """Of unit variance around 0; of 24 bits, as many as a float32 holds."""
     return np.asarray(((bits >> np.uint32(8)) * 2.0**-24 - 0.5) * np.sqrt(12.0))

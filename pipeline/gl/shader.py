@@ -7,7 +7,8 @@ Two directives beside GLSL's own:
     `pipeline/`, once.
 ``#constant TILE``
     Becomes ``#define TILE <value>``; the host must give the value, and the shader must use it.
-    A bool becomes 1 or 0, for ``#if``; numbers in a tuple become an array of floats.
+    A bool becomes 1 or 0, for ``#if``; numbers in a tuple become an array, of floats unless all are
+    whole.
 """
 
 import math
@@ -119,7 +120,8 @@ def _read(root: Traversable, path: str, wanted_by: str) -> str:
 
 def _literal(key: str, value: Constant) -> str:
     if isinstance(value, tuple):
-        return f"float[]({', '.join(_literal(key, float(number)) for number in value)})"
+        kind = int if all(isinstance(number, Integral) for number in value) else float
+        return f"{kind.__name__}[]({', '.join(_literal(key, kind(number)) for number in value)})"
     if not math.isfinite(value):
         raise ShaderError(f"constant {key} must be finite (got {value})")
     # Through Python's own types: numpy writes its scalars as "np.float64(0.5)".

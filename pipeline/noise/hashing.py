@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import TypeAlias
 
 import numpy as np
@@ -10,8 +11,28 @@ from numpy.typing import NDArray
 Bits: TypeAlias = NDArray[np.uint32]
 
 
+class Stream(IntEnum):
+    """What a seed makes: each has bits of its own."""
+
+    BANDS = 0
+    FIELD = 1
+    OCTAVES = 2
+    START = 3
+    LATTICE = 4
+
+
+def key_of(seed: int, stream: Stream) -> tuple[int, int, int]:
+    """What to mix places with: three whole numbers of 32 bits."""
+    # Philox's raw bits are specified; a library's other generators might change.
+    low, high = np.random.Philox(key=[seed, stream]).random_raw(2)
+    return int(low) & 0xFFFFFFFF, int(low) >> 32, int(high) & 0xFFFFFFFF
+
+
 def pcg3d(x: Bits, y: Bits, z: Bits) -> tuple[Bits, Bits, Bits]:
-    """Mix three arrays of whole numbers into three of random bits (Jarzynski and Olano 2020)."""
+    """Mix three arrays of whole numbers into three of random bits (Jarzynski and Olano 2020).
+
+    Twin: shaderlib/hashing.glsl. Change both or neither.
+    """
     x, y, z = (v * np.uint32(1664525) + np.uint32(1013904223) for v in (x, y, z))
     for scramble in (True, False):
         x = x + y * z

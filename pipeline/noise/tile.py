@@ -14,26 +14,44 @@ All bands come from the same white noise, so that where they overlap they add up
 measures, and can cancel out. Each is mixed with its neighbours first (mixing.py), or textures would
 not get what they were weighed for.
 
+All of this is done in whole numbers: white noise of 13 bits, taps in steps of 2^-14, and a rounded
+division behind each filter. Their sums do not depend on their order, so a graphics card finds the
+very same noise (gpu.py, docs/decisions/0219).
+
 The tile holds two texels per pixel along each axis: what lies halfway between two pixels of
 noise is not their mean, which is softer, but the noise moved by half a pixel. A look-up
 between texels then softens little, whatever the texture's spectrum.
+
+Twins: the shaders in this folder. Change both or neither.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.reference import BANDS, Kernels, band, double, fitted_kernels, halve
+from pipeline.features.reference import fitted_kernels
+from pipeline.noise.hashing import Stream, key_of, pcg3d
 from pipeline.noise.mixing import LAGS, fitted_mixing
+
+Steps: TypeAlias = NDArray[np.int32]
+"""Noise in whole numbers."""
 
 TILE = 256  # edge of the tile, pixels; a power of two
 TEXELS_PER_PX = 2  # along each axis
 TILE_TEXELS = TEXELS_PER_PX * TILE
 # Rounded to this what lies between pixels hardly ever depends on how a library sums.
 GRAIN = 2.0**-20
+WHITE_BITS = 13  # of white noise: odd numbers from 1 - 2^13 to 2^13 - 1
+WHITE_DEVIATION = float(np.sqrt((4.0**WHITE_BITS - 1) / 3))
+TAP_BITS = 14  # of a filter's taps behind the point
+# Filters have such gains that bands of all levels have 500 to 4000 steps of deviation: eight
+# deviations fit 16 bits, and rounding is a thousandth.
+HALVING_GAIN, SOFT_GAIN, ORIENTED_GAIN = 2, 4, 2
+MIXED_STEP = 2.0**-24  # of mixed noise, deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +87,55 @@ def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDAr
     this tile.
     """
     found = np.empty((3 * levels, channels, edge, edge))
-    for whole, one in zip(found, mixed(unit_bands(seed, levels, channels, edge)), strict=True):
+    bands = split(white_steps(seed, (edge, edge), channels), levels)
+    for whole, one in zip(found, mixed(bands), strict=True):
         whole[:] = one
     return found.reshape(levels, 3, channels, edge, edge)
 
 
-def mixed(bands: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Mix unit bands, (levels, channels, H, W, 3): each mixed band, (channels, H, W)."""
-    levels, *size = bands.shape[:-1]
-    rows = np.moveaxis(bands, -1, 1).reshape(3 * levels, *size)
-    part = np.empty(rows.shape[1:])
-    # Band by band, in order: a matrix product's order of sums depends on the library.
-    for weights in fitted_mixing(levels).matrix.T:
-        found = np.zeros(rows.shape[1:])
-        for index in np.flatnonzero(weights):
-            found += np.multiply(weights[index], rows[index], out=part)
-        yield found
+def mixed(bands: Steps) -> Iterator[NDArray[np.float64]]:
+    """Mix bands as `split` gives them: each mixed band, (channels, H, W), of unit variance."""
+    levels, _, channels, height, width = bands.shape
+    rows = bands.reshape(3 * levels, channels, height, width)
+    weights = np.stack(
+        [
+            mixing_weights([square_sum(row[channel]) for row in rows], height * width)
+            for channel in range(channels)
+        ],
+        axis=-1,
+    )
+    part = np.empty(rows.shape[1:], np.int32)
+    for own in weights:
+        found = np.zeros(rows.shape[1:], np.int32)
+        for row, weight in zip(rows, own, strict=True):
+            if weight.any():
+                found += np.multiply(row, weight[:, None, None], out=part)
+        yield found * MIXED_STEP
+
+
+def unit(band: Steps) -> NDArray[np.float64]:
+    """A band, (H, W), as a part of its own deviation."""
+    return np.asarray(band / np.sqrt(max(square_sum(band) / band.size, 1.0)))
+
+
+def mixing_weights(squares: list[int], count: int) -> Steps:
+    """What mixed bands are the sums of, in `MIXED_STEP` for a step of a band: (mixed, bands).
+
+    Parameters
+    ----------
+    squares : list of int, shape (B,)
+        The sum of a band's squares over `count` pixels; B = 3 * levels.
+    """
+    # A panorama of two pixels has bands in which nothing is.
+    deviations = np.sqrt(np.maximum(np.array(squares, np.float64) / count, 1.0))
+    matrix = fitted_mixing(len(squares) // 3).matrix
+    return np.rint(matrix.T / deviations / MIXED_STEP).astype(np.int32)
+
+
+def square_sum(band: Steps) -> int:
+    """Sum of squares, (H, W); exact."""
+    steps = band.ravel().astype(np.float64)  # sums of whole numbers below 2^53
+    return int(steps @ steps)
 
 
 def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -102,72 +153,121 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return both.reshape(shape)
 
 
-def unit_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
-    """Make unmixed bands, (levels, channels, edge, edge, 3), each of unit variance."""
-    return split(white_noise(seed, (edge, edge), channels), levels)
-
-
-def white_noise(seed: int, size: tuple[int, int], channels: int) -> NDArray[np.float64]:
+def white_noise(
+    seed: int, size: tuple[int, int], channels: int, stream: Stream = Stream.BANDS
+) -> NDArray[np.float64]:
     """Make white noise of unit variance, the same on every platform: (H, W, channels)."""
-    # Philox's raw bits are specified; a library's normal deviates might change.
-    uniform = np.random.Philox(key=seed).random_raw(size[0] * size[1] * channels)
-    white = ((uniform >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
-    return np.asarray(white.reshape(*size, channels))
+    return np.moveaxis(white_steps(seed, size, channels, stream), 0, -1) / WHITE_DEVIATION
 
 
-def split(white: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Split periodic noise (H, W, channels): (levels, channels, H, W, 3), of unit variance.
+def white_steps(
+    seed: int, size: tuple[int, int], channels: int, stream: Stream = Stream.BANDS
+) -> Steps:
+    """Make white noise of the deviation `WHITE_DEVIATION`: (channels, H, W), channels 1 to 3."""
+    keys = np.array(key_of(seed, stream), np.uint32)
+    rows, columns = np.indices(size, np.uint32, sparse=True)
+    bits = pcg3d(columns ^ keys[0], rows ^ keys[1], keys[2:3])[:channels]
+    numbers = np.stack(bits) >> np.uint32(32 - WHITE_BITS)
+    return 2 * numbers.astype(np.int32) + np.int32(1 - 2**WHITE_BITS)
+
+
+def split(white: Steps, levels: int) -> Steps:
+    """Split periodic noise (channels, H, W): (levels, 3 bands, channels, H, W).
 
     H and W must be multiples of ``2 ** (levels - 1)``, so that every level is periodic.
     """
-    kernels = fitted_kernels()
-    low, (height, width, channels) = white, white.shape
-    found = np.empty((levels, 3, channels, height, width))
-    for level in range(levels):
-        periodic = wrapped(low, 4)
-        for index, kernel in enumerate(kernels.bands()):
-            coefficients = band(periodic, kernel)[4:-4, 4:-4]
-            tile = _full_size(coefficients, level, index, kernels)
-            tile = tile / np.sqrt(np.maximum((tile**2).mean(axis=(0, 1)), 1e-12))
-            found[level, index] = tile.transpose(2, 0, 1)
-        low = halve(periodic, kernels)[2:-2, 2:-2]
-    return np.moveaxis(found, 1, -1)
+    taps = noise_taps()
+    lows = [white]
+    for _ in range(levels - 1):
+        lows.append(_filtered(lows[-1], taps.halving, step=2))
+    raised = np.empty((0, *lows[-1].shape), np.int32)  # from the coarsest level on
+    for low in reversed(lows):
+        coarse, raised = raised, np.empty((len(raised) + 3, *low.shape), np.int32)
+        _raise(coarse, raised[:-3], taps.raising)
+        soft = _filtered(low, taps.soft)
+        raised[-3] = _filtered(low, taps.high)
+        raised[-2] = _filtered(soft, taps.oriented)
+        raised[-1] = _filtered(soft, taps.oriented.T)
+    return raised.reshape(levels, 3, *white.shape)[::-1]
 
 
-def _full_size(
-    coefficients: NDArray[np.float64], level: int, index: int, kernels: Kernels
-) -> NDArray[np.float64]:
-    """Bring a level's coefficients of one band up, softened: (H, W, channels)."""
-    # Filters reach a pixel (bands, doubling) and three (softening): so far the tile is repeated.
-    image = band(wrapped(coefficients, 4), kernels.bands()[index][::-1, ::-1])
-    if BANDS[index] != "high":
-        image = softened(image, kernels)
-    image = image[4:-4, 4:-4]
-    for _ in range(level):
-        coarse = wrapped(image, 2)
-        finer = 2 * coarse.shape[0], 2 * coarse.shape[1]
-        image = softened(double(coarse, finer, kernels), kernels)[4:-4, 4:-4]
-    return image
+@dataclass(frozen=True, eq=False)
+class NoiseTaps:
+    """Filters in whole numbers, `TAP_BITS` behind the point.
+
+    `halving` (4, 4): the low-pass. `soft` (7, 7): the low-pass there and, so that nothing moves,
+    back. `high`, `oriented` (5, 5): a band's filter there and back, and so of zero sum; along y the
+    transpose. `raising` (5, 5): what an even pixel of even row takes of the coarser ones around its
+    own, doubled and softened; of odd pixels or rows the mirror image.
+    """
+
+    halving: Steps
+    soft: Steps
+    high: Steps
+    oriented: Steps
+    raising: Steps
 
 
-def wrapped(tile: NDArray[np.float64], margin: int) -> NDArray[np.float64]:
-    """Go on with a periodic (H, W, channels) by `margin` pixels on every side."""
-    return np.pad(tile, ((margin, margin),) * 2 + ((0, 0),), mode="wrap")
+def softening() -> NDArray[np.float64]:
+    """The low-pass there and back: (7, 7)."""
+    low = fitted_kernels().low
+    return _spread(low, low)
 
 
-def softened(image: NDArray[np.float64], kernels: Kernels) -> NDArray[np.float64]:
-    """Pass the low-pass at full rate and, so that nothing moves, mirrored: (H, W, channels)."""
-    height, width = image.shape[:2]
-    corner, edge, inner = kernels.low[0, 0], kernels.low[0, 1], kernels.low[1, 1]
-    for before in (1, 2):  # the kernel is its own mirror image: only its place changes
-        padded = np.pad(image, ((before, 3 - before),) * 2 + ((0, 0),), mode="edge")
-        outer = padded[:, :width] + padded[:, 3 : 3 + width]
-        middle = padded[:, 1 : 1 + width] + padded[:, 2 : 2 + width]
-        first, second = corner * outer + edge * middle, edge * outer + inner * middle
-        image = first[:height] + first[3 : 3 + height]
-        image += second[1 : 1 + height]
-        image += second[2 : 2 + height]
-    return image
+def noise_taps() -> NoiseTaps:
+    """Make the filters from the pyramid's."""
+    kernels, soft = fitted_kernels(), softening()
+    return NoiseTaps(
+        _whole(HALVING_GAIN * kernels.low),
+        _whole(SOFT_GAIN * soft),
+        _balanced(_whole(_spread(kernels.high, kernels.high[::-1, ::-1]))),
+        _balanced(_whole(ORIENTED_GAIN * _spread(kernels.oriented, kernels.oriented[::-1, ::-1]))),
+        _whole(_spread(4 * kernels.low, soft)[8::-2, 8::-2]),
+    )
+
+
+def _spread(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convolve two kernels."""
+    height, width = second.shape
+    found = np.zeros(np.add(first.shape, second.shape) - 1)
+    for (row, column), tap in np.ndenumerate(first):
+        found[row : row + height, column : column + width] += tap * second
+    return found
+
+
+def _whole(kernel: NDArray[np.float64]) -> Steps:
+    return np.rint(2.0**TAP_BITS * kernel).astype(np.int32)
+
+
+def _balanced(taps: Steps) -> Steps:
+    """Take from the middle tap what rounding left of a zero sum."""
+    taps[len(taps) // 2, len(taps) // 2] -= taps.sum()
+    return taps
+
+
+def _filtered(image: Steps, taps: Steps, step: int = 1) -> Steps:
+    """Correlate a periodic (..., H, W), keep every `step`-th pixel, and divide, rounded."""
+    height, width = image.shape[-2:]
+    before = (len(taps) - 1) // 2
+    margins = ((0, 0),) * (image.ndim - 2) + ((before, len(taps) - 1 - before),) * 2
+    padded = np.pad(image, margins, mode="wrap")
+    total = np.full((*image.shape[:-2], height // step, width // step), 1 << TAP_BITS - 1, np.int32)
+    part = np.empty_like(total)
+    for row, column in np.argwhere(taps):
+        near = padded[..., row : row + height : step, column : column + width : step]
+        total += np.multiply(near, taps[row, column], out=part)
+    total >>= TAP_BITS
+    return total
+
+
+def _raise(coarse: Steps, fine: Steps, taps: Steps) -> None:
+    """Bring a periodic (..., H, W) up into `fine`, twice as large: doubled and softened."""
+    if not coarse.size:
+        return
+    for row in (0, 1):
+        for column in (0, 1):
+            own = taps[:: 1 - 2 * row, :: 1 - 2 * column]
+            fine[..., row::2, column::2] = _filtered(coarse, own)
 
 
 def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import analyse, band, double, fitted_kernels
+from pipeline.noise.tile import white_noise
 
 TILE = 256  # edge of the tile, pixels; a power of two
 
@@ -24,12 +25,10 @@ def printed_noise(seed: int, levels: int) -> NDArray[np.float32]:
     ndarray of float32, shape (levels, TILE, TILE, 3 bands, 3 channels)
         Full-size images of each band alone, periodic; channels are independent.
     """
-    # Philox's raw bits are specified; a library's normal deviates might change.
-    bits = np.random.Philox(key=seed).random_raw(TILE * TILE * 3)
-    white = ((bits >> 11).astype(np.float64) * 2.0**-53 - 0.5) * np.sqrt(12.0)
+    white = white_noise(seed, (TILE, TILE), 3)
     # As far as the filters of the coarsest level reach, there and back.
     pad = 4 << levels
-    periodic = np.pad(white.reshape(TILE, TILE, 3), ((pad, pad), (pad, pad), (0, 0)), mode="wrap")
+    periodic = np.pad(white, ((pad, pad), (pad, pad), (0, 0)), mode="wrap")
     kernels = fitted_kernels()
     bands = analyse(periodic, levels, kernels).bands
     images = []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, grained
 from pipeline.noise.gains import UNSEEN_VARIANCE
 from pipeline.noise.mixing import LAGS
-from pipeline.noise.tile import NoiseBands, between, look_up, split, white_noise
+from pipeline.noise.tile import NoiseBands, between, look_up, split, unit, white_steps
 from pipeline.textures.layout import Layout
 
 Floats = NDArray[np.float64]
@@ -95,9 +95,9 @@ def _tile(seed: int, columns: int) -> Bytes:
     """Noise of a level, `TILE` rows of so many coefficients: (4 * TILE, 4 * columns, 3)."""
     # The second level of a pyramid, brought up once, and texels between: four a coefficient.
     copies = -(-8 // columns)  # filters reach farther than a tiny tile: it is repeated first
-    white = white_noise(seed, (NOISE_PER_TEXEL * TILE, NOISE_PER_TEXEL * columns), 3)
-    bands = split(np.tile(white, (1, copies, 1)), 2)[1]
-    own = np.stack([bands[band, :, : NOISE_PER_TEXEL * columns, band] for band in range(3)])
+    white = white_steps(seed, (NOISE_PER_TEXEL * TILE, NOISE_PER_TEXEL * columns), 3)
+    bands = split(np.tile(white, (1, 1, copies)), 2)[1]
+    own = np.stack([unit(bands[band, band, :, : NOISE_PER_TEXEL * columns]) for band in range(3)])
     dense = between(between(own, 1), 2)
     steps = np.rint(grained(np.moveaxis(dense, 0, -1)).astype(np.float64) / GRAIN)
     return np.ascontiguousarray(steps.clip(-MOST_STEPS, MOST_STEPS), np.int8)

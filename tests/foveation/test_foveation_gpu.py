@@ -11,7 +11,6 @@ from skimage import data
 
 from benchmarks.dispatches import dispatches_of
 from pipeline.errors import InputError
-from pipeline.foveation import gpu
 from pipeline.foveation.conditions import Foveator, foveate
 from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
 from pipeline.foveation.displacement_gpu import DisplacementPass
@@ -21,8 +20,8 @@ from pipeline.foveation.look import Look
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.gl import passes as gl_passes
 from pipeline.gl.texture import create_texture, read_back, texture_from
+from pipeline.noise.gpu import NoisePass
 from stimuli.choice import Choice
 from stimuli.foveated.look_through import look_through
 
@@ -197,7 +196,7 @@ def test_fovea_bits_are_the_pictures_on_gpu(run, carried):
 @pytest.mark.parametrize("edge", [128, 200])
 def test_passes_are_two_per_halving_and_one(gl_context, edge):
     geometry = Flat(40).of(edge, edge)
-    made = MetamerPass(gl_context, geometry, MetamerSettings())
+    made = MetamerPass(gl_context, geometry, MetamerSettings(), seed=0)
     source, target = (create_texture(gl_context, (edge, edge), "rgba32f") for _ in range(2))
     halvings = int(np.ceil(np.log2(edge))) - 3
     found = dispatches_of(lambda: made(source, target, (edge / 2, edge / 2)))
@@ -390,14 +389,14 @@ def test_the_last_picture_is_as_any_other_and_all_else_is_freed_before(gl_contex
 
 
 def test_noise_is_made_before_passes_take_memory(gl_context, monkeypatch):
-    """It needs as much for a while as pictures of 2 megapixels hold."""
+    """It needs 54 bytes a pixel for a while."""
     events = []
 
     def noted(word, work):
         return lambda *given, **named: (events.append(word), work(*given, **named))[1]
 
-    monkeypatch.setattr(gl_passes, "create_texture", noted("memory", gl_passes.create_texture))
-    monkeypatch.setattr(gpu, "screen_noise", noted("noise", gpu.screen_noise))
+    monkeypatch.setattr(MetamerPass, "_analysis", noted("memory", MetamerPass._analysis))
+    monkeypatch.setattr(NoisePass, "_raised", noted("noise", NoisePass._raised))
     foveate(photograph((40, 48)), (5, 5), seed=1, ctx=gl_context)
     look_through(photograph((40, 48)), (5, 5), Flat(40), [Choice("metamer")], ctx=gl_context)
     assert [event for event, _ in itertools.groupby(events)] == ["noise", "memory"] * 2

@@ -151,7 +151,7 @@ def test_the_same_seed_is_bit_identical_and_another_is_uncorrelated():
     assert (first == again).all()
     far = pools.eccentricity_deg() > 5
     correlation = np.corrcoef(first[far][:, 0], other[far][:, 0])[0, 1]
-    assert abs(correlation) < 0.05
+    assert abs(correlation) < 0.2  # four deviations of it: coarse noise has few places
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0, 1.5])
