@@ -3,7 +3,8 @@
 Conditions take turns, so that what else the machine does meets all alike; ratios are turn by turn.
 What the CPU does, a software renderer's work as well, is counted in CPU time, over all cores: what
 other programs take is no time of its.
-"Held" is what a new gaze at the same picture takes, beside the blur that is held alike.
+"Held" is what a new gaze at the same picture takes, beside the blur that is held alike; "new seed"
+is the noise that a seed's first frame waits for.
 Analysis and synthesis are told apart by the passes' own times (Beyond Blur's Fig. 8).
 odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is installed.
 """
@@ -46,6 +47,8 @@ LARGEST_TWIN_EDGE = 1024  # beyond it the numpy twin of what the GPU does is not
 LARGEST_SLOW_EDGE = 4096  # beyond it what only numpy makes takes many minutes
 LARGEST_ODAK_EDGE = 1024
 HELD = ", held"  # of a picture that was analysed before
+NEW_SEED = ", new seed"  # what it makes, before the first frame
+SEEDED = ("metamer", "eidolon")
 PULL = "pull.comp.glsl"  # the shader of the analysis
 SHARED_RUNS = 3  # of which the least time of each dispatch counts
 TILE = 8
@@ -145,11 +148,40 @@ def time_gpu(
         )
         for name, passes in made.items()
     ]
+    lines += [new_seed(ctx, edge_px, name, made[name], repeats) for name in SEEDED if name in made]
     for foveator in foveators:
         foveator.release()
     for thing in (source, target, copy):
         thing.release()
     return lines
+
+
+def new_seed(
+    ctx: moderngl.Context, edge_px: int, name: str, passes: FoveationPass, repeats: int
+) -> Line:
+    """Time what a new seed makes: noise, or the noise of a field."""
+    seeds = itertools.count(1)
+
+    def work() -> None:
+        passes.set_seed(next(seeds))
+
+    work()
+    times, cpu_times = [], []
+    for _ in range(repeats):
+        cpu_s = time.process_time()
+        times.append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
+        cpu_times.append(1e3 * (time.process_time() - cpu_s))
+    cpu_ms = statistics.median(cpu_times) if describe(ctx).software else None
+    return Line(
+        edge_px,
+        name + NEW_SEED,
+        "gpu",
+        statistics.median(times),
+        min(times),
+        cpu_ms,
+        passes=len(dispatches_of(work)),
+        held_bytes=passes.held_bytes,
+    )
 
 
 def analysis_share(ctx: moderngl.Context, work: Callable[[], None], repeats: int) -> float:
