@@ -234,4 +234,4 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels, disc
     colour = (stages.base + added @ RGB_FROM_YCBCR.T).clip(0, 1)
     tolerance = noise_tolerance(run, lacking, guide, fill.anchor_px)
     assert (np.abs(stages.filled - colour) <= tolerance)[hole].all()
-    assert np.median(tolerance[hole]) < 2.0**-10  # a bound that bounds something
+    assert np.median(tolerance[hole]) < 2.0**-9  # a bound that bounds something
