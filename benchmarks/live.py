@@ -23,7 +23,8 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
 from protocols.revision import code_revision
 from stimuli.choice import Choice
-from study_app.cli.live_renderer import FoveatingRenderer, Source, live_methods
+from pipeline.foveation.conditions import LIVE
+from study_app.cli.live_renderer import FoveatingRenderer, Source
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import LiveLoop
 from study_app.live.renderer import Look, View
@@ -137,7 +138,7 @@ def main(argv: list[str]) -> int:
     """Print a table; with ``--json FILE`` also write it."""
     parser = argparse.ArgumentParser(prog="benchmarks.live", description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="edges in pixels")
-    parser.add_argument("--methods", nargs="+", default=live_methods(), choices=live_methods())
+    parser.add_argument("--methods", nargs="+", default=LIVE, choices=LIVE)
     parser.add_argument("--seconds", type=float, default=5.0, help="for each")
     parser.add_argument("--hz", type=float, default=60.0, help="refresh rate")
     parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")

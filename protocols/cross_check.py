@@ -93,6 +93,14 @@ def _rules(sections: Mapping[str, object]) -> Iterator[Problem]:
                     f"response.{actions[-1]}",
                     f"a key must do one thing (got {key!r} in {' and '.join(actions)})",
                 )
+    stimuli = sections.get("stimuli")
+    if isinstance(stimuli, Recipe) and stimuli.follows_gaze:
+        if isinstance(gaze, Gaze) and gaze.mode == "none":
+            yield Problem(
+                "gaze.mode",
+                "must watch gaze where pictures follow it (got 'none'); write 'enforce', so that an"
+                " eye that is lost for longer than blink_s makes a trial void, or 'monitor'",
+            )
     trial = sections.get("trial")
     if isinstance(trial, TrialTiming) and trial.fixation_timeout_s <= trial.fixation_s:
         yield Problem(

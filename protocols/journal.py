@@ -14,6 +14,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from pydantic import AfterValidator, Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.hashing import canonical_json
+from protocols.latency import LiveFrames
 from protocols.units import (
     Count,
     Grown,
@@ -356,12 +357,17 @@ class Attempt(Event, Grown):
     flips_file: SideFile | None
     """Every flip: CSV with flip (number), t_s, interval_s, refreshes, kind, late_s, evidence,
     phase, clip_frame, frame_sha256. For several stimuli at once the last two hold one entry each,
-    separated by a space."""
+    separated by a space. Of trials with stimuli that follow the gaze also gaze_x_px, gaze_y_px,
+    field_x_px, field_y_px (pixels of the stimulus), age_s (sample to flip), eye, seed,
+    drawn_sha256 (of the picture's hash, place, method and parameters), and of the last frame of
+    each stimulus pixels_sha256 and grid (some of them, Base64)."""
     further: tuple[FurtherAnswer, ...] = ()
     """Answers to all other questions of the trial, in their order. Left out where there are none,
     as in a void attempt."""
+    live: LiveFrames | None = None
+    """How old gaze was in frames that were drawn to it. Left out where there were none."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("further",)
+    added_later: ClassVar[tuple[str, ...]] = ("further", "live")
 
     @property
     def refreshes(self) -> int:

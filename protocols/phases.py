@@ -41,6 +41,15 @@ class Clip:
 
 
 @dataclass(frozen=True)
+class Live:
+    """A still of the trial that is drawn to the gaze, frame by frame."""
+
+    stimulus: int
+    x_deg: float = 0.0
+    y_deg: float = 0.0
+
+
+@dataclass(frozen=True)
 class Optotype:
     """A Landolt ring after ISO 8596: gap and stroke are a fifth of its height."""
 
@@ -89,7 +98,7 @@ def rgba_sha256(width_px: int, height_px: int, rgba: bytes) -> str:
     return hashlib.sha256(f"{width_px}x{height_px}".encode() + rgba).hexdigest()
 
 
-Drawable: TypeAlias = Fixation | Image | Clip | Optotype | Bar | QuestionText | Bitmap
+Drawable: TypeAlias = Fixation | Image | Clip | Live | Optotype | Bar | QuestionText | Bitmap
 """What a flip can show; a phase that draws nothing is blank. What is none of these is refused:
 a task of your own draws it as a `Bitmap`."""
 

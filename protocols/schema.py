@@ -143,6 +143,11 @@ class StudyProtocol(Grown):
         StudyError
             If the study does not say that this is meant.
         """
+        if self.stimuli.follows_gaze:
+            raise StudyError(
+                f"stimuli.live: {self.study.name!r} has pictures that follow the gaze, and a browser"
+                " watches none; run it at a desk, or leave live out"
+            )
         if self.web is not None:
             return self.model_copy(update={"gaze": self.gaze.model_copy(update={"mode": "none"})})
         watched = (

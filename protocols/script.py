@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from enum import Enum
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Annotated, Literal, TypeAlias, assert_never, get_args
+from typing import Annotated, ClassVar, Literal, TypeAlias, assert_never, get_args
 
 from pydantic import Field, ValidationError, WithJsonSchema, model_validator
 
@@ -28,10 +28,22 @@ from protocols.journal import TrialId
 from protocols.manifest import Manifest
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
+from protocols.recipes.base import LiveMethod
 from protocols.schema import StudyProtocol
 from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
-from protocols.units import Count, Hertz, LanguageCode, Model, Name, Pixels, Positive, Sha256, Text
+from protocols.units import (
+    Count,
+    Grown,
+    Hertz,
+    LanguageCode,
+    Model,
+    Name,
+    Pixels,
+    Positive,
+    Sha256,
+    Text,
+)
 from protocols.viewing import Viewing
 from protocols.wording import fill, key_label, unknown_placeholders
 
@@ -42,7 +54,13 @@ Size: TypeAlias = tuple[Pixels, Pixels]
 Rect: TypeAlias = tuple[int, int, Count, Count]
 """Left, top, width, height."""
 ShownAlone: TypeAlias = (
-    phases.Fixation | phases.Image | phases.Clip | phases.Optotype | phases.Bar | phases.Bitmap
+    phases.Fixation
+    | phases.Image
+    | phases.Clip
+    | phases.Live
+    | phases.Optotype
+    | phases.Bar
+    | phases.Bitmap
 )
 _COMMON = ("fixate", "respond", "feedback", ITI)
 _BOUNDS = {
@@ -147,6 +165,24 @@ class Frames(Model):
         return frame if frame < self.last else self.last
 
 
+class Live(Model):
+    """One of the trial's stimuli, drawn to the gaze frame by frame, by what the stimulus says."""
+
+    kind: Literal["live"] = "live"
+    stimulus: Count
+    """Which of the trial's stimuli, from 0."""
+    at: Place
+
+    @property
+    def crop(self) -> Rect | None:
+        """None: all of it is shown."""
+        return None
+
+    def frame(self, _refreshes: int) -> int:
+        """Return which frame of the stimulus is drawn from: a still has one."""
+        return 0
+
+
 class Picture(Model):
     """A picture that Python makes beforehand, drawn over what is there."""
 
@@ -174,7 +210,7 @@ class Fill(Model):
     grey: Grey
 
 
-Entry: TypeAlias = Annotated[Frames | Picture | Fill, Field(discriminator="kind")]
+Entry: TypeAlias = Annotated[Frames | Live | Picture | Fill, Field(discriminator="kind")]
 """All that a stage must be able to draw."""
 
 
@@ -250,7 +286,7 @@ class ScriptPhase(Model):
     reason why it is void, or `warned`."""
 
 
-class ScriptStimulus(Model):
+class ScriptStimulus(Grown):
     """One of the trial's stimuli."""
 
     name: Text
@@ -258,6 +294,10 @@ class ScriptStimulus(Model):
     sha256: Sha256
     """Of the hashes of its frames."""
     frames: Positive
+    live: LiveMethod | None = None
+    """What draws it to the gaze. Left out where its frames are shown as they are."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("live",)
 
 
 class TrialScript(Model):
@@ -320,6 +360,11 @@ class TrialScript(Model):
                     f"{where}: has a time-out and asks nothing; leave it out, or give it the"
                     " question that it asks"
                 )
+            if sum(isinstance(entry, Live) for entry in phase.show) > 1:
+                raise ValueError(
+                    f"{where}: one live picture at most fits into a refresh; show them one after"
+                    " the other"
+                )
             if phase.gate_frames is not None and (phase.frames is None or phase.question):
                 raise ValueError(
                     f"{where}: a phase that waits for gaze must have frames and ask nothing; ask in"
@@ -374,10 +419,10 @@ class TrialScript(Model):
         return max(index for index, phase in enumerate(self.phases) if phase.watched)
 
     @cached_property
-    def frames(self) -> tuple[tuple[Frames, ...], ...]:
+    def frames(self) -> tuple[tuple[Frames | Live, ...], ...]:
         """What of the trial's stimuli each phase shows."""
         return tuple(
-            tuple(entry for entry in phase.show if isinstance(entry, Frames))
+            tuple(entry for entry in phase.show if isinstance(entry, Frames | Live))
             for phase in self.phases
         )
 
@@ -557,6 +602,7 @@ class Scripts:
             (clip.width_px, clip.height_px) if clip else study.stimuli.size_px(display)
         )
         self.dot = fixation_target(study, display)
+        self.live = study.stimuli.live_methods()
         self.made: dict[tuple[tuple[str, ...], bool], TrialScript] = {}
 
     def of(self, trial: PlannedTrial) -> TrialScript:
@@ -566,7 +612,12 @@ class Scripts:
             self.made[kind] = self.script(*kind)
         clips = [self.manifest.clip(name) for name in trial.stimuli] if self.manifest else []
         stimuli = tuple(
-            ScriptStimulus(name=clip.name, sha256=clip.sha256, frames=len(clip.frames_sha256))
+            ScriptStimulus(
+                name=clip.name,
+                sha256=clip.sha256,
+                frames=len(clip.frames_sha256),
+                live=self.live.get(clip.name),
+            )
             for clip in clips
         )
         return self.made[kind].model_copy(
@@ -676,7 +727,7 @@ class Scripts:
                 {self.language: self.texts.question},
                 {self.language: tuple(self.texts.answers[answer] for answer in answers)},
             )
-        shown: list[Frames | Picture | Fill] = []
+        shown: list[Entry] = []
         for entry in phase.show:
             if type(entry) not in get_args(Drawable):
                 known = ", ".join(one.__name__ for one in get_args(Drawable))
@@ -727,7 +778,7 @@ class Scripts:
         names = tuple(key_label(keys[0], self.texts.key_names) for keys in asks.keys if keys)
         return text_picture(self.study, self.display, text, tuple(labels), names)
 
-    def entry(self, entry: ShownAlone, phase: phases.Phase) -> Frames | Picture | Fill:
+    def entry(self, entry: ShownAlone, phase: phases.Phase) -> Entry:
         """Return a drawable in pixels."""
         kind = type(entry).__name__
         for name, (low, high) in _BOUNDS.items():
@@ -740,13 +791,20 @@ class Scripts:
                 )
         width, height = self.stimulus_px
         count = self.study.task.stimuli_per_trial
-        if isinstance(entry, phases.Image | phases.Clip) and not 0 <= entry.stimulus < count:
+        of_trial = phases.Image | phases.Clip | phases.Live
+        if isinstance(entry, of_trial) and not 0 <= entry.stimulus < count:
             raise _wrong(
                 phase,
                 f"must show one of the trial's {count} stimuli, counted from 0 (got"
                 f" {entry.stimulus}); name such a one, or raise stimuli_per_trial",
             )
+        follows = self.study.stimuli.follows_gaze
+        if isinstance(entry, of_trial) and isinstance(entry, phases.Live) != follows:
+            said = "follow the gaze: show them as Live" if follows else "do not follow the gaze"
+            raise _wrong(phase, f"stimuli of this study {said} (got {kind}), or take another task")
         match entry:
+            case phases.Live(stimulus=number, x_deg=x_deg, y_deg=y_deg):
+                return Live(stimulus=number, at=self.place(x_deg, y_deg, width, height))
             case phases.Image(stimulus, x_deg, y_deg, half):
                 if half not in (None, "left", "right"):
                     raise _wrong(
@@ -787,14 +845,14 @@ class Scripts:
         x, y = math.floor(x_px - width / 2 + 1e-6), math.floor(y_px - height / 2 + 1e-6)
         return _from_middle(self.display, x, y)
 
-    def dot_shows(self, shown: list[Frames | Picture | Fill]) -> bool:
+    def dot_shows(self, shown: list[Entry]) -> bool:
         """Return whether the target stands beside the stimuli of its phase, or is drawn over."""
         timing, (width, height) = self.study.trial, self.stimulus_px
         x_px, y_px = self.viewing.to_px(timing.fixation_x_deg, timing.fixation_y_deg)
         x, y = x_px - self.display.width_px // 2, y_px - self.display.height_px // 2
         reach = self.dot.size_px[0] // 2
         for entry in shown if not timing.dot_over_clips else ():
-            if isinstance(entry, Frames):
+            if isinstance(entry, Frames | Live):
                 left = entry.at[0] - (entry.crop[0] if entry.crop else 0)
                 over = left - reach < x < left + width + reach
                 if over and entry.at[1] - reach < y < entry.at[1] + height + reach:

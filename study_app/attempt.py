@@ -60,12 +60,45 @@ class Log:
     """What came between participant and display, if it voided the attempt."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Watcher:
-    """A gaze source with the rules that judge it."""
+    """A gaze source with the rules that judge it. Two read it, each all: trials, and live frames.
+
+    Attributes
+    ----------
+    seen : GazeSample or None
+        The newest sample that saw the eye.
+    """
 
     source: GazeSource
     monitor: FixationMonitor
+    seen: GazeSample | None = None
+    _early: list[GazeSample] = field(default_factory=list)
+    """Live frames had them, the trial did not yet."""
+    _newest: GazeSample | None = None
+    """The trial had it, live frames did not yet."""
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the newest samples, for a live frame; the trial gets them too. Never waits."""
+        new = self._new()
+        self._early += new
+        before, self._newest = self._newest, None
+        return new or ((before,) if before is not None else ())
+
+    def taken(self) -> Sequence[GazeSample]:
+        """Return all samples since the last call, for the trial. Never waits."""
+        new = self._new()
+        if new:
+            self._newest = new[-1]
+        if not self._early:
+            return new
+        early, self._early = self._early, []
+        return [*early, *new]
+
+    def _new(self) -> Sequence[GazeSample]:
+        new = self.source.poll()
+        self.seen = next((sample for sample in reversed(new) if sample.valid), self.seen)
+        return new
 
     def stays_silent(self, stage: Stage, silence_s: float) -> bool:
         """Wait between two attempts for a source that fell silent; return whether it stays so."""
@@ -73,7 +106,7 @@ class Watcher:
             if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
                 return True
             stage.show(Picture(BLANK, rests=True))
-            self.monitor.feed(self.source.poll())
+            self.monitor.feed(self.taken())
         return False
 
 
@@ -181,7 +214,7 @@ def _read_keys(
 def _read_gaze(watcher: Watcher | None, stage: Stage, log: Log, *, recording: bool) -> Watch:
     if watcher is None:
         return Watch.HELD
-    samples = watcher.source.poll()
+    samples = watcher.taken()
     if recording:
         log.samples.extend(samples)
     watcher.monitor.feed(samples)

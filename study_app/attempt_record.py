@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 from protocols.journal import Attempt, FurtherAnswer, Phase, ShownStimulus
+from protocols.latency import LiveFrames
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import GazeMode, TrialScript
 from study_app.attempt import Flipped, Log
 from study_app.gaze.source import GazeSample
+from study_app.live.in_trials import Kept, LiveFrame, live_entries
 from study_app.recorder import Recorder
 from study_app.trial import Trial
 
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
+LIVE_HEADER = (
+    ",gaze_x_px,gaze_y_px,field_x_px,field_y_px,age_s,eye,seed,drawn_sha256,pixels_sha256,grid"
+)
+"""Of attempts with stimuli that follow the gaze: places are pixels of the stimulus."""
 _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
 
 
@@ -27,6 +34,7 @@ def attempt_event(
     script: TrialScript,
     manifest: Manifest,
     recorder: Recorder,
+    kept: Mapping[int, Kept],
     *,
     store_gaze: bool,
 ) -> Attempt:
@@ -44,7 +52,7 @@ def attempt_event(
             f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.start_s)
         )
     flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(planned, log, script, manifest, recorder.start_s)
+        f"flips/{stem}", ".csv", _flips_csv(planned, log, script, manifest, recorder.start_s, kept)
     )
     given = dict(log.given) if trial.completed else {}
     first = given.pop(STUDY_QUESTION.name, None)
@@ -74,11 +82,17 @@ def attempt_event(
         gaze=log.quality if script.gaze is not GazeMode.NONE else None,
         gaze_file=gaze_file,
         flips_file=flips_file,
+        live=_live(log) if live_entries(script) else None,
         further=tuple(
             FurtherAnswer(question=name, answer=one.answer, key=one.press.key, rt_s=one.rt_s)
             for name, one in given.items()
         ),
     )
+
+
+def _live(log: Log) -> LiveFrames:
+    flips = [shown.live.flip for shown in log.shown if shown.live is not None]
+    return LiveFrames.of((flip.eye, flip.age_s) for flip in flips)
 
 
 def _shown(
@@ -142,10 +156,12 @@ def _flips_csv(
     script: TrialScript,
     manifest: Manifest,
     start_s: float,
+    kept: Mapping[int, Kept],
 ) -> bytes:
     hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
     names = [phase.name for phase in script.phases]
-    lines = [FLIPS_HEADER + "\n"]
+    is_live = bool(live_entries(script))
+    lines = [FLIPS_HEADER + (LIVE_HEADER if is_live else "") + "\n"]
     before_s: float | None = None
     for (index, frames, flip), shown in zip(log.flips, log.shown, strict=True):
         t_s, refreshes, kind, late_s = flip
@@ -155,7 +171,17 @@ def _flips_csv(
         lines.append(
             f"{shown.number},{t_s - start_s:.6f},{interval},{refreshes},{kind},"
             f"{round(late_s, 6) + 0.0:.6f},{shown.evidence},{names[index]},"
-            f"{numbers},{digests}\n"
+            f"{numbers},{digests}{_live_columns(shown.live, kept) if is_live else ''}\n"
         )
         before_s = t_s
     return "".join(lines).encode("ascii")
+
+
+def _live_columns(live: LiveFrame | None, kept: Mapping[int, Kept]) -> str:
+    if live is None:
+        return "," * LIVE_HEADER.count(",")
+    flip, look = live.flip, live.flip.look
+    places = ",".join(map(repr, (*look.gaze_px, *look.field_px)))
+    age = "" if math.isnan(flip.age_s) else f"{flip.age_s:.6f}"
+    some = ",".join(kept.get(flip.number, ("", "")))
+    return f",{places},{age},{flip.eye},{look.seed},{live.sha256},{some}"

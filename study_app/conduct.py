@@ -171,6 +171,7 @@ class _Conductor:
                 polled=info.polled,
             )
             self._watcher = Watcher(gaze, monitor)
+            stage.follow(self._watcher, polled=info.polled)
         self._gaze_check = None
         if validate is not None and self._watcher is not None:
             self._gaze_check = GazeCheck(validate, self._protocol, recorder, stage)
@@ -301,6 +302,7 @@ class _Conductor:
                 script,
                 setting.manifest,
                 self._recorder,
+                self._stage.kept(),
                 store_gaze=self._protocol.privacy.store_gaze,
             )
             self._recorder.append(event)

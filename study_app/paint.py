@@ -22,6 +22,7 @@ from protocols.script import (
     Drawn,
     Fill,
     Frames,
+    Live,
     Picture,
     Place,
     Ring,
@@ -177,7 +178,8 @@ def paint(
     Parameters
     ----------
     stimuli : mapping
-        Frames of the trial's stimuli, shape (height, width, 3), by number.
+        Frames of the trial's stimuli, shape (height, width, 3), by number; of one that follows the
+        gaze the one frame as it was drawn.
     notice : Picture, optional
         One of those that may follow, drawn first.
     """
@@ -191,6 +193,8 @@ def paint(
                     left, top, width, height = crop
                     frame = frame[top : top + height, left : left + width]
                 lay(screen, frame, at)
+            case Live(stimulus=stimulus, at=at):
+                lay(screen, stimuli[stimulus][0], at)
             case Picture(of=of, at=at):
                 lay(screen, drawn(of, bitmaps), at)
             case Fill(rect=(left, top, width, height), grey=grey):

@@ -24,8 +24,10 @@ from protocols.recipes.base import SCENE
 from protocols.schema import StudyProtocol
 from protocols.script import (
     Drawn,
+    Entry,
     Fill,
     Frames,
+    Live,
     Picture,
     Place,
     ScriptPhase,
@@ -244,7 +246,7 @@ class _Maker:
     def _ms(self, refreshes: int | None) -> float | None:
         return None if refreshes is None else 1000 * refreshes / self._display.refresh_hz
 
-    def _shown(self, entry: Frames | Picture | Fill, script: TrialScript) -> dict[str, Any]:
+    def _shown(self, entry: Entry, script: TrialScript) -> dict[str, Any]:
         """Return what one entry of a phase is, says and covers."""
         match entry:
             case Frames(stimulus=stimulus, every=every, at=at, crop=crop):
@@ -259,6 +261,17 @@ class _Maker:
                     "each": every,
                     "whole": self._box((at[0] - left, at[1] - top), script.stimulus_px),
                     **self._box(at, (size[0], size[1])),
+                }
+            case Live(stimulus=stimulus, at=at):
+                name = script.stimuli[stimulus].name if script.stimuli else ""
+                box = self._box(at, script.stimulus_px)
+                return {
+                    "kind": "stimulus",
+                    "says": f"{name or 'a stimulus'}, which follows the gaze (here undrawn)",
+                    "name": name,
+                    "each": 0,
+                    "whole": box,
+                    **box,
                 }
             case Picture(of=of, at=at, size_px=size_px):
                 kind, says = _KINDS[of.kind]

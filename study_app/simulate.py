@@ -202,6 +202,7 @@ def _stage(
         return _faults(simulation, flips, rng)
 
     stage = VirtualStage(clock, display.refresh_hz, observer, on_prepare=on_prepare)
+    stage.show_live(display, simulation.shown)
     return stage, gaze
 
 

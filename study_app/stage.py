@@ -6,13 +6,14 @@ session, the trial machine and the recorder are the same over both.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from protocols.plan import PlannedTrial
 from protocols.script import Picture as Notice
 from protocols.script import ScriptPhase, TrialScript
+from study_app.live.in_trials import Kept, LiveFrame, SessionGaze
 
 
 class KeyPress(NamedTuple):
@@ -35,6 +36,8 @@ class Shown(NamedTuple):
     """Of the flip, from 0 where the window opened: what the frame strip says."""
     evidence: str
     """What vouches for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
+    live: LiveFrame | None = None
+    """What was drawn to the gaze, and to which; None: nothing was."""
 
 
 class Picture(NamedTuple):
@@ -97,6 +100,15 @@ class Stage(Protocol):
 
     def show(self, picture: Picture) -> Shown:
         """Draw, flip, and return what is known of the flip. No disk, no decoding."""
+
+    def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
+        """Say whose gaze live pictures follow; `polled`: as `SourceInfo.polled`."""
+
+    def kept(self) -> Mapping[int, Kept]:
+        """Return what is kept of an attempt's live frames, by `LiveFrame.flip.number`.
+
+        Called while nothing moves: reading pixels back takes longer than a refresh.
+        """
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that went down since the last call. Never waits."""

@@ -10,12 +10,21 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
+from protocols.display import Display
+from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import Question, TrialScript
+from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entry
+from study_app.live.renderer import Look, Studio
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+
+if TYPE_CHECKING:  # sessions without a screen load no graphics
+    import moderngl
+    import numpy as np
+    from numpy.typing import NDArray
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Wall clock of simulated sessions when their virtual clock reads 0."""
@@ -121,6 +130,10 @@ class VirtualStage:
         self._flips = 0
         self._number = 0
         self._pending: list[KeyPress] = []
+        self._live: LiveShow | None = None
+        self._pixels_of: Callable[[str], NDArray[np.uint8] | None] = lambda _name: None
+        self._last: Picture | None = None
+        self._stamp_s = math.nan
         self.pictures: list[tuple[float, Picture]] | None = None
         """Set to a list to have every flip's stamp and picture kept."""
 
@@ -133,8 +146,29 @@ class VirtualStage:
         """Return the virtual clock."""
         return self._clock()
 
-    def prepare(self, trial: PlannedTrial, _script: TrialScript, attempt: int, /) -> None:
-        """Nothing to load; a new attempt begins."""
+    def show_live(
+        self,
+        display: Display,
+        manifest: Manifest,
+        studio: Studio | None = None,
+        pixels_of: Callable[[str], NDArray[np.uint8] | None] = lambda _name: None,
+    ) -> None:
+        """Have stimuli that follow the gaze, drawn where there are a studio and pixels."""
+        self._live, self._pixels_of = LiveShow(self, display, manifest, studio), pixels_of
+
+    def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
+        """Say whose gaze live pictures follow."""
+        if self._live is not None:
+            self._live.follow(gaze, polled=polled)
+
+    def kept(self) -> Mapping[int, Kept]:
+        """Return what is kept of live frames."""
+        return {} if self._live is None else self._live.kept()
+
+    def prepare(self, trial: PlannedTrial, script: TrialScript, attempt: int, /) -> None:
+        """Nothing to load, but what follows the gaze; a new attempt begins."""
+        if self._live is not None:
+            self._live.prepare(script, lambda n: self._pixels_of(script.stimuli[n].name))
         self._asked, self._flips = Asked(self._observer, trial, attempt), 0
         self._pending.clear()
         self._faults = self._on_prepare(trial, attempt)
@@ -148,6 +182,30 @@ class VirtualStage:
 
     def show(self, picture: Picture) -> Shown:
         """Wait for the next refresh of the grid, or do what the planted fault says."""
+        entry, before, self._last, live = live_entry(picture.phase), self._last, picture, None
+        if entry is not None and self._live is not None:
+            begins = before is None or before.phase is not picture.phase
+            live = self._live.show(entry, self._stamp_s, begins=begins)
+            stamp_s = live.flip.t_s
+        else:
+            stamp_s = self.flip()
+        question = picture.phase.question
+        if question and self._asked and (press := self._asked.press(question, stamp_s)):
+            self.press(*press)
+        if self.pictures is not None:
+            self.pictures.append((stamp_s, picture))
+        self._number += 1
+        return Shown(stamp_s, self._number - 1, "virtual", live)
+
+    def wait_until(self, t_s: float) -> None:
+        """Move the clock."""
+        self._clock.move_to(t_s)
+
+    def paint(self, picture: moderngl.Texture, look: Look) -> None:
+        """Nothing to paint on."""
+
+    def flip(self) -> float:
+        """Return when the next flip is: at the next refresh, or as the planted fault says."""
         fault = self._faults.get(self._flips)
         self._flips += 1
         line = math.floor(self._clock() * self._true_hz + 1e-6) + 1
@@ -157,13 +215,8 @@ class VirtualStage:
         elif fault is not None:  # doubled: the swap did not wait
             stamp_s = self._clock() + 0.02 / self._true_hz
         self._clock.move_to(stamp_s)
-        question = picture.phase.question
-        if question and self._asked and (press := self._asked.press(question, stamp_s)):
-            self.press(*press)
-        if self.pictures is not None:
-            self.pictures.append((stamp_s, picture))
-        self._number += 1
-        return Shown(stamp_s, self._number - 1, "virtual")
+        self._stamp_s = stamp_s
+        return stamp_s
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys whose time has come."""

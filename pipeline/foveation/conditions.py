@@ -67,6 +67,27 @@ def condition_parameters(name: str) -> dict[str, Any]:
     return defaults_of(check_condition_name(name).load())
 
 
+LIVE = ("reference", "blur", "metamer", "eidolon", "warped-metamer")
+"""The conditions that passes draw, and the picture itself: the others take longer than a frame."""
+
+
+def check_live(name: str, parameters: Mapping[str, Any]) -> None:
+    """Refuse a condition that cannot be drawn frame by frame.
+
+    Raises
+    ------
+    InputError
+        Naming those that can.
+    """
+    if name not in LIVE or parameters.get("chroma") == "full":
+        raise InputError(
+            f"a live picture must be one that the GPU draws: {', '.join(LIVE)}, and metamers with"
+            f" chroma follow or luma (got {name}"
+            + "".join(f", {key} {value}" for key, value in parameters.items())
+            + ")"
+        )
+
+
 def create_condition(name: str, parameters: Mapping[str, Any] | None = None) -> Condition:
     """Make the condition called `name`.
 

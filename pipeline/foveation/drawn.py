@@ -127,13 +127,17 @@ def cut_shares(
     """
     if not 0 < ramp_deg < 180:
         raise InputError(f"ramp_deg must lie in 0..180 (got {ramp_deg})")
-    gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))
-    right, down = _axes(gaze)
-    turn = math.radians(angle_deg + 90)
-    normal = math.cos(turn) * right - math.sin(turn) * down
     rays = geometry.directions(*pixel_centres(geometry))
+    normal = cut_normal(geometry, gaze_px, angle_deg)
     beyond = np.degrees(np.arcsin(np.clip(rays @ normal, -1, 1)))
     return np.asarray(np.clip(0.5 + beyond / ramp_deg, 0, 1))
+
+
+def cut_normal(geometry: Geometry, gaze_px: tuple[float, float], angle_deg: float) -> Floats:
+    """Unit vector across the line through the gaze, towards the left of its direction: (3,)."""
+    right, down = _axes(geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1])))
+    turn = math.radians(angle_deg + 90)
+    return np.asarray(math.cos(turn) * right - math.sin(turn) * down)
 
 
 def bisected(

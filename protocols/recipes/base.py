@@ -11,7 +11,7 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block
-from protocols.units import Condition, Model, Parameters, Scalar
+from protocols.units import Condition, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"
 """The column of a condition that says what is to be seen: statistics cluster on it."""
@@ -42,6 +42,28 @@ class Group(NamedTuple):
     """By their value in that column, as text."""
     condition: dict[str, Scalar]
     """All other columns."""
+
+
+class Cut(Model):
+    """A line through the gaze: the method on one side of it, the picture itself on the other."""
+
+    angle_deg: Number
+    """Its direction, counter-clockwise from the right; the method is on its left."""
+    ramp_deg: Number
+    """Width over which the sides blend."""
+
+
+class LiveMethod(Model):
+    """What is drawn of a stimulus that follows the gaze."""
+
+    method: Text
+    """A condition of `metamerlab foveate --list`; `reference`: the picture itself."""
+    parameters: Parameters
+    """Of the condition. Others keep their defaults."""
+    seed: Seed
+    """Of noise or displacement."""
+    cut: Cut | None = None
+    """Null: the whole picture is drawn by the method."""
 
 
 class Recipe(Model):
@@ -106,6 +128,15 @@ class Recipe(Model):
     def clip_s(self) -> float | None:
         """How long a clip plays; None for stills, which are shown as long as the task says."""
         return None if self.frames == 1 else self.frames / self.frame_hz
+
+    @property
+    def follows_gaze(self) -> bool:
+        """Whether stimuli are drawn to the gaze, frame by frame: `Live` in place of `Image`."""
+        return False
+
+    def live_methods(self) -> Mapping[str, LiveMethod]:
+        """Return what draws each stimulus that follows the gaze, by its name."""
+        return {}
 
     def stated(self, _stimulus: Stimulus) -> Parameters:
         """Return what a manifest must say of a stimulus, by field of its clip or by parameter."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, Required, TypedDict
+from typing import Annotated, ClassVar, Literal, Required, TypedDict
 
 from pydantic import Field, model_validator
 
@@ -17,10 +17,11 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import Block, count_of
-from protocols.recipes.base import Recipe, Stimulus
+from protocols.recipes.base import Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (
     Degrees,
     Few,
+    Grown,
     Model,
     Name,
     Parameters,
@@ -220,10 +221,15 @@ class FoveatedStimulus:
     """Direction of the line, counter-clockwise from the right; None: not cut."""
 
 
-class FoveatedImages(Recipe):
-    """Stills prepared for a gaze by several methods."""
+class FoveatedImages(Grown, Recipe):
+    """Stills prepared for a gaze by several methods, or drawn to it while they are shown."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("live",)
 
     kind: Literal["foveated-images"]
+    live: bool = False
+    """Draw every frame to the gaze of that moment, on the machine of the session. What is built and
+    hashed is the picture itself. Default: pictures are made beforehand, for `gazes`."""
     width_px: Pixels
     """Width of every stimulus. Stimuli are never rescaled on the screen."""
     height_px: Pixels
@@ -273,6 +279,8 @@ class FoveatedImages(Recipe):
                     )
         if self.cuts is not None and all(one.condition == REFERENCE for one in self.methods):
             raise ValueError("cuts need a method beside 'reference'")
+        if self.live and (self.rings is not None or self.gazes != (GazePoint(name="middle"),)):
+            raise ValueError("live pictures follow the gaze: leave rings and gazes out")
         for picture in self.pictures:
             if picture.view is not None and abs(picture.view.down_deg) > 90:
                 raise ValueError(f"view of {picture.name!r} must have down_deg from -90 to 90")
@@ -406,6 +414,26 @@ class FoveatedImages(Recipe):
         """Return every stimulus: scene by scene, method by method."""
         return tuple(Stimulus(one.name, one.condition) for one in self.stimuli())
 
+    @property
+    def follows_gaze(self) -> bool:
+        """Whether stimuli are drawn to the gaze."""
+        return self.live
+
+    def live_methods(self) -> dict[str, LiveMethod]:
+        """Return method, seed and cut of each stimulus that follows the gaze."""
+        ramp_deg = self.cuts.ramp_deg if self.cuts else 0.0
+        return {
+            one.name: LiveMethod(
+                method=one.shown.condition,
+                parameters=one.shown.parameters,
+                seed=one.seed,
+                cut=None
+                if one.cut_deg is None
+                else Cut(angle_deg=one.cut_deg, ramp_deg=ramp_deg),
+            )
+            for one in (self.stimuli() if self.live else ())
+        }
+
     def identity(self) -> dict[str, Json]:
         """Return everything that decides the pixels; labels do not."""
         raw = self.model_dump(mode="json")
@@ -451,6 +479,7 @@ class FoveatedImages(Recipe):
             f"Scenes: {', '.join(scene for scene in scenes if scene)}.",
             methods,
             *drawn,
+            *["Each frame is drawn to the gaze of that moment."] * self.live,
         )
 
     def size_px(self, _display: Display) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import Json
 from protocols.journal import Attempt
-from protocols.phases import Clip, Fixation, Image, Phase
+from protocols.phases import Clip, Fixation, Image, Live, Phase
 from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
@@ -322,8 +322,10 @@ def shown_phase(
         degrees.
     """
     clip_s = pool.stimuli.clip_s
-    shown: list[Clip | Image]
-    if clip_s is None:
+    shown: list[Clip | Image | Live]
+    if pool.stimuli.follows_gaze:
+        shown = [Live(index, x_deg) for index, x_deg in places]
+    elif clip_s is None:
         shown = [Image(index, x_deg) for index, x_deg in places]
     else:
         each = whole_frames(display, 1 / pool.stimuli.frame_hz)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, MissingExtraError
-from pipeline.foveation.conditions import check_condition_name, create_condition
+from pipeline.foveation.conditions import check_condition_name, check_live, create_condition
 from pipeline.foveation.drawn import ring_pixels
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.image_file import stated_size_px
@@ -89,6 +89,8 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         for index, shown in enumerate(self.recipe.methods):
             where = f"stimuli.methods[{index}]"
             try:
+                if self.recipe.live:
+                    check_live(shown.condition, shown.parameters)
                 create_condition(self.order.condition(shown), shown.parameters)
             except MissingExtraError:
                 continue  # see `lacking`
@@ -288,6 +290,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                     rings.grey, rings.background, rings.rim_deg,
                 ],
                 "cut": None if cuts is None else [entry.cut_deg, cuts.ramp_deg],
+                **({"live": True} if recipe.live else {}),
                 "sources": source_sha256(*_SOURCES),
             }
         )  # fmt: skip
@@ -338,6 +341,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 "gaze_y_px": round(y_px, 3),
                 "distance_px": round(self.geometry.distance_px, 3),
                 "preview": False,
+                **({"live": True} if self.recipe.live else {}),
                 **entry.shown.parameters,
             },
             cache_key=key,

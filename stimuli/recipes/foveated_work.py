@@ -170,8 +170,8 @@ class StillMaker:
         gaze_px = order.gaze_px(entry)
         scene = self._scene(entry.picture)
         plain = self._with_ring(scene, entry)
-        if entry.shown.condition == REFERENCE:
-            return plain
+        if entry.shown.condition == REFERENCE or order.recipe.live:
+            return plain  # what follows the gaze is drawn in the session
         shown = self._shown(plain, entry, state)
         rings, cuts = order.recipe.rings, order.recipe.cuts
         if entry.cut_deg is not None and cuts is not None:

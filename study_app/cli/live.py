@@ -159,21 +159,21 @@ class _Show:
 
 def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choice]:
     """The conditions that keys go through, the first one first."""
-    from pipeline.foveation.conditions import condition_parameters, create_condition
+    from pipeline.foveation.conditions import (
+        LIVE,
+        check_live,
+        condition_parameters,
+        create_condition,
+    )
     from stimuli.choice import Choice
-    from study_app.cli.live_renderer import live_methods
 
-    names = list(dict.fromkeys(methods or [DEFAULT_METHOD, *live_methods()]))
+    names = list(dict.fromkeys(methods or [DEFAULT_METHOD, *LIVE]))
     chosen = choose_methods(
         names, settings, every=names, default=names[0], known=condition_parameters,
         sheet=len(names) > 1,
     )  # fmt: skip
     for name, parameters in chosen:
-        if name not in live_methods():
-            raise StudyError(
-                f"--method: must be one of {', '.join(live_methods())}, which the GPU draws (got"
-                f" {name})"
-            )
+        check_live(name, parameters)
         create_condition(name, parameters)
     return [Choice(name, parameters) for name, parameters in chosen]
 

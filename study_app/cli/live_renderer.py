@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.conditions import Foveator, condition_names
+from pipeline.foveation.conditions import Foveator, check_live
+from pipeline.foveation.cut_gpu import CutPass
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
 from pipeline.foveation.gpu import OPAQUE
 from pipeline.foveation.noise_plane import check_seed
@@ -20,6 +21,7 @@ from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, texture_bytes, upload
 from protocols.outside import check_within
+from protocols.recipes.base import Cut
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
@@ -126,6 +128,8 @@ class FoveatingRenderer:
             )
         self._ctx, self.source, self.geometry = ctx, source, geometry
         self._view: View | None = None
+        self._cut: Cut | None = None
+        self._cutting: tuple[CutPass, moderngl.Texture] | None = None
         self._foveator: Foveator | None = None
         self.choice = choice
         self.choose(choice)
@@ -153,23 +157,27 @@ class FoveatingRenderer:
             If there is no such condition, or the GPU cannot draw it; the one before stays.
         """
         geometry, foveator = self.geometry, None
+        check_live(choice.name, choice.parameters)
         if choice.name != REFERENCE:
             viewing = Flat(distance_px=geometry.distance_px, centre_px=geometry.centre_px)
             size = geometry.height_px, geometry.width_px
             foveator = Foveator(
                 size, viewing=viewing, method=choice.name, ctx=self._ctx, **choice.parameters
             )
-            if foveator.passes is None:
-                raise InputError(
-                    f"--method: a live picture must be one that the GPU draws (got {choice.label});"
-                    f" take one of {', '.join(live_methods())}, and metamers with chroma follow or"
-                    " luma"
-                )
         elif choice.parameters:
             raise InputError(f"{REFERENCE} has no parameters (got {choice.label})")
         if self._foveator is not None:
             self._foveator.release()
         self._foveator, self.choice, self._view = foveator, choice, None
+
+    def load(self, source: Source, cut: Cut | None) -> None:
+        """Take another source of the same size and kind, with a cut; no gaze was seen yet."""
+        self.source, self._cut = source, cut
+        self._view, self._frame, self._steady = None, -1, None
+        if cut is not None and self._cutting is None:
+            size = self.geometry.width_px, self.geometry.height_px
+            target = create_texture(self._ctx, size, "rgba32f")
+            self._cutting = CutPass(self._ctx, self.geometry), target
 
     def hold(self, view: View) -> None:
         """Upload the frame, turn the panorama, and analyse what is seen."""
@@ -211,7 +219,14 @@ class FoveatingRenderer:
             self._target, look.gaze_px, seed=look.seed, field_gaze_px=look.field_px,
             noise_shift_px=self._shift_px,
         )  # fmt: skip
-        return self._target
+        if self._cut is None or self._cutting is None:
+            return self._target
+        cut, target = self._cutting
+        cut(
+            self._target, self._seen, target, look.gaze_px,
+            angle_deg=self._cut.angle_deg, ramp_deg=self._cut.ramp_deg,
+        )  # fmt: skip
+        return target
 
     def describe(self) -> Described:
         """Source, geometry, condition and parameters."""
@@ -224,20 +239,21 @@ class FoveatingRenderer:
             distance_px=geometry.distance_px,
             method=self.choice.name,
             parameters=dict(self.choice.parameters),
+            cut=self._cut,
         )
 
     @property
     def held_bytes(self) -> int:
         """Memory on the GPU for what is held and drawn."""
         passes = self._foveator.passes if self._foveator is not None else None
-        made = (self._picture, self._target, *(self._turned or ())[1:])
+        made = (self._picture, self._target, *(self._turned or ())[1:], *(self._cutting or ())[1:])
         return sum(map(texture_bytes, made)) + (0 if passes is None else passes.held_bytes)
 
     def release(self) -> None:
         """Free all that was made."""
         if self._foveator is not None:
             self._foveator.release()
-        for made in (self._picture, self._target, *(self._turned or ())):
+        for made in (self._picture, self._target, *(self._turned or ()), *(self._cutting or ())):
             made.release()
 
     @property
@@ -253,9 +269,26 @@ class FoveatingRenderer:
         return self._picture if self._turned is None else self._turned[1]
 
 
-def live_methods() -> list[str]:
-    """The conditions that the GPU draws, and the picture itself."""
-    return [REFERENCE, *(name for name in condition_names() if name in _DRAWN)]
+class FoveatingStudio:
+    """Draws the live stimuli of trials; see `Studio`. Passes are kept, by place and condition."""
 
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._made: dict[str, FoveatingRenderer] = {}
 
-_DRAWN = ("blur", "metamer", "eidolon", "warped-metamer")
+    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> FoveatingRenderer:
+        """Return what draws a picture as said."""
+        source = Source([pixels], said.source_sha256, said.panorama, ())
+        geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
+        choice = Choice(said.method, said.parameters)
+        key = f"{place} {geometry} {choice}"
+        if key not in self._made:
+            self._made[key] = FoveatingRenderer(self._ctx, source, geometry, choice)
+        self._made[key].load(source, said.cut)
+        return self._made[key]
+
+    def release(self) -> None:
+        """Free all passes."""
+        for renderer in self._made.values():
+            renderer.release()
+        self._made.clear()

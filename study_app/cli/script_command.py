@@ -20,6 +20,7 @@ from protocols.script import (
     Entry,
     Fill,
     Frames,
+    Live,
     Picture,
     ScriptPhase,
     Scripts,
@@ -176,6 +177,8 @@ def _in_words(entry: Entry, script: TrialScript, names: Sequence[str]) -> str:
             what = names[number] + (f", each frame for {every}" if every else "")
             what += f", its {'right' if crop[0] else 'left'} half" if crop else ""
             size = crop[2:] if crop else script.stimulus_px
+        case Live(stimulus=number, at=at):
+            what, size = f"{names[number]} to the gaze", script.stimulus_px
         case Picture(of=Words(text=text, labels=labels)):
             return f'"{text}"' + (f" over {', '.join(labels)}" if labels else "")
         case Picture(of=of, at=at, size_px=size):

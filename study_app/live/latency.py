@@ -4,44 +4,14 @@ from __future__ import annotations
 
 import math
 from array import array
-from typing import Literal, TypeAlias
 
-from protocols.units import Count, Model
+from protocols.latency import EyeState, LatencySummary
 
-EyeState: TypeAlias = Literal["found", "lost", "silent", "ahead", "none"]
-"""Of the newest sample: it saw the eye; it did not; there was none for `SILENT_S`; its stamp lies
-ahead of the clock; there never was one. Only a gaze that was `found` has a latency."""
 SILENT_S = 0.1
 """A tracker that sends nothing for so long has lost the eye, as in sessions."""
 AHEAD_S = 0.001
 """How much later than its arrival a sample may be stamped: two clocks agree no better."""
 _BIN_S, _BINS = 1e-4, 20_000
-
-
-class LatencySummary(Model):
-    """Sample to flip, of the frames that showed a gaze that was found."""
-
-    frames: Count
-    median_ms: float | None
-    p95_ms: float | None
-    max_ms: float | None
-    lost: Count
-    """Frames that held the last gaze: the eye was lost, or never found."""
-    silent: Count
-    """Frames that held it because the tracker sent nothing."""
-    ahead: Count
-    """Frames whose sample was stamped later than it came."""
-
-    def words(self) -> str:
-        """A line for people."""
-        held = f"held in {self.lost + self.silent}, of them {self.silent} while the source was mute"
-        held += f"; stamped ahead of the clock in {self.ahead}" if self.ahead else ""
-        if self.median_ms is None:
-            return f"sample to flip: no frame showed a gaze that was found ({held})"
-        return (
-            f"sample to flip: median {self.median_ms:.1f} ms, 95 % {self.p95_ms:.1f} ms, maximum"
-            f" {self.max_ms:.1f} ms, of {self.frames} frames ({held})"
-        )
 
 
 class Latency:

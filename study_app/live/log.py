@@ -27,10 +27,10 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import Json, canonical_json, sha256_json
 from protocols.journal import UtcTime
+from protocols.latency import EyeState, LatencySummary
 from protocols.outside import check_within
 from protocols.read_file import read_bytes
 from protocols.units import Count, Model, Sha256
-from study_app.live.latency import EyeState, LatencySummary
 from study_app.live.loop import Flip
 from study_app.live.renderer import Described, Look, View
 

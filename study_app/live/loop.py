@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import moderngl
-
+from protocols.latency import EyeState
 from study_app.gaze.source import GazeSample
-from study_app.live.latency import AHEAD_S, SILENT_S, EyeState, Latency
+from study_app.live.latency import AHEAD_S, SILENT_S, Latency
 from study_app.live.renderer import Look, Place, Renderer, View, on_grid
+
+if TYPE_CHECKING:  # sessions without a screen load no graphics
+    import moderngl
 
 SPARE_SHARE = 0.15
 """Of a refresh, between a frame that is drawn and its flip: stamps come a little after the line."""
@@ -85,10 +87,14 @@ class LiveLoop:
         Of the picture on the screen, upper left.
     polled : bool
         Each poll makes a sample, so that the source is never silent (the mouse).
+    cost_s : float
+        Of a frame, as far as it is known beforehand.
     """
 
-    def __init__(self, screen: Screen, gaze: Gaze, corner_px: Place, *, polled: bool) -> None:
-        self._screen, self._gaze, self._corner, self._polled = screen, gaze, corner_px, polled
+    def __init__(
+        self, screen: Screen, gaze: Gaze, corner_px: Place, *, polled: bool, cost_s: float = 0.0
+    ) -> None:
+        self._screen, self._gaze, self.corner_px, self._polled = screen, gaze, corner_px, polled
         self.latency = Latency()
         self.missed = 0
         """Refreshes without a frame of their own."""
@@ -96,7 +102,8 @@ class LiveLoop:
         """Of the next frame."""
         self._newest: GazeSample | None = None
         self._seen: GazeSample | None = None  # the newest one in which the eye was found
-        self._cost_s = 0.0  # of a frame, until it is drawn
+        self._held: GazeSample | None = None
+        self._cost_s = cost_s  # of a frame, until it is drawn
         self._flip_s = self._poll_s = math.nan
 
     def step(self, renderer: Renderer, view: View, seed: int) -> tuple[Flip, moderngl.Texture]:
@@ -126,9 +133,17 @@ class LiveLoop:
         self.number, self._flip_s, self._poll_s = self.number + 1, t_s, poll_s
         return flip, picture
 
-    def pause(self) -> None:
-        """Forget the last flip: what comes between was asked for, and is no missed refresh."""
-        self._flip_s = math.nan
+    def pause(self, flip_s: float = math.nan, seen: GazeSample | None = None) -> None:
+        """Forget the last flip: what comes between was asked for, and is no missed refresh.
+
+        Parameters
+        ----------
+        flip_s : float
+            The last flip of what was shown in between, where it was on this screen.
+        seen : GazeSample, optional
+            The last one that saw the eye: it is held where the next frame's eye is lost.
+        """
+        self._flip_s, self._held = flip_s, seen
 
     def _wait(self) -> None:
         """Wait until the frame, begun then, is drawn just before a refresh."""
@@ -148,10 +163,12 @@ class LiveLoop:
 
     def _eye_px(self) -> Place:
         """Where the eye is in the picture, on the grid of gazes; not a number while it is lost."""
-        newest = self._newest
+        newest, held, self._held = self._newest, self._held, None
         if newest is None or not newest.valid:
-            return math.nan, math.nan
-        return on_grid((newest.x_px - self._corner[0], newest.y_px - self._corner[1]))
+            if held is None:
+                return math.nan, math.nan
+            newest = self._seen = held
+        return on_grid((newest.x_px - self.corner_px[0], newest.y_px - self.corner_px[1]))
 
     def _eye(self, poll_s: float) -> EyeState:
         newest = self._newest

@@ -7,14 +7,17 @@ whoever draws these again gets it again, bit for bit on the same renderer.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Protocol, TypeAlias
 
 from pydantic import Field
 
-from protocols.units import Model, Pixels, Sha256
+from protocols.recipes.base import Cut
+from protocols.units import Grown, Pixels, Sha256
 
 if TYPE_CHECKING:  # who describes a picture needs no graphics
     import moderngl
+    import numpy as np
+    from numpy.typing import NDArray
 
 Place: TypeAlias = tuple[float, float]
 
@@ -41,7 +44,7 @@ class Look(NamedTuple):
     seed: int
 
 
-class Described(Model):
+class Described(Grown):
     """All that decides pixels beside view and look."""
 
     source_sha256: Sha256
@@ -55,6 +58,10 @@ class Described(Model):
     """How far the eye is."""
     method: str
     parameters: dict[str, bool | int | float | str | None]
+    cut: Cut | None = None
+    """Left out where the method draws the whole picture."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("cut",)
 
 
 class Renderer(Protocol):
@@ -77,6 +84,24 @@ class Renderer(Protocol):
 
     def describe(self) -> Described:
         """Say what else decides pixels."""
+
+
+class Studio(Protocol):
+    """Gives what draws the live stimuli of trials."""
+
+    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> Renderer:
+        """Return what draws a picture as `said`: it holds the picture, and no gaze yet.
+
+        Parameters
+        ----------
+        place : int
+            Which of a trial's stimuli it is: each has a renderer, and a texture, of its own.
+        pixels : ndarray of shape (H, W, 4)
+            Of the picture, opaque.
+        """
+
+    def release(self) -> None:
+        """Free all that was made."""
 
 
 def on_grid(place_px: Place) -> Place:

@@ -12,6 +12,13 @@ export interface Frames {
   readonly crop: readonly [number, number, number, number] | null;
 }
 
+/** A stimulus drawn to the gaze. The browser watches none: an export with one is refused. */
+export interface Live {
+  readonly kind: "live";
+  readonly stimulus: number;
+  readonly at: readonly [number, number];
+}
+
 export interface Picture {
   readonly kind: "picture";
   /** Name of its file among the study's pictures. */
@@ -25,7 +32,7 @@ export interface Fill {
   readonly grey: number;
 }
 
-export type Entry = Frames | Picture | Fill;
+export type Entry = Frames | Live | Picture | Fill;
 
 export interface Question {
   readonly name: string;

@@ -73,7 +73,11 @@ export function isOver(trial: Trial): boolean {
 /** [stimulus, frame] of everything of the trial's that the next flip shows. */
 export function shownFrames(trial: Trial, script: TrialScript): [number, number][] {
   return at(script.phases, trial.phase).show.flatMap((entry): [number, number][] =>
-    entry.kind === "frames" ? [[entry.stimulus, frameOf(entry, trial.frames)]] : [],
+    entry.kind === "frames"
+      ? [[entry.stimulus, frameOf(entry, trial.frames)]]
+      : entry.kind === "live"
+        ? [[entry.stimulus, 0]]
+        : [],
   );
 }
 

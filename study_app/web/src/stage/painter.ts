@@ -76,6 +76,7 @@ class Painter2D implements Painter {
         context.fillRect(x + k * left, y + k * top, k * wide, k * high);
         continue;
       }
+      if (entry.kind === "live") throw new Error(NO_LIVE);
       const frames = entry.kind === "frames" ? this.stimuli[entry.stimulus] : undefined;
       const image =
         entry.kind === "frames"
@@ -94,6 +95,8 @@ class Painter2D implements Painter {
     return new Uint8Array(this.context.getImageData(0, 0, width, height).data);
   }
 }
+
+const NO_LIVE = "no browser draws pictures that follow the gaze";
 
 function greyOf(grey: number): string {
   return `rgb(${grey} ${grey} ${grey})`;
@@ -197,6 +200,7 @@ class GLPainter implements Painter {
       this.rect(entry.rect, [0, 0], 0, entry.grey / 255);
       return;
     }
+    if (entry.kind === "live") throw new Error(NO_LIVE);
     if (entry.kind === "frames") {
       const texture = this.stimuli[entry.stimulus];
       if (!texture) throw new Error("what a phase shows is not ready");
