@@ -9,7 +9,7 @@ from typing import get_args
 from protocols.errors import Problem
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
-from protocols.session_schema import Design, Gaze, Response, TextSection, TrialTiming
+from protocols.session_schema import Design, Gaze, Privacy, Response, TextSection, TrialTiming
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
@@ -100,6 +100,13 @@ def _rules(sections: Mapping[str, object]) -> Iterator[Problem]:
                 "gaze.mode",
                 "must watch gaze where pictures follow it (got 'none'); write 'enforce', so that an"
                 " eye that is lost for longer than blink_s makes a trial void, or 'monitor'",
+            )
+        privacy = sections.get("privacy")
+        if isinstance(privacy, Privacy) and not privacy.store_gaze:
+            yield Problem(
+                "privacy.store_gaze",
+                "must be true where pictures follow the gaze: a frame can be drawn again from its"
+                " gaze alone, which is kept with every flip (got false)",
             )
     trial = sections.get("trial")
     if isinstance(trial, TrialTiming) and trial.fixation_timeout_s <= trial.fixation_s:

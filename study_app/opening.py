@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
@@ -48,6 +48,8 @@ class Setting:
     simulated: bool = False
     display_report: DisplayReport | None = None
     timing_evidence: str = ""
+    drawn_by: Mapping[str, str] = field(default_factory=dict)
+    """Renderer and driver of the window, by the names that `versions` has."""
     simulation: str = ""
     """What artificial observers depend on besides; recorded, and the same when they go on."""
 
@@ -104,7 +106,7 @@ def begin(
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | _simulation(setting),
+                versions=versions() | dict(setting.drawn_by) | _simulation(setting),
                 platform=platform.platform(),
                 timing_evidence=setting.timing_evidence,
             )
@@ -135,7 +137,7 @@ def resume(
             SessionResume(
                 **recorder.stamps(),
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions(),
+                versions=versions() | dict(setting.drawn_by),
                 display_report=setting.display_report,
                 gaze=info,
                 torn_file=recorder.torn_file,

@@ -7,11 +7,13 @@ manifest's, and how a flip is stamped the window's.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import assert_never
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from protocols.manifest import Manifest
 from protocols.phases import ITI
@@ -19,8 +21,11 @@ from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.script import (
     Drawn,
+    Entry,
     Fill,
     Frames,
+    Live,
+    ScriptPhase,
     TrialScript,
     example_scripts,
     fixation_target,
@@ -31,6 +36,8 @@ from protocols.session_schema import Texts
 from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
 from study_app.draw import Painter
+from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entries, live_entry
+from study_app.live.renderer import Look, Studio
 from study_app.page_turner import NOTICE_S, PageTurner
 from study_app.pages import Pages
 from study_app.paint import bitmaps_of, drawn
@@ -68,6 +75,8 @@ class Presenter:
         Strip and patch.
     observer : Observer, optional
         Answers and turns pages in place of a person; real keys work as well.
+    studio : Studio, optional
+        Draws what follows the gaze.
     on_prepare : callable, optional
         Called with (trial, attempt) before each attempt.
 
@@ -88,6 +97,7 @@ class Presenter:
         refresh_hz: float,
         extras: Extras | None = None,
         observer: Observer | None = None,
+        studio: Studio | None = None,
         on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None,
     ) -> None:
         self._window, self._protocol = window, protocol
@@ -99,6 +109,12 @@ class Presenter:
         self._pages = Pages(window.size, texts.key_names, background)
         self._extras.check(example_scripts(protocol, display)[0])
         self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
+        self._live = LiveShow(self, display, manifest, studio)
+        self._live_pictures: dict[int, moderngl.Texture] = {}
+        """As they were last drawn, by number of the trial's stimuli."""
+        self._showing = Picture(BLANK)
+        self._phase: ScriptPhase | None = None
+        self._evidence = ""
         self._bitmaps = bitmaps_of(protocol, display)
         self._textures: dict[Drawn, moderngl.Texture] = {}
         self._ready: dict[int, tuple[Drawing, moderngl.Texture]] = {}
@@ -132,6 +148,7 @@ class Presenter:
     def close(self) -> None:
         """Free what is on the graphics card; the window stays open."""
         gc.enable()
+        self._live.release()
         self._store.close()
         self._turner.release()
         for texture in self._textures.values():
@@ -146,6 +163,30 @@ class Presenter:
     def now(self) -> float:
         """Return the monotonic clock, in seconds."""
         return self._window.now()
+
+    def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
+        """Say whose gaze live pictures follow."""
+        self._live.follow(gaze, polled=polled)
+
+    def kept(self) -> Mapping[int, Kept]:
+        """Return what is kept of an attempt's live frames."""
+        return self._live.kept()
+
+    def dearest_live_s(self) -> tuple[float, str]:
+        """Return how long the dearest frame that follows the gaze takes, and its method.
+
+        Pictures of noise stand in for the study's.
+        """
+        study = self._protocol
+        script = example_scripts(study, self._window.display)[0]
+        width, height = script.stimulus_px
+        noise = np.random.default_rng(0).integers(0, 256, (height, width, 4), np.uint8)
+        noise[..., 3] = 255
+        phase = next(one for one in script.phases if live_entry(one))
+        self._showing = Picture(phase)
+        known = study.stimuli.live_methods()
+        every = {name: known[name] for name in study.shown()}
+        return self._live.dearest_s(every, script, noise, self._painter.finish)
 
     def expect(self, trial: PlannedTrial) -> None:
         """Load the trial's stimuli while nothing moves: it comes next."""
@@ -173,6 +214,8 @@ class Presenter:
         self._next, self._answer = None, None
         self._asked = Asked(self._observer, trial, attempt) if self._observer else None
         self._stimuli = self._store.show(trial.stimuli)
+        self._live.prepare(script, self._pixels)
+        self._live_pictures = {number: self._live.first(number) for number in live_entries(script)}
         self._warm_up(script)
         self._on_prepare(trial, attempt)
         gc.collect()
@@ -187,12 +230,36 @@ class Presenter:
         question = picture.phase.question
         if self._protocol.response.pointer:
             self._window.show_cursor(question is not None)
-        if question:  # keys are taken as they come
-            self._window.pump_until(self._last_s + _POLL_SHARE / self._refresh_hz)
-        shown = self._flip(lambda: self._draw(picture))
+        before, self._phase = self._phase, picture.phase
+        if (live := live_entry(picture.phase)) is not None:
+            self._showing = picture
+            drawn_to = self._live.show(live, self._last_s, begins=before is not picture.phase)
+            shown = Shown(drawn_to.flip.t_s, self._number - 1, self._evidence, drawn_to)
+        else:
+            if question:  # keys are taken as they come
+                self._window.pump_until(self._last_s + _POLL_SHARE / self._refresh_hz)
+            shown = self._flip(lambda: self._draw(picture))
         if question and self._asked and (press := self._asked.press(question, shown.t_s)):
             self._answer = press
         return shown
+
+    def wait_until(self, t_s: float) -> None:
+        """Take events until then, for a live frame."""
+        self._window.pump_until(t_s)
+
+    def paint(self, picture: moderngl.Texture, look: Look) -> None:  # noqa: ARG002
+        """Draw the flip that is shown next, with what follows the gaze; return once it is drawn."""
+        live = live_entry(self._showing.phase)
+        assert live is not None
+        self._live_pictures[live.stimulus] = picture
+        self._draw(self._showing)
+        self._painter.finish()
+
+    def flip(self) -> float:
+        """Show what was painted, and return when that was."""
+        shown = self._flip(lambda: None)
+        self._evidence = shown.evidence
+        return shown.t_s
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that went down since the last call."""
@@ -269,7 +336,7 @@ class Presenter:
     def _draw(self, picture: Picture) -> None:
         painter, ready, light, (x, y) = self._painter, self._ready, 0.0, self._middle
         painter.clear()
-        shown: Sequence[Frames | Drawing | Fill] = picture.phase.show
+        shown: Sequence[Entry] = picture.phase.show
         for entry in shown if picture.notice is None else (picture.notice, *shown):
             match entry:
                 case Frames():
@@ -277,6 +344,9 @@ class Presenter:
                     stimulus = self._stimuli[entry.stimulus]
                     painter.clip_frame(stimulus, frame, (x + left, y + top), entry.crop)
                     light = 1.0 - frame % 2
+                case Live(stimulus=number, at=(left, top)):
+                    painter.image(self._live_pictures[number], (x + left, y + top))
+                    light = 1.0 - picture.refreshes % 2
                 case Drawing():
                     (left, top), (_, texture) = entry.at, ready[id(entry)]
                     painter.image(texture, (x + left, y + top))
@@ -287,6 +357,11 @@ class Presenter:
                     assert_never(entry)
         if self._extras.photodiode:
             painter.fill(patch_place(self._window.size), (PATCH_PX, PATCH_PX), light)
+
+    def _pixels(self, number: int) -> NDArray[np.uint8]:
+        """Return a still of the trial as it was hashed, decoded and uploaded: (H, W, 4)."""
+        array = self._stimuli[number]
+        return np.frombuffer(array.read(), np.uint8).reshape(array.height, array.width, 4)
 
     def _texture(self, picture: Drawing) -> moderngl.Texture:
         """Return a picture's texture; drawn once, before its trial begins."""

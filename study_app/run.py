@@ -11,6 +11,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, TypeAlias
 
+import moderngl
+
+from pipeline.gl.context import describe
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt, Note
@@ -35,6 +38,8 @@ from study_app.gaze.open_source import Desk, check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource
 from study_app.gaze_check import Calibrated, Targets
+from study_app.live.in_trials import too_dear
+from study_app.live.renderer import Studio
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
@@ -73,6 +78,8 @@ class SittingOptions:
     """Validate the gaze source before each block; left out, the journal says so."""
     simulate: bool = False
     seed: int = 0
+    studio: Callable[[moderngl.Context], Studio] | None = None
+    """Makes what draws stimuli that follow the gaze."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,8 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         gaze = _gaze(options, window, check.measured_hz, targets)
         if gaze is not None:
             stack.callback(gaze.close)
+        follows = protocol.stimuli.follows_gaze
+        studio = options.studio(window.ctx) if options.studio is not None and follows else None
         presenter = stack.enter_context(
             Presenter(
                 window,
@@ -146,10 +155,13 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
                 refresh_hz=check.measured_hz,
                 extras=options.extras,
                 observer=_observer(options),
+                studio=studio,
                 on_prepare=_restart(options, gaze),
             )
         )
         targets.show = presenter.look_at
+        drawn_by = describe(window.ctx)
+        notes = [_require_live(presenter, options, drawn_by.name)] if follows else []
         setting = Setting(
             protocol=protocol,
             display=display,
@@ -159,12 +171,13 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             simulated=options.simulate,
             display_report=write_report(options.root, check),
             timing_evidence=check.evidence,
+            drawn_by={"renderer": drawn_by.name, "opengl": drawn_by.version},
         )
         if resuming:
             recorder, plan = resume(setting, options.participant, presenter, gaze)
         else:
             recorder, plan = begin(setting, options.participant, language, presenter, gaze)
-        for note in () if gaze is None else gaze.info().notes:
+        for note in (*notes, *(() if gaze is None else gaze.info().notes)):
             listener.on_note(note)
             recorder.append(Note(**recorder.stamps(), text=note))
         validated = None
@@ -184,6 +197,22 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
                 mark=mark,
                 validate=validated,
             )
+
+
+def _require_live(presenter: Presenter, options: SittingOptions, renderer: str) -> str:
+    """Refuse pictures that follow the gaze where a refresh is too short for them, but in rehearsals.
+
+    Returns
+    -------
+    str
+        What was measured.
+    """
+    taken_s, method = presenter.dearest_live_s()
+    error = too_dear(options.display, taken_s, method, renderer)
+    if error is not None and options.pacing == "vsync":
+        raise error
+    said = f"live frames: the dearest, of {method}, took {1000 * taken_s:.1f} ms"
+    return said if error is None else f"{said}: too long for a refresh, but this is a rehearsal"
 
 
 def _language(options: SittingOptions, *, resuming: bool) -> str:

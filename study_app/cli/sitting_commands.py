@@ -98,6 +98,7 @@ class SittingArguments:
         StudyError
             If there is no such study or display, or one is not in order.
         """
+        from study_app.cli.live_renderer import FoveatingStudio
         from study_app.run import SittingOptions
 
         study, screen = load_study(self.protocol, self.display)
@@ -115,6 +116,7 @@ class SittingArguments:
             validate=not self.skip_validation,
             simulate=self.simulate,
             seed=self.seed,
+            studio=FoveatingStudio,
         )
 
 
