@@ -19,11 +19,11 @@ from skimage import data
 
 from benchmarks.machine import load_average
 from benchmarks.output import file_to_write, write_record
+from pipeline.foveation.conditions import LIVE
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
 from protocols.revision import code_revision
 from stimuli.choice import Choice
-from pipeline.foveation.conditions import LIVE
 from study_app.cli.live_renderer import FoveatingRenderer, Source
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import LiveLoop

@@ -200,7 +200,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
 
 
 def _require_live(presenter: Presenter, options: SittingOptions, renderer: str) -> str:
-    """Refuse pictures that follow the gaze where a refresh is too short for them, but in rehearsals.
+    """Refuse live pictures where a refresh is too short for them, but in rehearsals.
 
     Returns
     -------

@@ -427,9 +427,7 @@ class FoveatedImages(Grown, Recipe):
                 method=one.shown.condition,
                 parameters=one.shown.parameters,
                 seed=one.seed,
-                cut=None
-                if one.cut_deg is None
-                else Cut(angle_deg=one.cut_deg, ramp_deg=ramp_deg),
+                cut=None if one.cut_deg is None else Cut(angle_deg=one.cut_deg, ramp_deg=ramp_deg),
             )
             for one in (self.stimuli() if self.live else ())
         }

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +20,12 @@ from protocols.load import load_protocol
 from protocols.prose import count_of
 from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
 from study_app.cli.errors import user_errors
-from study_app.cli.options import SESSIONS_PROTOCOL_HELP, SessionArgument, SessionsOption
+from study_app.cli.options import (
+    SESSIONS_PROTOCOL_HELP,
+    DisplayOption,
+    SessionArgument,
+    SessionsOption,
+)
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
@@ -87,6 +94,25 @@ def verify(
         typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
     ] = None,
     identity: IdentityOption = None,
+    render: Annotated[
+        bool,
+        typer.Option(
+            "--render",
+            help="Draw frames that followed the gaze again, and compare them with what was kept."
+            " Needs --protocol and --stimuli.",
+        ),
+    ] = False,
+    stimuli: Annotated[
+        Path | None, typer.Option(help="With --render: folder of the study's built stimuli.")
+    ] = None,
+    display: DisplayOption = None,
+    captured: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --render: folder of captures of the whole screen (.png), of the last run of"
+            " a session with --strip."
+        ),
+    ] = None,
 ) -> None:
     """Verify that all records are as they were written: journals, gaze, flips, display reports.
 
@@ -100,11 +126,18 @@ def verify(
         metamerlab session verify sessions --protocol demo
 
         metamerlab session verify backup.zip
+
+        metamerlab session verify sessions --protocol live-detection --render --stimuli clips
     """
-    with user_errors():
+    with user_errors(), ExitStack() as open_now:
+        if not render and (stimuli or display or captured):
+            raise StudyError("--stimuli, --display and --captured are for --render; add it")
         if is_archive(sessions):
-            if protocol is not None:
-                raise StudyError("--protocol: must be left out: an archive has its own")
+            if protocol is not None or render:
+                raise StudyError(
+                    "--protocol and --render: must be left out: an archive has its own protocol; to"
+                    " draw frames again, unpack it and name the folder of sessions"
+                )
             verify_archive(sessions, identity)
             return
         study = load_protocol(protocol) if protocol else None
@@ -113,21 +146,47 @@ def verify(
             raise StudyError(
                 f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
             )
+        drawer, screens, drawn = None, {}, 0
+        if render:
+            from study_app.cli.drawn_again import open_drawer, read_captures
+
+            if protocol is None or stimuli is None:
+                raise StudyError("--render: needs the study and its stimuli; give --protocol and"
+                                 " --stimuli")  # fmt: skip
+            drawer = open_now.enter_context(open_drawer(protocol, display, stimuli))
+            screens = read_captures(captured) if captured is not None else {}
+            if screens and len(paths) > 1:
+                raise StudyError("--captured: is of one session; name its folder")
         wrong = 0
         for path in paths:
             sitting = Sitting(path.absolute().parent, read_journal(path, lenient=True))
             found = verify_sitting(sitting, study)
+            again = None
+            if drawer is not None and not found.problems:
+                again, compared = drawer.redraw(sitting, screens)
+                found = replace(found, problems=again.problems)
+                drawn += again.drawn + compared
             lines = len(sitting.journal.events) + len(sitting.journal.damaged)
             verdict = "NOT as it was recorded" if found.problems else "whole"
             say(
                 f"{sitting.study}/{sitting.participant}: {verdict} ({sitting.state}, {lines} lines,"
                 f" {found.files} files)"
             )
+            if again is not None:
+                say(
+                    f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal}"
+                    f" bit-equal; {compared} of {count_of(len(screens), 'capture')} compared"
+                )
             for problem in found.problems:
                 say(f"  {problem}")
             for note in found.notes:
                 say(f"  note: {note}")
             wrong += bool(found.problems)
+        if drawer is not None and not wrong and not drawn:
+            raise StudyError(
+                f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
+                " gaze in a window)"
+            )
         if wrong:
             raise StudyError(
                 f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"

@@ -1,5 +1,4 @@
-"""Stimuli that follow the gaze in trials: the loop of `live`, from one flip of a stage to the next.
-"""
+"""Stimuli that follow the gaze in trials: the loop of `live`, one flip of a stage at a time."""
 
 from __future__ import annotations
 
@@ -15,7 +14,6 @@ from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
 from protocols.recipes.base import LiveMethod
 from protocols.script import Live, ScriptPhase, Size, TrialScript
-from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import SPARE_SHARE, Flip, Gaze, LiveLoop, Screen
 from study_app.live.renderer import Described, Look, Place, Renderer, Studio, View
@@ -286,8 +284,7 @@ class LiveShow:
 
 
 def too_dear(display: Display, taken_s: float, method: str, drawn_by: str) -> StudyError | None:
-    """Return why frames that take so long cannot follow the gaze on a display; None where they can.
-    """
+    """Return why frames that take so long cannot follow the gaze; None where they can."""
     room_s = (1 - SPARE_SHARE) / display.refresh_hz
     if taken_s <= room_s:
         return None

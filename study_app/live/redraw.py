@@ -6,11 +6,12 @@ import base64
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import moderngl
 import numpy as np
 
 from protocols.hashing import sha256_json
 from study_app.live.log import GRID, LiveChoice, LiveFlip, Pixels, ReadLog
-from study_app.live.renderer import Renderer
+from study_app.live.renderer import Look, Renderer
 
 NEAR = 1
 """Of 255: how far another renderer, or another version of its driver, may be off."""
@@ -62,15 +63,23 @@ def redraw(
             continue
         renderer.prepare(line.seed)
         renderer.hold(line.view)
-        sha256, grid = pixels.of(renderer.draw(line.look))
+        same, off = compared(pixels, renderer.draw(line.look), line.pixels, line.grid)
         drawn += 1
-        equal += sha256 == line.pixels
-        kept = np.frombuffer(base64.b64decode(line.grid), np.uint8).reshape(GRID, GRID, 3)
-        off = int(np.abs(kept.astype(int) - grid).max())
-        if (exactly and sha256 != line.pixels) or off > NEAR:
-            problems.append(
-                f"flip {line.n}: must show what gaze {line.gaze_px[0]:g}, {line.gaze_px[1]:g} and"
-                f" seed {line.seed} give (pixels differ, those that were kept by up to {off} of"
-                " 255)"
-            )
+        equal += same
+        if (exactly and not same) or off > NEAR:
+            problems.append(f"flip {line.n}: {must_show(line.look, off)}")
     return Redrawn(flips, drawn, equal, tuple(problems))
+
+
+def compared(pixels: Pixels, picture: moderngl.Texture, sha256: str, grid: str) -> tuple[bool, int]:
+    """Return whether a picture is bit for bit what was kept, and by how much some pixels differ."""
+    found, some = pixels.of(picture)
+    kept = np.frombuffer(base64.b64decode(grid), np.uint8).reshape(GRID, GRID, 3)
+    return found == sha256, int(np.abs(kept.astype(int) - some).max())
+
+
+def must_show(look: Look, off: int) -> str:
+    return (
+        f"must show what gaze {look.gaze_px[0]:g}, {look.gaze_px[1]:g} and seed {look.seed} give"
+        f" (pixels differ, those that were kept by up to {off} of 255)"
+    )

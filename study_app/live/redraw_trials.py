@@ -1,0 +1,218 @@
+"""Trials drawn again from what was recorded: frames that follow the gaze, and captures of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from pipeline.gl.texture import create_texture
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.hashing import sha256_json
+from protocols.journal import Attempt, SessionResume, SessionStart
+from protocols.manifest import Manifest
+from protocols.outside import check_within, reading
+from protocols.read_file import read_bytes
+from protocols.schema import StudyProtocol
+from protocols.script import Live, ScriptPhase, Scripts, TrialScript
+from study_app.draw import Painter
+from study_app.live.in_trials import described, live_entry
+from study_app.live.log import Grid, Pixels
+from study_app.live.redraw import NEAR, Redrawn, compared, must_show
+from study_app.live.renderer import Look, Studio, View
+from study_app.paint import bitmaps_of, paint
+from study_app.sittings import Sitting
+from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
+
+_GRID: TypeAdapter[str] = TypeAdapter(Grid)
+Screens = Mapping[int, tuple[Path, NDArray[np.uint8]]]
+"""Captures of the whole screen, (H, W, 3), by the number that their strips say."""
+
+
+@dataclass
+class TrialDrawer:
+    """Draws the live frames of a study's sessions again.
+
+    Parameters
+    ----------
+    pixels_of : callable
+        Gives the pixels of a stimulus by name, (H, W, 4), held to its hash.
+    studio : Studio
+        In `ctx`.
+    drawn_by : (renderer, version)
+        Of `ctx`: frames of the same must come out bit for bit, of others within `NEAR`.
+    """
+
+    ctx: moderngl.Context
+    study: StudyProtocol
+    display: Display
+    manifest: Manifest
+    pixels_of: Callable[[str], NDArray[np.uint8]]
+    studio: Studio
+    drawn_by: tuple[str, str]
+    _pixels: Pixels = field(default_factory=Pixels)
+
+    def __post_init__(self) -> None:
+        size = self.manifest.clips[0].width_px, self.manifest.clips[0].height_px
+        self._painter = Painter(self.ctx, size, 0)
+        self._target = create_texture(self.ctx, size, "rgba8")
+        self._screen = self.ctx.framebuffer([self._target])
+        self._methods = self.study.stimuli.live_methods()
+        self._bitmaps = bitmaps_of(self.study, self.display)
+
+    def release(self) -> None:
+        """Free what was made, the studio's too."""
+        self._painter.release()
+        self._screen.release()
+        self._target.release()
+        self.studio.release()
+
+    def redraw(self, sitting: Sitting, captured: Screens) -> tuple[Redrawn, int]:
+        """Draw a session's frames again: those whose pixels were kept, or that were captured.
+
+        Captures are of the last run of the program: strips count anew in each.
+
+        Returns
+        -------
+        Redrawn, int
+            What came of it, and how many captures were compared.
+
+        Raises
+        ------
+        StudyError
+            If the session was of other stimuli or another display, or a file cannot be read.
+        """
+        total, problems = [0, 0, 0], list[str]()
+        seen: dict[int, str] = {}
+        scripts, exactly = None, False
+        runs = sum(isinstance(e, SessionStart | SessionResume) for e in sitting.journal.events)
+        for event in sitting.journal.events:
+            runs -= isinstance(event, SessionStart | SessionResume)
+            if isinstance(event, SessionStart | SessionResume):
+                there = event.versions.get("renderer"), event.versions.get("opengl")
+                exactly = there == self.drawn_by
+            if isinstance(event, SessionStart):
+                self._check(event)
+                scripts = Scripts(self.study, self.display, event.language, self.manifest)
+            if not isinstance(event, Attempt) or event.live is None or scripts is None:
+                continue
+            script = scripts.script(event.answers, event.role == "practice")
+            for row in self._rows(sitting.folder, event):
+                total[0] += 1
+                screens = {} if runs else captured
+                found = self._frame(row, event, script, screens, seen, exactly=exactly)
+                for place, count in enumerate(found.counts):
+                    total[1 + place] += count
+                problems += [f"flip {row['flip']}: {text}" for text in found.problems]
+        problems += [f"{captured[n][0]}: flip {n}: {why}" for n, why in seen.items() if why]
+        return Redrawn(*total, tuple(problems)), len(seen)
+
+    def _check(self, start: SessionStart) -> None:
+        for what, here, there in (
+            ("manifest of the stimuli", self.manifest.sha256, start.manifest_sha256),
+            ("display", sha256_json(self.display), start.display_sha256),
+            ("protocol", self.study.sha256, start.protocol_sha256),
+        ):
+            if here != there:
+                raise StudyError(
+                    f"the {what} must be the one that the session began with (hash {there[:12]},"
+                    f" got {here[:12]}); name that one"
+                )
+
+    def _rows(self, folder: Path, attempt: Attempt) -> Iterator[dict[str, str]]:
+        """Yield the flips that followed the gaze, as they were recorded."""
+        if attempt.flips_file is None:
+            return
+        path = folder / attempt.flips_file.file
+        data = read_bytes(path, "the flips of a trial", "table")
+        check_within("events", data.count(b"\n"), StudyError, path, "lines")
+        with reading(path, "the flips of a trial, as they were recorded", StudyError):
+            for row in csv.DictReader(io.StringIO(data.decode("ascii")), strict=True):
+                if row["drawn_sha256"]:
+                    yield row
+
+    def _frame(
+        self,
+        row: Mapping[str, str],
+        attempt: Attempt,
+        script: TrialScript,
+        captured: Screens,
+        seen: dict[int, str],
+        *,
+        exactly: bool,
+    ) -> _Found:
+        try:
+            phase = next(one for one in script.phases if one.name == row["phase"])
+            entry, number = live_entry(phase), int(row["flip"])
+            if entry is None:
+                raise ValueError(f"phase {phase.name} follows no gaze")
+            name = attempt.stimuli[entry.stimulus].name
+            live, source = self._methods[name], self.manifest.clip(name).frames_sha256[0]
+            gaze_x, gaze_y, field_x, field_y = (
+                float(row[key]) for key in ("gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px")
+            )
+            look = Look((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
+            kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
+        except (LookupError, StopIteration, StudyError, ValidationError, ValueError) as error:
+            return _Found((0, 0), (f"must be a flip of this study ({error})",))
+        problems = []
+        said = described(live, source, entry, script.stimulus_px, self.display)
+        if row["drawn_sha256"] != sha256_json(said):
+            problems.append(f"{name}: source, place and parameters must be the study's")
+        if look.seed != live.seed:
+            problems.append(f"{name}: must have seed {live.seed} (got {look.seed})")
+        if not kept and number not in captured:
+            return _Found((0, 0), tuple(problems))
+        renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
+        renderer.prepare(look.seed)
+        renderer.hold(View())
+        picture = renderer.draw(look)
+        same, off = (
+            compared(self._pixels, picture, row["pixels_sha256"], row["grid"])
+            if kept
+            else (False, 0)
+        )
+        if kept and ((exactly and not same) or off > NEAR):
+            problems.append(must_show(look, off))
+        if number in captured:
+            screen = self._whole(script, phase, entry, picture)
+            off = _off(screen, captured[number][1])
+            seen[number] = must_show(look, off) if off > (0 if exactly else NEAR) else ""
+        return _Found((int(bool(kept)), int(same)), tuple(problems))
+
+    def _whole(
+        self, script: TrialScript, phase: ScriptPhase, entry: Live, picture: moderngl.Texture
+    ) -> NDArray[np.uint8]:
+        """Return the whole screen as the window shows it, (H, W, 3)."""
+        self._screen.use()
+        self._painter.clear()
+        self._painter.image(picture, (0, 0))
+        (width, height), data = self._screen.size, self._screen.read(alignment=1)
+        frame = np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1]
+        return paint(script, phase, {entry.stimulus: [frame]}, self._bitmaps)
+
+
+@dataclass(frozen=True)
+class _Found:
+    counts: tuple[int, int]
+    """Drawn again; of these, bit for bit the same."""
+    problems: tuple[str, ...]
+
+
+def _off(wanted: NDArray[np.uint8], found: NDArray[np.uint8]) -> int:
+    """Return by how much two screens differ at most, strips and patch aside; 255: in size."""
+    if wanted.shape != found.shape:
+        return 255
+    off = np.abs(wanted.astype(int) - found).max(axis=2)
+    off[:BLOCK_PX], off[-BLOCK_PX:] = 0, 0
+    x, y = patch_place((wanted.shape[1], wanted.shape[0]))
+    off[y : y + PATCH_PX, x : x + PATCH_PX] = 0
+    return int(off.max())

@@ -1,0 +1,381 @@
+"""Stimuli that follow the gaze, in trials on a virtual display: pixels, logs, planted faults."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from pipeline.gl.texture import read_back
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.journal_file import read_journal
+from protocols.load import load_study, shipped
+from protocols.viewing import Viewing
+from stimuli.choice import Choice
+from stimuli.foveated.clip_to_files import foveate_clip
+from study_app.cli.gaze_of_frames import track_of
+from study_app.cli.live_renderer import FoveatingStudio
+from study_app.conduct import conduct
+from study_app.gaze.open_source import recorded
+from study_app.gaze.replay import ReplaySource
+from study_app.gaze.simulated import STEADY, GazeEvent, SimulatedGaze
+from study_app.gaze.trusted import TrustedGaze
+from study_app.live.in_trials import too_dear
+from study_app.live.loop import SPARE_SHARE
+from study_app.live.redraw_trials import TrialDrawer
+from study_app.live.renderer import STEPS_PER_PX
+from study_app.observers import ArtificialObserver, default_model
+from study_app.opening import Setting, begin
+from study_app.sittings import Sitting
+from study_app.virtual import VirtualClock, VirtualStage
+
+WIDTH, HEIGHT, HZ = 96, 64, 60.0
+SHOWN = 12
+"""Refreshes that a stimulus lasts."""
+DISPLAY = """
+name = "little"
+width_px = 320
+height_px = 240
+width_mm = 96.0
+height_mm = 72.0
+distance_mm = 100.0
+refresh_hz = 60.0
+clip_memory_mib = 64
+"""
+DRAWN_BY = {"renderer": "here", "opengl": "4"}
+
+
+@pytest.fixture
+def small(tmp_path):
+    """Give a function: a shipped live study, with a picture and a method, and other values."""
+    (tmp_path / "little.toml").write_text(DISPLAY)
+
+    def made(name="live-detection", method='name = "blur"', **values):
+        text = shipped("studies")[name].read_text(encoding="utf-8")
+        text = re.sub(
+            r"^  \{ name = \"(street|castle|colonnade|tunnel|thicket|notices|reference|blur)[^\n]*",
+            "", text, flags=re.M,
+        )  # fmt: skip
+        text = re.sub(r'^  \{ name = "ours"[^\n]*', f"  {{ {method} }},", text, flags=re.M)
+        text = text.replace("draws = 6", "draws = 1").replace('"balanced"', '"random"')
+        for key, value in {
+            "display": f'"{tmp_path / "little.toml"}"', "width_px": WIDTH, "height_px": HEIGHT,
+            "blocks": 1, "stimulus_s": SHOWN / HZ, **values,
+        }.items():  # fmt: skip
+            text, count = re.subn(rf"^{key} = [^#\n]*", f"{key} = {value}", text, flags=re.M)
+            assert count, key
+        text = text.replace('baseline = "ours"', f"baseline = {method.split(' ')[2].strip(',')}")
+        path = tmp_path / "study.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_study(path, None)
+
+    return made
+
+
+def pixels_of(_name):
+    picture = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    picture[..., :3] = data.astronaut()[:HEIGHT, 180 : 180 + WIDTH]
+    return picture
+
+
+class Stage(VirtualStage):
+    """Frames take so long that each is begun at the flip before its own; all are kept."""
+
+    def __init__(self, *given, **more):
+        super().__init__(*given, **more)
+        self.frames = []
+
+    def paint(self, picture, look):
+        if picture is not None:
+            self.frames.append((look, np.asarray(read_back(picture)[..., :3])))
+        self._clock.move_to(self._clock() + (1 - SPARE_SHARE) / HZ)
+
+
+def sit(study, display, root, studio, *, gaze_of=None, pixels=pixels_of, stage=VirtualStage):
+    """Run a whole session on a virtual display; return its folder and the stage."""
+    clock = VirtualClock()
+    manifest = virtual_manifest(study, display)
+    observer = ArtificialObserver(default_model(study), study.response, 0, "P01")
+    made = stage(clock, HZ, observer)
+    made.show_live(display, manifest, studio, pixels)
+    made._live._cost_s = (1 - SPARE_SHARE) / HZ if stage is Stage else 0.0
+    gaze = (
+        gaze_of(clock)
+        if gaze_of is not None
+        else SimulatedGaze(clock, Viewing.of(display), (0, 0), behaviour=STEADY)
+    )
+    setting = Setting(
+        study, display, manifest, root, clock.wall, simulated=True, timing_evidence="virtual",
+        drawn_by=DRAWN_BY,
+    )  # fmt: skip
+    recorder, plan = begin(setting, "P01", "en", made, gaze)
+    recorder.waits_for_disk = False
+    with recorder:
+        conduct(setting, plan, recorder, made, gaze, late_most=sys.maxsize)
+    made._live.release()
+    return recorder.folder, made
+
+
+def live_rows(folder):
+    """Return the flips that followed the gaze, attempt by attempt."""
+    found = []
+    for attempt in read_journal(folder / "journal.jsonl").attempts:
+        with (folder / attempt.flips_file.file).open() as file:
+            found.append([row for row in csv.DictReader(file) if row.get("drawn_sha256")])
+    return found
+
+
+def again(ctx, folder, study, display, drawn_by=("here", "4"), pixels=pixels_of, manifest=None):
+    """Draw a session again with passes of its own."""
+    drawer = TrialDrawer(
+        ctx, study, display, manifest or virtual_manifest(study, display), pixels,
+        FoveatingStudio(ctx), drawn_by,
+    )  # fmt: skip
+    try:
+        return drawer.redraw(Sitting(folder, read_journal(folder / "journal.jsonl")), {})[0]
+    finally:
+        drawer.release()
+
+
+@pytest.mark.parametrize("method", ["metamer", "warped-metamer"])
+def test_a_replayed_recording_shows_in_a_trial_the_frames_that_foveate_writes(
+    gl_context, small, tmp_path, method
+):
+    study, display = small(method=f'name = "{method}"', loss_max_share=1.0)
+    rng = np.random.default_rng(4)
+    t_s = np.arange(0, 30, 0.004)
+    x = 160 + 30 * np.sign(np.sin(31 * t_s)) + rng.normal(0, 0.3, len(t_s))
+    y = 120 + 20 * np.sin(9 * t_s) + rng.normal(0, 0.3, len(t_s))
+    lost = np.zeros(len(t_s), bool)
+
+    def tape(name, times_s, first=0):
+        rows = zip(times_s, x[first:], y[first:], lost[first:], strict=True)
+        lines = [f"{t:.6f},," if gone else f"{t:.6f},{a:.5f},{b:.5f}" for t, a, b, gone in rows]
+        (tmp_path / name).write_text("\n".join(["t_s,x_px,y_px", *lines]) + "\n")
+        return str(tmp_path / name)
+
+    def consistent(name, studio):
+        """Show a session to the tape; return rows and frames of the trial without a cut."""
+
+        def gaze_of(clock):
+            recording = recorded(tape("tape.csv", t_s)).on_screen(320, 240)
+            gaze = TrustedGaze(ReplaySource(recording, clock), clock)
+            gaze.open()
+            return gaze
+
+        folder, stage = sit(study, display, tmp_path / name, studio, gaze_of=gaze_of, stage=Stage)
+        cuts = [a.condition["cut"] for a in read_journal(folder / "journal.jsonl").attempts]
+        rows, place = live_rows(folder), cuts.index("consistent")
+        start = sum(map(len, rows[:place]))
+        return rows[place], stage.frames[start : start + len(rows[place])]
+
+    rows, _ = consistent("first", None)
+    asked_s = float(rows[0]["t_s"]) - 1 / HZ  # each frame is begun at the flip before its own
+    lost |= (t_s > asked_s + 0.05) & (t_s < asked_s + 0.09)
+    studio = FoveatingStudio(gl_context)
+    rows, shown = consistent("second", studio)
+
+    first = int(np.searchsorted(t_s, asked_s + 1e-6, side="right")) - 1
+    rest = tape("rest.csv", np.maximum(t_s[first:] - asked_s, 0), first)
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for k in range(SHOWN):
+        Image.fromarray(pixels_of("")[..., :3]).save(frames / f"{k:04d}.png")
+    little = str(tmp_path / "little.toml")
+    written = foveate_clip(
+        frames, tmp_path / "out", seed=int(rows[0]["seed"]), choice=Choice(method), fps=HZ,
+        gaze=track_of(f"replay:{rest}", little, HZ, print), display=little, ctx=gl_context,
+    )  # fmt: skip
+    assert {row["eye"] for row in rows} == {"found", "lost"}
+    assert len({row["field_x_px"] for row in rows}) > 1
+    for path, (look, pixels) in zip(written, shown, strict=True):
+        eight = np.rint(255 * pixels).astype(np.uint8)
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), eight, f"{path} {look}")
+
+
+class Faulty:
+    """Draws something else from frame 4 of a stimulus on than what is logged."""
+
+    def __init__(self, renderer, fault):
+        self._renderer, self._fault = renderer, fault
+        self._drawn, self._before, self._last = 0, None, None
+
+    def __getattr__(self, name):
+        return getattr(self._renderer, name)
+
+    def draw(self, look):
+        before = self._before
+        self._before, self._drawn = look, self._drawn + 1
+        if self._drawn > 4:
+            match self._fault:
+                case "wrong gaze":
+                    look = look._replace(gaze_px=(look.gaze_px[0] + 1 / STEPS_PER_PX, 0.0))
+                case "wrong field":
+                    look = look._replace(field_px=(look.field_px[0] + 4, 10.0))
+                case "old gaze":
+                    look = before
+                case "wrong seed":
+                    self._renderer.prepare(look.seed + 1)
+                    look = look._replace(seed=look.seed + 1)
+                case "stale texture":
+                    return self._last
+        self._last = self._renderer.draw(look)
+        return self._last
+
+
+class FaultyStudio(FoveatingStudio):
+    fault = "none"
+
+    def __call__(self, place, said, pixels):
+        if self.fault == "another source":
+            pixels = np.ascontiguousarray(pixels[:, ::-1])
+        return Faulty(super().__call__(place, said, pixels), self.fault)
+
+
+FAULTS = ("wrong gaze", "wrong field", "old gaze", "wrong seed", "stale texture", "another source")
+
+
+@pytest.mark.parametrize("fault", ["none", *FAULTS])
+def test_live_frames_of_a_session_are_drawn_again_and_each_planted_fault_is_found(
+    gl_context, small, tmp_path, fault
+):
+    study, display = small(method='name = "warped", method = "warped-metamer"')
+    studio = FaultyStudio(gl_context)
+    studio.fault = fault
+    folder, _ = sit(study, display, tmp_path / "s", studio)
+    kept = [row["flip"] for rows in live_rows(folder) for row in rows if row["pixels_sha256"]]
+    assert kept == [rows[-1]["flip"] for rows in live_rows(folder)]
+
+    found = again(gl_context, folder, study, display)
+
+    assert (found.flips, found.drawn) == (2 * SHOWN, 2)
+    named = [text.partition(":")[0] for text in found.problems]
+    if fault == "none":
+        assert (found.equal, found.problems) == (2, ())
+        elsewhere = again(gl_context, folder, study, display, drawn_by=("there", "4"))
+        assert elsewhere.problems == ()
+    else:
+        assert named == [f"flip {flip}" for flip in kept]
+        assert "must show what gaze" in found.problems[0]
+
+
+def test_on_another_renderer_a_wrong_seed_another_source_and_a_stale_texture_are_found_too(
+    gl_context, small, tmp_path
+):
+    study, display = small(method='name = "warped", method = "warped-metamer"')
+    for fault in ("wrong seed", "another source"):
+        studio = FaultyStudio(gl_context)
+        studio.fault = fault
+        folder, _ = sit(study, display, tmp_path / fault.replace(" ", "-"), studio)
+            assert len(again(gl_context, folder, study, display, ("there", "4")).problems) == 2
+
+
+def test_frames_of_another_study_s_parameters_seeds_or_pictures_are_named(
+    gl_context, small, tmp_path
+):
+    study, display = small()
+    folder, _ = sit(study, display, tmp_path / "s", FoveatingStudio(gl_context))
+    other, _ = small(texture_seed=64)
+    with pytest.raises(StudyError, match="the manifest of the stimuli must be the one"):
+        again(gl_context, folder, other, display)
+    renamed = virtual_manifest(study, display)
+    with pytest.raises(StudyError, match="the display must be the one"):
+        again(gl_context, folder, study, replace_display(display), manifest=renamed)
+    file = next((folder / "flips").glob("*.csv"))
+    seed = live_rows(folder)[0][0]["seed"]
+    file.write_text(file.read_text().replace(f",{seed},", f",{int(seed) + 1},"))
+    found = again(gl_context, folder, study, display)
+    assert all("must have seed" in text for text in found.problems[:SHOWN])
+    file.write_text(file.read_text().replace(f",{int(seed) + 1},", ",many,"))
+    assert "must be a flip of this study" in again(gl_context, folder, study, display).problems[0]
+
+
+def replace_display(display):
+    return display.model_copy(update={"distance_mm": 101.0})
+
+
+def test_a_lost_eye_holds_the_last_gaze_for_a_blink_and_then_the_trial_is_void(small, tmp_path):
+    study, display = small(loss_max_share=1.0)
+
+    def gaze_of(clock):
+        return Losing(clock, Viewing.of(display), (0, 0), behaviour=STEADY)
+
+    folder, _ = sit(study, display, tmp_path / "s", None, gaze_of=gaze_of)
+
+    attempts = read_journal(folder / "journal.jsonl").attempts
+    rows = live_rows(folder)
+    assert [a.void_reason for a in attempts[:2]] == [None, "data-loss"]
+    short, long = rows[0], rows[1]
+    held = [row for row in short if row["eye"] == "lost"]
+    before = next(a for a, b in zip(short, short[1:], strict=False) if b is held[0])
+    assert len(held) in (5, 6, 7)
+    assert {row["gaze_x_px"] for row in held} == {before["gaze_x_px"]}
+    assert attempts[0].live.lost == len(held)
+    assert len(attempts[0].live.ages_ms) == SHOWN - len(held)
+    assert [row["eye"] for row in long][-3:] == ["lost"] * 3
+    assert len(long) < SHOWN
+
+
+class Losing(SimulatedGaze):
+    """Loses the eye for 0.1 s in the first trial, for longer than a blink in the second."""
+
+    trials = 0
+
+    def mark(self, _text):
+        self.trials += 1
+        lost_s = {1: 0.1, 2: 0.2}.get(self.trials, 0.0)
+        self.restart(self.trials, [GazeEvent("loss", 0.52, lost_s)] if lost_s else [])
+
+
+def test_an_eye_that_is_lost_when_a_picture_begins_holds_where_it_was_seen_before(small, tmp_path):
+    study, display = small(loss_max_share=1.0)
+
+    class Early(SimulatedGaze):
+        def mark(self, _text):
+            self.look_at((3.0, 0.0))
+            self.restart(1, [GazeEvent("loss", 0.507, 0.1)])
+
+    folder, _ = sit(
+        study, display, tmp_path / "s", None,
+        gaze_of=lambda clock: Early(clock, Viewing.of(display), (0, 0), behaviour=STEADY),
+    )  # fmt: skip
+
+    first = live_rows(folder)[0][0]
+    assert first["eye"] == "lost"
+    three_deg_px = 100 * np.tan(np.radians(3)) / 0.3
+    assert abs(float(first["gaze_x_px"]) - WIDTH / 2 - three_deg_px) < 4
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mode": '"none"'}, "gaze.mode: must watch gaze where pictures follow it"),
+        ({"store_gaze": "false"}, "privacy.store_gaze: must be true where pictures follow"),
+        ({"cuts": "{ draws = 1 }\nrings = { eccentricities_deg = [5.0] }"}, "rings"),
+        ({"cuts": '{ draws = 1 }\ngazes = [{ name = "left", x_deg = -5.0 }]'}, "gazes"),
+    ],
+)
+def test_what_does_not_go_with_a_free_gaze_is_refused(small, values, message):
+    with pytest.raises(StudyError, match=message):
+        small(**values)
+
+
+def test_a_browser_refuses_a_study_that_follows_the_gaze_by_its_name(small):
+    study, _ = small()
+    with pytest.raises(StudyError, match="'live-detection' has pictures that follow the gaze"):
+        study.in_a_browser()
+
+
+def test_frames_that_take_longer_than_a_refresh_are_refused_with_a_cure(small):
+    _, display = small()
+    assert too_dear(display, 0.014, "metamer", "a card") is None
+    error = str(too_dear(display, 0.0150, "metamer", "a card"))
+    assert "a frame of 'metamer' must be drawn in 14.2 ms" in error
+    assert "(it took 15.0 ms on a card)" in error
+    assert "smaller stimuli" in error
