@@ -32,6 +32,7 @@ from protocols.journal import (
     SessionStart,
 )
 from protocols.journal_file import Journal
+from protocols.latency import LiveFrames
 from protocols.schema import StudyProtocol
 
 
@@ -53,6 +54,8 @@ class Tidy:
         Artificial observers answered: every output must say so.
     warnings : tuple of str
         Damage, missing trials, withdrawn participants.
+    live : tuple of LiveFrames
+        Of each attempt whose frames followed the gaze: how old it was.
     """
 
     sessions: pd.DataFrame
@@ -64,6 +67,7 @@ class Tidy:
     demographics: pd.DataFrame
     simulated: bool
     warnings: tuple[str, ...]
+    live: tuple[LiveFrames, ...] = ()
 
     @property
     def analysed(self) -> pd.DataFrame:
@@ -113,6 +117,12 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         demographics=demographics(closing, protocol, chosen),
         simulated=study.simulated,
         warnings=tuple(notes),
+        live=tuple(
+            attempt.live
+            for reading in study.readings
+            for attempt in reading.journal.attempts
+            if attempt.live is not None
+        ),
     )
 
 

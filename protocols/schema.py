@@ -145,8 +145,8 @@ class StudyProtocol(Grown):
         """
         if self.stimuli.follows_gaze:
             raise StudyError(
-                f"stimuli.live: {self.study.name!r} has pictures that follow the gaze, and no browser"
-                " watches it; run it at a desk, or leave live out"
+                f"stimuli.live: {self.study.name!r} has pictures that follow the gaze, which no"
+                " browser watches; run it at a desk, or leave live out"
             )
         if self.web is not None:
             return self.model_copy(update={"gaze": self.gaze.model_copy(update={"mode": "none"})})

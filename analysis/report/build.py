@@ -14,7 +14,7 @@ from markupsafe import Markup
 from analysis.columns import dictionary
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
-from analysis.report.blocks import ReportFigure
+from analysis.report.blocks import Paragraph, ReportFigure
 from analysis.report.content import Content, content_of
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
@@ -22,6 +22,7 @@ from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write import write_table
 from analysis.tidy import write_tables
 from protocols.hashing import Json
+from protocols.latency import LatencySummary
 from protocols.outside import inline_svg, json_bytes, page_bytes
 from protocols.result_folder import check_result, whole_folder
 from protocols.results import FORMAT, NAME
@@ -148,7 +149,8 @@ def write_report(
             "warnings": list(content.warnings),
             "provenance": provenance,
         }
-        html = report_page(source, content, drawn, provenance, beside_blocks(both))
+        quality = (*_latency(source), *beside_blocks(both))
+        html = report_page(source, content, drawn, provenance, quality)
         (work / HTML_NAME).write_bytes(page_bytes(html))
         text = json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
         (work / NAME).write_bytes(json_bytes(text + "\n"))
@@ -158,6 +160,14 @@ def write_report(
         content=content,
         simulated=source.simulated,
     )
+
+
+def _latency(source: Source) -> tuple[Paragraph, ...]:
+    """How old gaze was in frames that followed it; nothing where none did."""
+    if source.tidy is None or not source.tidy.live:
+        return ()
+    words = LatencySummary.of(source.tidy.live).words()
+    return (Paragraph(f"Frames that followed the gaze, {words}."),)
 
 
 def _draw(

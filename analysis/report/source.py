@@ -16,6 +16,7 @@ from analysis.tasks.note import note_path, options_from, read_note
 from analysis.tidy import Tidy, read_sessions
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_file
+from protocols.latency import LatencySummary
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
@@ -72,6 +73,8 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
             for name, digest in zip(sessions["session"], sessions["journal_sha256"], strict=True)
         },
     }
+    if tidy.live:
+        provenance["sample_to_flip"] = LatencySummary.of(tidy.live).model_dump(mode="json")
     analysis = analysis_of(protocol.analysis.kind)
     return Source(
         analysis,

@@ -409,6 +409,7 @@ def _verify(source: str, path: Path) -> None:
     """Draw a log again, and say what is not as it was."""
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.gl.context import describe, lent_context
+    from pipeline.limits import check_need
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
@@ -421,6 +422,7 @@ def _verify(source: str, path: Path) -> None:
     if first is None:
         raise StudyError(f"{path}: must say what drew its flips (it ends before)")
     said = first.described
+    check_need(path, "foveate", *said.size_px)
     geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
     with lent_context() as ctx:
         here = describe(ctx)

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt, Remote, SessionEnd
+from protocols.latency import LatencySummary
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
@@ -273,7 +274,11 @@ def list_(
                 " the folder that was given as --out"
             )
         heads = ("study", "participant", "slot", "state", "decisions", "void", "data")
-        PlainConsole().print(table_of(heads, map(_row, sittings)))
+        table = list(map(_row, sittings))
+        if any(latencies := list(map(_latency, sittings))):
+            heads = (*heads, "sample to flip")
+            table = [(*row, told) for row, told in zip(table, latencies, strict=True)]
+        PlainConsole().print(table_of(heads, table))
 
 
 @app.command()
@@ -335,6 +340,15 @@ def _row(sitting: Sitting) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def _latency(sitting: Sitting) -> str:
+    """Return how old gaze was in frames that followed it; empty where none did."""
+    live = [attempt.live for attempt in sitting.journal.attempts if attempt.live is not None]
+    found = LatencySummary.of(live)
+    if found.median_ms is None:
+        return "none" if live else ""
+    return f"{found.median_ms:.1f} ms, 95 % {found.p95_ms:.1f}, most {found.max_ms:.1f}"
+
+
 def _browser(remote: Remote | None) -> list[tuple[str, str]]:
     """Return what vouches for a session in a browser; nothing for one at a desk."""
     if remote is None:
@@ -381,6 +395,8 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
     details.append(("missed refreshes", f"{now.missed} of {now.shown}"))
     if now.lost_share is not None:
         details.append(("gaze lost", f"{100 * now.lost_share:.1f} % of the watched time"))
+    if told := _latency(sitting):
+        details.append(("sample to flip", told))
     last = journal.events[-1] if journal.events else None
     if isinstance(last, SessionEnd):
         details.append(("ended", f"{last.reason}, {last.at}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 import sys
 
@@ -273,7 +274,7 @@ def test_on_another_renderer_a_wrong_seed_another_source_and_a_stale_texture_are
         studio = FaultyStudio(gl_context)
         studio.fault = fault
         folder, _ = sit(study, display, tmp_path / fault.replace(" ", "-"), studio)
-            assert len(again(gl_context, folder, study, display, ("there", "4")).problems) == 2
+        assert len(again(gl_context, folder, study, display, ("there", "4")).problems) == 2
 
 
 def test_frames_of_another_study_s_parameters_seeds_or_pictures_are_named(
@@ -313,7 +314,7 @@ def test_a_lost_eye_holds_the_last_gaze_for_a_blink_and_then_the_trial_is_void(s
     assert [a.void_reason for a in attempts[:2]] == [None, "data-loss"]
     short, long = rows[0], rows[1]
     held = [row for row in short if row["eye"] == "lost"]
-    before = next(a for a, b in zip(short, short[1:], strict=False) if b is held[0])
+    before = next(a for a, b in itertools.pairwise(short) if b is held[0])
     assert len(held) in (5, 6, 7)
     assert {row["gaze_x_px"] for row in held} == {before["gaze_x_px"]}
     assert attempts[0].live.lost == len(held)

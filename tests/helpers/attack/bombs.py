@@ -618,6 +618,48 @@ def _videos() -> Iterator[Bomb]:
                "stimuli score c.mp4 c.mp4 --out o")  # fmt: skip
 
 
+def live_log(name: str, width: int, height: int) -> Write:
+    """A log of a live picture of that size, as `metamerlab live --record` writes it."""
+
+    def write(folder: Path) -> None:
+        from protocols.load import load_display
+        from stimuli.foveated.any_picture import Reading
+        from study_app.live.log import LiveLog
+        from study_app.live.renderer import Described
+
+        log = LiveLog(
+            folder / name, at="2026-01-01T00:00:00Z", source="builtin:garden",
+            reading=vars(Reading()), gaze="mouse", renderer="", driver="", revision="",
+            display=load_display("fhd27-60hz").model_dump(mode="json"), refresh_hz=60.0,
+        )  # fmt: skip
+        log.choice(
+            Described(
+                source_sha256="0" * 64, panorama=False, size_px=(width, height),
+                centre_px=(0.0, 0.0), distance_px=1000.0, method="metamer", parameters={},
+            )
+        )  # fmt: skip
+        log.close()
+
+    return write
+
+
+def _live() -> Iterator[Bomb]:
+    for name, write, words in (
+        ("png 5773 x 5773", png("p.png", 5773, 5773), "p.png"),
+        ("png 60,000 x 60,000", png("p.png", 60_000, 300), "p.png"),
+        ("panorama 11546 x 5773", png("p.png", 11_546, 5773), "p.png --panorama"),
+        ("60 frames of 3000 x 3000", frames(60, 3000), "frames"),
+    ):
+        yield Bomb(f"{name}, live", write, f"live {words} --seconds 1")
+    for name, write in (
+        ("1.5 GB", sparse("l.jsonl", 1_500_000_000)), ("brackets", text("l.jsonl", _NEST)),
+        ("290,000 lines", text("l.jsonl", ("{}\n", 290_000))),
+        ("a picture 16,000 x 16,000", live_log("l.jsonl", 16_000, 16_000)),
+        ("a picture 60,000 x 60,000", live_log("l.jsonl", 60_000, 60_000)),
+    ):  # fmt: skip
+        yield Bomb(f"live log of {name}", write, "live builtin:garden --verify l.jsonl")
+
+
 def _meshes() -> Iterator[Bomb]:
     words = "stimuli look s.gltf --out o.png --views 1"
     none = [{"componentType": 5126, "count": 45_000_000, "type": "VEC3"}]
@@ -682,7 +724,7 @@ def _meshes() -> Iterator[Bomb]:
 
 
 BOMBS = (
-    *_tables(), *_recordings(), *_studies(), *_records(), *_pictures(), *_videos(), *_meshes(),
+    *_tables(), *_recordings(), *_studies(), *_records(), *_pictures(), *_videos(), *_live(), *_meshes(),
 )  # fmt: skip
 """Every bomb."""
 QUICK = (
