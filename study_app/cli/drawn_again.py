@@ -69,16 +69,17 @@ def read_captures(folder: Path) -> dict[int, tuple[Path, NDArray[np.uint8]]]:
     """
     found: dict[int, tuple[Path, NDArray[np.uint8]]] = {}
     for path in sorted(folder.glob("*.png")):
-        screen = read_any(path).stored
-        whole = screen.dtype == np.uint8 and screen.shape[1] >= BLOCKS * BLOCK_PX
-        number = read_both_strips(screen[..., 1]) if whole else None
-        if number is None:
+        stored = read_any(path).stored
+        whole = stored.dtype == np.uint8 and stored.shape[1] >= BLOCKS * BLOCK_PX
+        screen = np.asarray(stored[..., :3], np.uint8) if whole else None
+        number = read_both_strips(screen[..., 1]) if screen is not None else None
+        if screen is None or number is None:
             raise StudyError(
                 f"{path}: must show the whole screen with both frame strips of one flip (it does"
                 " not); run the session with --strip, capture it pixel by pixel in 8 bits, and"
                 " leave torn captures out"
             )
-        found[number] = path, np.asarray(screen[..., :3], np.uint8)
+        found[number] = path, screen
     if not found:
         raise StudyError(f"{folder}: must hold captures of the screen (found no .png in it)")
     return found

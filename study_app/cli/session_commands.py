@@ -273,12 +273,14 @@ def list_(
                 f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
                 " the folder that was given as --out"
             )
-        heads = ("study", "participant", "slot", "state", "decisions", "void", "data")
-        table = list(map(_row, sittings))
-        if any(latencies := list(map(_latency, sittings))):
-            heads = (*heads, "sample to flip")
-            table = [(*row, told) for row, told in zip(table, latencies, strict=True)]
-        PlainConsole().print(table_of(heads, table))
+        heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
+        latencies = list(map(_latency, sittings))
+        heads += ["sample to flip"] * any(latencies)
+        rows = [
+            (*_row(sitting), *[told] * any(latencies))
+            for sitting, told in zip(sittings, latencies, strict=True)
+        ]
+        PlainConsole().print(table_of(heads, rows))
 
 
 @app.command()

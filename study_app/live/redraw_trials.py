@@ -113,7 +113,7 @@ class TrialDrawer:
                     total[1 + place] += count
                 problems += [f"flip {row['flip']}: {text}" for text in found.problems]
         problems += [f"{captured[n][0]}: flip {n}: {why}" for n, why in seen.items() if why]
-        return Redrawn(*total, tuple(problems)), len(seen)
+        return Redrawn(total[0], total[1], total[2], tuple(problems)), len(seen)
 
     def _check(self, start: SessionStart) -> None:
         for what, here, there in (

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # who describes a picture needs no graphics
     from numpy.typing import NDArray
 
 Place: TypeAlias = tuple[float, float]
+Parameter: TypeAlias = bool | int | float | str
 
 STEPS_PER_PX = 16
 """Gaze is rounded to this part of a pixel before it is used: what is logged is what was used."""
@@ -57,7 +58,7 @@ class Described(Grown):
     distance_px: Annotated[float, Field(gt=0)]
     """How far the eye is."""
     method: str
-    parameters: dict[str, bool | int | float | str | None]
+    parameters: dict[str, Parameter | tuple[Parameter, ...] | None]
     cut: Cut | None = None
     """Left out where the method draws the whole picture."""
 

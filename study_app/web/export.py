@@ -26,7 +26,7 @@ from protocols.read_file import read_bytes
 from protocols.result_folder import whole_folder
 from protocols.revision import code_revision
 from protocols.schema import StudyProtocol
-from protocols.script import Drawn, Frames, Picture, Place, Size, TrialScript
+from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
 from protocols.web_design import web_design
 from protocols.web_study import (
     BUDGET_MB,
@@ -339,7 +339,8 @@ class WebBuild:
             ),
         )
 
-    def _entry(self, entry: WebEntry | Picture) -> WebEntry:
+    def _entry(self, entry: Entry) -> WebEntry:
+        assert not isinstance(entry, Live), "in_a_browser refuses what follows the gaze"
         return self._placed(entry) if isinstance(entry, Picture) else entry
 
     def _placed(self, picture: Picture) -> ShownPicture:

@@ -59,6 +59,7 @@ from protocols.web_lines import Pause as PauseLine
 from protocols.web_study import deviations_s
 from study_app.attempt import Log, run_attempt
 from study_app.attempt_record import attempt_event
+from study_app.live.in_trials import Kept, SessionGaze
 from study_app.recorder import Recorder, journal_held, write_new
 from study_app.session import (
     AskConsent,
@@ -517,6 +518,7 @@ class Session:
                 script,
                 self.manifest,
                 recorder,
+                stage.kept(),
                 store_gaze=False,
             )
             made.append(event)
@@ -592,6 +594,13 @@ class Observed:
 
     def expect(self, _trial: PlannedTrial) -> None:
         """Nothing to load."""
+
+    def follow(self, _gaze: SessionGaze, *, polled: bool) -> None:
+        """Nothing follows the gaze in a browser."""
+
+    def kept(self) -> Mapping[int, Kept]:
+        """Return nothing: a browser keeps no pixels."""
+        return {}
 
     def page(self, _page: Page) -> PageResult:
         """Never asked: pages are not part of an attempt."""

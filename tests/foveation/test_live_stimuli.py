@@ -6,20 +6,30 @@ import csv
 import itertools
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
+from typer.testing import CliRunner
 
+from analysis.report.build import report_sessions
 from pipeline.gl.texture import read_back
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
+from protocols.latency import LatencySummary, LiveFrames
 from protocols.load import load_study, shipped
+from protocols.phases import Image as Still
+from protocols.phases import Live, Phase
+from protocols.plan import make_plan
+from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from stimuli.choice import Choice
 from stimuli.foveated.clip_to_files import foveate_clip
+from stimuli.recipes.foveated_images import FoveatedBuilder
+from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingStudio
 from study_app.conduct import conduct
@@ -33,6 +43,7 @@ from study_app.live.redraw_trials import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
+from study_app.simulate import Simulation, simulate_study
 from study_app.sittings import Sitting
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -380,3 +391,90 @@ def test_frames_that_take_longer_than_a_refresh_are_refused_with_a_cure(small):
     assert "a frame of 'metamer' must be drawn in 14.2 ms" in error
     assert "(it took 15.0 ms on a card)" in error
     assert "smaller stimuli" in error
+
+
+def test_a_condition_that_cannot_be_drawn_in_a_frame_is_refused_by_protocol_check(small):
+    for method in ('name = "n", method = "noise-enhanced"',
+                   'name = "metamer", parameters = { chroma = "full" }'):  # fmt: skip
+        study, display = small(method=method)
+        problems = FoveatedBuilder(study, display, Path()).problems()
+        assert ["a live picture must be one that the GPU draws" in str(p) for p in problems] == [
+            True
+        ]
+
+
+def test_tasks_that_show_halves_or_two_pictures_at_once_refuse_what_follows_the_gaze(small):
+    study, display = small()
+    two = study.model_copy(update={"task": Halves()})
+    with pytest.raises(StudyError, match="follow the gaze: show them as Live"):
+        example_scripts(two, display)
+    two = study.model_copy(update={"task": Halves(both=True)})
+    with pytest.raises(StudyError, match="one live picture at most"):
+        example_scripts(two, display)
+
+
+class Halves:
+    """As much of a task as scripts ask for."""
+
+    stimuli_per_trial, confidence = 2, None
+
+    def __init__(self, *, both=False):
+        self.show = (Live(0, -5.0), Live(1, 5.0)) if both else (Still(0, half="left"),)
+
+    def answers(self):
+        return "yes", "no"
+
+    def phases(self, _pool, _display):
+        return (Phase("shown", 12, self.show, watched=True),)
+
+    def phases_after(self, _pool, _display):
+        return ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "decisions"), [("live-preference", 126), ("live-detection", 210)])
+def test_the_shipped_live_studies_simulate_whole_and_are_reported_with_their_latency(
+    tmp_path, name, decisions
+):
+    text = shipped("studies")[name].read_text(encoding="utf-8")
+    text = text.replace("stimulus_s = 0.5", "stimulus_s = 0.1").replace(
+        "gap_s = 0.5", "gap_s = 0.1"
+    )
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    study, display = load_study(path, None)
+    assert len(make_plan(study, virtual_manifest(study, display), "P01", 0).trials) == decisions
+    done = simulate_study(Simulation(study, display), tmp_path / "s", 2)
+    assert {code: one.main_done for code, one in done.items()} == dict.fromkeys(
+        ("S001", "S002"), decisions
+    )
+    report_sessions(tmp_path / "s", study, tmp_path / "r", figure_files=False)
+
+    page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    said = re.search(r"Frames that followed the gaze, (sample to flip: median [^<]*)", page)
+    events = [
+        attempt
+        for code in done
+        for attempt in read_journal(tmp_path / "s" / name / code / "journal.jsonl").attempts
+    ]
+    assert said
+    assert said[1] == LatencySummary.of([a.live for a in events]).words() + "."
+    assert all(len(a.live.ages_ms) + a.live.lost > 0 for a in events if a.void_reason is None)
+    listed = CliRunner().invoke(app, ["session", "status", str(tmp_path / "s" / name / "S001")])
+    assert "sample to flip" in listed.stdout
+    assert "ms, 95 %" in listed.stdout
+
+
+@pytest.mark.parametrize(
+    ("ages_ms", "median", "p95", "most"),
+    [((5.0,), 5.0, 5.0, 5.0), (tuple(range(1, 101)), 50.0, 95.0, 100.0), ((), None, None, None)],
+)
+def test_latency_of_attempts_is_that_of_all_their_frames(ages_ms, median, p95, most):
+    half = len(ages_ms) // 2
+    parts = [
+        LiveFrames(ages_ms=part, lost=1, silent=2, ahead=0)
+        for part in (ages_ms[half:], ages_ms[:half])
+    ]
+    found = LatencySummary.of(parts)
+    assert (found.median_ms, found.p95_ms, found.max_ms) == (median, p95, most)
+    assert (found.frames, found.lost, found.silent) == (len(ages_ms), 2, 4)

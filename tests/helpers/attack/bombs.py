@@ -724,7 +724,8 @@ def _meshes() -> Iterator[Bomb]:
 
 
 BOMBS = (
-    *_tables(), *_recordings(), *_studies(), *_records(), *_pictures(), *_videos(), *_live(), *_meshes(),
+    *_tables(), *_recordings(), *_studies(), *_records(), *_pictures(), *_videos(), *_live(),
+    *_meshes(),
 )  # fmt: skip
 """Every bomb."""
 QUICK = (
