@@ -188,7 +188,8 @@ class Cuts(Model):
     ramp_deg: Degrees = 1.0
     """Width over which the sides blend."""
     own_seeds: bool = True
-    """Each draw has its own noise. If false, all draws cut one picture."""
+    """Each draw has its own noise. If false, all draws cut one picture; live, all pictures share
+    their noise."""
 
 
 class _Drawn(TypedDict, total=False):
@@ -397,7 +398,9 @@ class FoveatedImages(Grown, Recipe):
             angle = chance.below(_TURN * _FINER) / _FINER
             more: dict[str, Scalar] = {"cut": cut, "draw": draw, "cut_deg": angle}
             own = (cut, draw) if cuts.own_seeds else ()
-            seed = self._seed_of(picture.name, gaze.name, *own)
+            # A new seed takes long to prepare: live, between trials.
+            named = () if self.live and not own else (picture.name, gaze.name)
+            seed = self._seed_of(*named, *own)
             yield (
                 [cut, f"d{draw}"],
                 more,
