@@ -161,7 +161,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         )
         targets.show = presenter.look_at
         drawn_by = describe(window.ctx)
-        notes = [_require_live(presenter, options, drawn_by.name)] if follows else []
+        notes = [require_live(presenter, options, drawn_by.name)] if follows else []
         setting = Setting(
             protocol=protocol,
             display=display,
@@ -199,7 +199,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             )
 
 
-def _require_live(presenter: Presenter, options: SittingOptions, renderer: str) -> str:
+def require_live(presenter: Presenter, options: SittingOptions, renderer: str) -> str:
     """Refuse live pictures where a refresh is too short for them, but in rehearsals.
 
     Returns

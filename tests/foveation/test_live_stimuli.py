@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import itertools
 import re
 import sys
@@ -43,6 +44,7 @@ from study_app.live.redraw_trials import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
+from study_app.run import SittingOptions, require_live
 from study_app.simulate import Simulation, simulate_study
 from study_app.sittings import Sitting
 from study_app.virtual import VirtualClock, VirtualStage
@@ -478,3 +480,23 @@ def test_latency_of_attempts_is_that_of_all_their_frames(ages_ms, median, p95, m
     found = LatencySummary.of(parts)
     assert (found.median_ms, found.p95_ms, found.max_ms) == (median, p95, most)
     assert (found.frames, found.lost, found.silent) == (len(ages_ms), 2, 4)
+
+
+@pytest.mark.parametrize("name", ["live-preference", "live-detection"])
+def test_all_live_stimuli_share_a_seed_for_it_takes_longer_than_a_frame_to_prepare(name):
+    study, _ = load_study(Path(name), None)
+    assert len({live.seed for live in study.stimuli.live_methods().values()}) == 1
+
+
+def test_a_session_is_refused_where_its_frames_do_not_fit_and_a_rehearsal_says_so(small):
+    study, display = small()
+
+    class Slow:
+        def dearest_live_s(self):
+            return 0.040, "metamer"
+
+    options = SittingOptions(study, display, Path(), Path(), "P01")
+    with pytest.raises(StudyError, match="a frame of 'metamer' must be drawn in"):
+        require_live(Slow(), options, "a card")
+    rehearsal = dataclasses.replace(options, pacing="software")
+    assert "took 40.0 ms: too long for a refresh" in require_live(Slow(), rehearsal, "a card")
