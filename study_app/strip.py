@@ -103,6 +103,25 @@ def read_strip(row: NDArray[np.uint8]) -> int | None:
     return number if code == code_of(number) else None
 
 
+def read_both_strips(screen: NDArray[np.uint8]) -> int | None:
+    """Return the number that both strips of a picture say, or None where they do not agree.
+
+    A screen that is read while it is drawn is drawn from one edge to the other, so that one strip
+    is its first part and the other its last. A copy of it is whole if both strips said one number
+    before the copy was made (no part was still to come) and say it afterwards (nothing newer had
+    begun). Asked afterwards alone, a copy taken while the rest was drawn would pass.
+
+    Parameters
+    ----------
+    screen : ndarray of uint8, shape (height, at least BLOCKS * BLOCK_PX)
+        One channel of the screen.
+    """
+    number = read_strip(screen[BLOCK_PX // 2, : BLOCKS * BLOCK_PX].copy())
+    if number is None or read_strip(screen[-(BLOCK_PX // 2), : BLOCKS * BLOCK_PX].copy()) != number:
+        return None
+    return number
+
+
 class Seen(NamedTuple):
     """One captured picture."""
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from screen_watcher import read_both_strips
 
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Withdrawal
@@ -36,6 +35,7 @@ from study_app.strip import (
     code_of,
     compare,
     crc8,
+    read_both_strips,
     read_strip,
 )
 from study_app.text_image import (
