@@ -81,8 +81,8 @@ def check_live(name: str, parameters: Mapping[str, Any]) -> None:
     """
     if name not in LIVE or parameters.get("chroma") == "full":
         raise InputError(
-            f"a live picture must be one that the GPU draws: {', '.join(LIVE)}, and metamers with"
-            f" chroma follow or luma (got {name}"
+            "a live picture must be one that the GPU draws; the method must be one of"
+            f" {', '.join(LIVE)}, and metamers have chroma follow or luma (got {name}"
             + "".join(f", {key} {value}" for key, value in parameters.items())
             + ")"
         )
