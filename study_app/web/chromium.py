@@ -61,7 +61,9 @@ class Chromium:
         self._to, self._back, self._log = to, back, log
         self._unread = b""
         self._number = 0
-        self._context = self._target = self._session = ""
+        self._target = self._session = ""
+        self.context = ""
+        """Of the DevTools protocol: what pages share their storage."""
         self._loaded = False
         self._crashed = False
         self.errors: list[str] = []
@@ -109,14 +111,14 @@ class Chromium:
             As a browser that was never here: False keeps what pages have stored.
         """
         self.close()
-        if anew and self._context:
+        if anew and self.context:
             self.devtools(
-                "Target.disposeBrowserContext", of_page=False, browserContextId=self._context
+                "Target.disposeBrowserContext", of_page=False, browserContextId=self.context
             )
-        if anew or not self._context:
+        if anew or not self.context:
             made = self.devtools("Target.createBrowserContext", of_page=False)
-            self._context = made["browserContextId"]
-        of = {"browserContextId": self._context} if size else {}
+            self.context = made["browserContextId"]
+        of = {"browserContextId": self.context} if size else {}
         made = self.devtools("Target.createTarget", of_page=False, url="about:blank", **of)
         self._target = made["targetId"]
         told = self.devtools(

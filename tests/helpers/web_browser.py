@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import threading
 import time
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -181,13 +182,28 @@ class Site:
     """Which requests to JATOS never arrive."""
     refuses: bool = False
     """JATOS takes nothing."""
+    most_bytes: int = 5_000_000
+    """Of a component result."""
+    rivals: int = 0
+    """Other participants, who each take a slot just before this one's patch of it arrives."""
     url: str = ""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def lines(self) -> list[str]:
         """All that came home, line by line."""
-        return "".join(self.results).splitlines(keepends=True)
+        files = [text for name, text in self.files.items() if name.endswith(".txt")]
+        return "".join(self.results + files).splitlines(keepends=True)
+
+    def archive(self, path: Path) -> None:
+        """Write what JATOS would export."""
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("metadata.json", "{}")
+            for number, text in enumerate(self.results):
+                archive.writestr(f"study_result_1/comp-result_{number}/data.txt", text)
+            for name, text in self.files.items():
+                number, _, file = name.partition("/")
+                archive.writestr(f"study_result_1/comp-result_{number}/files/{file}", text)
 
     def post(self, what: str, body: Any) -> Any:
         """Do what `jatos.js` asks."""
@@ -199,6 +215,10 @@ class Site:
             case "session":
                 self.session = body
             case "batch":
+                if self.rivals and body["op"] != "test":
+                    self.rivals -= 1
+                    taken = self.batch.get("metamerlab_slots", 0) + 1
+                    self.batch["metamerlab_slots"], self.version = taken, self.version + 1
                 name, known = body["path"][1:], body["version"] == self.version
                 done = known and (body["op"] != "test" or self.batch.get(name) == body["value"])
                 if done and body["op"] != "test":
@@ -243,8 +263,10 @@ class _Handler(FolderHandler):
             return self.hang()
         if self.site.refuses or (self.site.ended and what != "end"):
             return self.answer(403, b"{}")
-        if what == "append" and len(self.site.results[body["component"]]) > 5_000_000:
-            return self.answer(413, b"{}")
+        if what == "append":
+            size = len(self.site.results[body["component"]]) + len(body["data"])
+            if size > self.site.most_bytes:
+                return self.answer(413, b"{}")
         with self.site.lock:
             told = self.site.post(what, body)
         if self.site.hang(what):

@@ -16,7 +16,9 @@
   };
   // Nobody looks: what is painted need not reach a screen, which takes most of the time.
   addEventListener("DOMContentLoaded", () => {
-    document.head.append(Object.assign(document.createElement("style"), { id: "unseen", textContent: "canvas { visibility: hidden }" }));
+    const style = document.createElement("style");
+    style.textContent = "canvas { opacity: 0 }";
+    document.head.append(style);
   });
   let was, waiting = [];
   const watch = () => {

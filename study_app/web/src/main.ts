@@ -39,7 +39,7 @@ export async function begun(options: Options = {}): Promise<boolean> {
 
 /** Run a study to its end; how it ended. */
 export async function run(options: Options = {}): Promise<Ending | "refused"> {
-  const link = options.link ?? new URLSearchParams(location.search);
+  const link = options.link ?? pageLink();
   const base = options.base ?? "";
   const [canvas, pages] = stageElements();
   let words = wordsOf(navigator.language);
@@ -106,8 +106,16 @@ async function studyOf(options: Options): Promise<[ArrayBuffer, WebStudy]> {
   return [bytes, JSON.parse(new TextDecoder().decode(bytes)) as WebStudy];
 }
 
-function storeOf({ jatos }: Options, study: WebStudy): CopyingStore {
-  return new CopyingStore(jatos ? new JatosStore(jatos) : new LocalStore(study.study, localStorage));
+/** Without a server, a browser keeps a session for each link of each version of a study. */
+function storeOf({ jatos, link }: Options, study: WebStudy): CopyingStore {
+  if (jatos) return new CopyingStore(new JatosStore(jatos));
+  const slot = (link ?? pageLink()).get("slot") ?? "";
+  const name = [study.study, study.protocol_sha256.slice(0, 12), slot].join(":");
+  return new CopyingStore(new LocalStore(name, localStorage));
+}
+
+function pageLink(): URLSearchParams {
+  return new URLSearchParams(location.search);
 }
 
 function messageOf(error: unknown): string {

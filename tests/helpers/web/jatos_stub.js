@@ -1,12 +1,25 @@
 // A stand-in for jatos.js 3.10: what our page uses of it, with its behaviour at the edges. The server
-// of the tests keeps the data. Appended strings are joined without a separator; a request that times
-// out is sent again, though it may have arrived; a page that is loaded again has a new component result.
+// of the tests keeps the data. Appended strings are joined without a separator; a request that is not
+// answered in 30 s is sent again, five times, though it may have arrived; a page that is loaded again
+// has a new component result. A patch of the batch session counts only if nobody patched in between.
 window.jatos = (() => {
   const state = STATE;
+  const once = (what, body) => new Promise((resolve, reject) => {
+    const late = setTimeout(() => reject(new TypeError("timeout")), 30_000);
+    fetch(`/jatos/${what}`, { method: "POST", body: JSON.stringify(body) })
+      .then((answer) => (answer.ok ? answer.json() : Promise.reject(new Error(`${answer.status}`))))
+      .then(resolve, reject)
+      .finally(() => clearTimeout(late));
+  });
   const ask = async (what, body) => {
-    const answer = await fetch(`/jatos/${what}`, { method: "POST", body: JSON.stringify(body) });
-    if (!answer.ok) throw new Error(`${answer.status}`);
-    return answer.json();
+    for (let left = 5; ; left--) {
+      try {
+        return await once(what, body);
+      } catch (error) {
+        if (!(error instanceof TypeError) || left <= 0) throw error;
+        await new Promise((resolve) => setTimeout(resolve, 1000));
+      }
+    }
   };
   const patch = async (op, path, value) => {
     const told = await ask("batch", { op, path, value, version: state.version });

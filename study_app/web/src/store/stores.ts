@@ -36,6 +36,9 @@ export async function insist<T>(what: () => Promise<T>, tries = 6): Promise<T> {
 }
 
 export class JatosStore implements Store {
+  /** The server takes no more results of this run, 5 MB by default: further lines are files. */
+  private full = false;
+
   constructor(private readonly jatos: Jatos) {}
 
   load(): Promise<History | null> {
@@ -49,7 +52,22 @@ export class JatosStore implements Store {
   }
 
   async send(line: string): Promise<void> {
-    await insist(() => this.jatos.appendResultData(line)); // joined without a separator
+    await insist(async () => {
+      try {
+        // Joined without a separator.
+        if (!this.full) await this.jatos.appendResultData(line);
+        else await this.upload(line);
+      } catch (error) {
+        if (this.full) throw error;
+        await this.upload(line); // fails, too, where the line is down
+        this.full = true;
+      }
+    });
+  }
+
+  private upload(line: string): Promise<unknown> {
+    const { run, n } = JSON.parse(line) as { run: number; n: number };
+    return this.jatos.uploadResultFile(line, `lines-${run}-${n}.txt`);
   }
 }
 
