@@ -100,18 +100,18 @@ def test_what_a_folder_offers_is_a_file_that_import_takes(chromium, case, tmp_pa
 
 @pytest.mark.slow
 def test_slots_of_a_batch_are_given_once_whoever_comes_between(chromium, case):
-    of, slots = case("yes-no"), []
-    with served(of.out) as site:
-        for rivals in (1, 0, 3):
-            site.rivals, site.session, site.results = rivals, {}, []
+    slots, batch, version = [], {}, 0
+    for rivals in (1, 0, 3):
+        with served(case("yes-no").out) as site:
+            site.rivals, site.batch, site.version = rivals, batch, version
             begin(chromium, site, page="index.html?simulated")
             until(chromium, "document.querySelector('canvas')?.dataset.phase")
             (start,) = said(site.lines, "start")
             assert (start["slot_from"], site.rivals) == ("batch", 0)
             slots.append(start["slot"])
-            chromium.close()
-        assert slots == [1, 2, 6]
-        assert site.batch == {"metamerlab_slots": 7}
+            batch, version = site.batch, site.version
+    assert slots == [1, 2, 6]
+    assert batch == {"metamerlab_slots": 7}
 
 
 @pytest.mark.slow
