@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,12 +28,16 @@ from study_app.draw import Painter
 from study_app.live.in_trials import described, live_entry
 from study_app.live.log import Grid, Pixels
 from study_app.live.redraw import NEAR, Redrawn, compared, must_show
-from study_app.live.renderer import Look, Studio, View
+from study_app.live.renderer import STEPS_PER_PX, Look, Studio, View
 from study_app.paint import bitmaps_of, paint
 from study_app.sittings import Sitting
 from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
 
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)
+_ROUNDED_PX = 0.006
+"""How far a gaze may be from the one that was recorded, which has two decimals."""
+Samples = Mapping[int, tuple[float, float]]
+"""Gaze on the screen by its stamp, in microseconds of the session."""
 Screens = Mapping[int, tuple[Path, NDArray[np.uint8]]]
 """Captures of the whole screen, (H, W, 3), by the number that their strips say."""
 
@@ -105,10 +110,11 @@ class TrialDrawer:
             if not isinstance(event, Attempt) or event.live is None or scripts is None:
                 continue
             script = scripts.script(event.answers, event.role == "practice")
+            samples = _samples(sitting.folder, event)
             for row in self._rows(sitting.folder, event):
                 total[0] += 1
                 screens = {} if runs else captured
-                found = self._frame(row, event, script, screens, seen, exactly=exactly)
+                found = self._frame(row, event, script, samples, screens, seen, exactly=exactly)
                 for place, count in enumerate(found.counts):
                     total[1 + place] += count
                 problems += [f"flip {row['flip']}: {text}" for text in found.problems]
@@ -144,6 +150,7 @@ class TrialDrawer:
         row: Mapping[str, str],
         attempt: Attempt,
         script: TrialScript,
+        samples: Samples,
         captured: Screens,
         seen: dict[int, str],
         *,
@@ -159,6 +166,8 @@ class TrialDrawer:
             gaze_x, gaze_y, field_x, field_y = (
                 float(row[key]) for key in ("gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px")
             )
+            corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
+            stamp_s = float(row["t_s"]) - float(row["age_s"] or "nan")
             look = Look((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
             kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
         except (LookupError, StopIteration, StudyError, ValidationError, ValueError) as error:
@@ -169,6 +178,8 @@ class TrialDrawer:
             problems.append(f"{name}: source, place and parameters must be the study's")
         if look.seed != live.seed:
             problems.append(f"{name}: must have seed {live.seed} (got {look.seed})")
+        if row["eye"] == "found" and samples and not _is_of(look, corner, stamp_s, samples):
+            problems.append(f"must have the gaze of the sample that is {row['age_s']} s old")
         if not kept and number not in captured:
             return _Found((0, 0), tuple(problems))
         renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
@@ -198,6 +209,36 @@ class TrialDrawer:
         (width, height), data = self._screen.size, self._screen.read(alignment=1)
         frame = np.frombuffer(data, np.uint8).reshape(height, width, 3)[::-1]
         return paint(script, phase, {entry.stimulus: [frame]}, self._bitmaps)
+
+
+def _samples(folder: Path, attempt: Attempt) -> Samples:
+    """Return an attempt's gaze as it was recorded; empty where it was not."""
+    if attempt.gaze_file is None:
+        return {}
+    path = folder / attempt.gaze_file.file
+    data = read_bytes(path, "the gaze of a trial", "table")
+    check_within("rows", data.count(b"\n"), StudyError, path, "lines")
+    with reading(path, "the gaze of a trial, as it was recorded", StudyError):
+        return {
+            round(1e6 * float(row["t_s"])): (float(row["x_px"]), float(row["y_px"]))
+            for row in csv.DictReader(io.StringIO(data.decode("ascii")), strict=True)
+            if row["x_px"]
+        }
+
+
+def _is_of(look: Look, corner_px: tuple[int, int], stamp_s: float, samples: Samples) -> bool:
+    """Return whether a gaze is that of the sample with this stamp."""
+    if not math.isfinite(stamp_s):
+        return False
+    stamp_us = round(1e6 * stamp_s)
+    near = [samples[us] for us in range(stamp_us - 2, stamp_us + 3) if us in samples]
+    return any(
+        all(
+            abs(place - corner - gaze) <= 0.5 / STEPS_PER_PX + _ROUNDED_PX
+            for place, corner, gaze in zip(sample, corner_px, look.gaze_px, strict=True)
+        )
+        for sample in near
+    )
 
 
 @dataclass(frozen=True)

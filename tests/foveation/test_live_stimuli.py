@@ -22,6 +22,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.latency import LatencySummary, LiveFrames
 from protocols.load import load_study, shipped
+from protocols.manifest import write_manifest
 from protocols.phases import Image as Still
 from protocols.phases import Live, Phase
 from protocols.plan import make_plan
@@ -30,6 +31,7 @@ from protocols.viewing import Viewing
 from stimuli.choice import Choice
 from stimuli.foveated.clip_to_files import foveate_clip
 from stimuli.recipes.foveated_images import FoveatedBuilder
+from study_app.attempt import Watcher
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingStudio
@@ -500,3 +502,55 @@ def test_a_session_is_refused_where_its_frames_do_not_fit_and_a_rehearsal_says_s
         require_live(Slow(), options, "a card")
     rehearsal = dataclasses.replace(options, pacing="software")
     assert "took 40.0 ms: too long for a refresh" in require_live(Slow(), rehearsal, "a card")
+
+
+def test_a_gaze_that_is_not_the_sample_s_whose_age_is_logged_is_named(
+    gl_context, small, tmp_path, monkeypatch
+):
+    """As a loop that drew an old gaze and said that it was the newest."""
+    study, display = small()
+    folder, _ = sit(study, display, tmp_path / "right", FoveatingStudio(gl_context))
+    assert again(gl_context, folder, study, display).problems == ()
+    polls = Watcher.poll
+    before = []
+
+    def late(self):
+        new = polls(self)
+        before.append(new)
+        old = before[-3] if len(before) > 2 else new
+        if not (new and old):
+            return new
+        return [*new[:-1], new[-1]._replace(x_px=old[-1].x_px, y_px=old[-1].y_px)]
+
+    monkeypatch.setattr(Watcher, "poll", late)
+    folder, _ = sit(study, display, tmp_path / "wrong", FoveatingStudio(gl_context))
+
+    found = again(gl_context, folder, study, display).problems
+
+    assert len(found) > SHOWN
+    assert "must have the gaze of the sample that is 0.0" in found[0]
+
+
+@pytest.mark.usefixtures("gl_context")
+def test_verify_render_says_what_it_needs(small, tmp_path):
+    study, display = small()
+    made = tmp_path / "s"
+    sit(study, display, made, None)
+    path, clips = tmp_path / "study.toml", tmp_path / "clips"
+    for name in study.shown():
+        (clips / name).mkdir(parents=True)
+        Image.fromarray(pixels_of("")[..., :3]).save(clips / name / "000000.png")
+    write_manifest(clips, virtual_manifest(study, display).model_copy(update={"simulated": False}))
+    (tmp_path / "none").mkdir()
+    whole = ("--protocol", path, "--render", "--stimuli", clips)
+    for words, message in (
+        (("--stimuli", clips), "are for --render; add it"),
+        (("--render", "--protocol", path), "give --protocol and --stimuli"),
+        (("--render", "--stimuli", clips), "give --protocol and --stimuli"),
+        (("--protocol", "demo", "--render", "--stimuli", clips), "must follow the gaze"),
+        ((*whole, "--captured", tmp_path / "none"), "must hold captures of the screen"),
+        ((*whole, "--captured", clips / study.shown()[0]), "must show the whole screen"),
+    ):
+        done = CliRunner().invoke(app, ["session", "verify", str(made), *map(str, words)])
+        assert done.exit_code == 2, done.output
+        assert message in " ".join(done.stderr.split())
