@@ -173,7 +173,7 @@ class SessionStart(Event, Grown):
     revision: str
     """Version and git revision of metamerlab."""
     versions: dict[str, str]
-    """Versions of Python and packages."""
+    """Versions of Python and packages; of a session in a window also `renderer` and `opengl`."""
     platform: str
     timing_evidence: str = ""
     """How flip times were verified: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`,
