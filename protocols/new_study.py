@@ -27,6 +27,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.own_stimuli import OwnStimuli
+from protocols.prose import shortest
 from protocols.publish import schema_text
 from protocols.reference import bounds_in_words
 from protocols.schema import StudyProtocol
@@ -51,10 +52,13 @@ PICTURES = {
     "which-half": "Here: fine and coarse textures, sharp (the standard) and blurred.",
     "rating": "Here: fine and coarse textures, sharp and blurred.",
 }
-CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75}
+FOVEATED = ("foveated-images", "pictures")
+"""The recipe that photographs become, and their folder."""
+CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75, FOVEATED[0]: 0.5}
 """Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even
 a plain one, is an opinion: only who mostly prefers the worse is left out."""
 WANTED_FPS = 30.0
+_LOOKED_AT = ("two-interval",)  # tasks that show stills where the eye looks
 _WIDTH = 96
 PICTURE_PX = 128
 """Edge of the pictures that a study of `files` starts from."""
@@ -63,9 +67,12 @@ _INPUTS = {
     "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
     "files": "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
     "| `pictures/` | the files: some to start from, to be replaced by yours |",
+    FOVEATED[0]: "| `pictures/` | your photographs |",
 }
 _POWER = {
-    "warped-clips": "metamerlab analysis power study.toml --rate 0.65",
+    **dict.fromkeys(
+        ("warped-clips", FOVEATED[0]), "metamerlab analysis power study.toml --rate 0.65"
+    ),
     "rating": "# Power of ratings cannot be simulated yet: plan by a pilot.",
 }
 _HEADER = re.compile(r"(#\? )?\[\[?([\w.]+)\]\]?$")
@@ -100,7 +107,8 @@ def study_files(
     Raises
     ------
     StudyError
-        If there is no such task, with the nearest name; or it shows no scenes, and `own` has some.
+        If there is no such task, with the nearest name; or it shows no scenes, and `own` has some;
+        or it shows none in the middle of the gaze, and `own` has photographs.
     """
     if task not in PARTS:
         raise StudyError(
@@ -109,12 +117,21 @@ def study_files(
     recipe, _ = PARTS[task]
     own = own or OwnStimuli()
     replaced = own.sections()
-    if replaced and recipe != "warped-clips":
+    if own.stills_px is not None:
+        if task not in _LOOKED_AT:
+            raise StudyError(
+                f"--task: must be {' or '.join(_LOOKED_AT)} where photographs are given (got"
+                f" {task!r}, which shows none where the eye looks)"
+            )
+        recipe = FOVEATED[0]
+    elif replaced and recipe != "warped-clips":
         of_scenes = [name for name, (kind, _) in PARTS.items() if kind == "warped-clips"]
         raise StudyError(
             f"--task: must be {' or '.join(of_scenes)} where scenes or methods are given (got"
             f" {task!r}, which starts from pictures and their table)"
         )
+    fps = clip_fps(display.refresh_hz)
+    frames = round(fps) if own.clips is None else own.clips.frames
     words: dict[str, object] = {
         **own.words(),
         "NAME": name,
@@ -127,7 +144,8 @@ def study_files(
         "DISTANCE_MM": display.distance_mm,
         "REFRESH_HZ": display.refresh_hz,
         "CLIP_MEMORY_MIB": display.clip_memory_mib,
-        "FPS": clip_fps(display.refresh_hz),
+        "FPS": fps,
+        "DURATION_S": whole_frames_s(frames, fps),
         "PICTURE_PX": PICTURE_PX,
         "PICTURES": PICTURES.get(task, ""),
         "TASK": task,
@@ -181,6 +199,11 @@ def clip_fps(refresh_hz: float) -> float:
         if abs(refresh_hz / each - round(refresh_hz / each)) < 1e-6
     ]
     return min(whole or [refresh_hz], key=lambda fps: abs(fps - WANTED_FPS))
+
+
+def whole_frames_s(frames: int, fps: float) -> float:
+    """Return how long so many frames last, in as few digits as say it."""
+    return float(shortest(frames / fps, lambda s: abs(s * fps - frames) <= 1e-6))
 
 
 def explained(text: str, model: type[BaseModel]) -> str:

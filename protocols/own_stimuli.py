@@ -1,4 +1,4 @@
-"""What a new study says of a user's own scenes and methods: the text of its file."""
+"""What a new study says of a user's own scenes, pictures and methods: the text of its file."""
 
 from __future__ import annotations
 
@@ -6,30 +6,36 @@ import json
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from math import ceil, comb
 
 from protocols.errors import StudyError
 from protocols.units import NAME_LENGTH
 
 REFERENCE = "reference"
 PLAINLY_WORSE = "push-pull"
+_OWN_SIZE = "own"
 """What catch trials show beside the true view, where the study has it."""
 
 
 @dataclass(frozen=True)
 class OwnScene:
-    """One scene of a new study.
+    """One scene or picture of a new study.
 
     Parameters
     ----------
-    name, label : str
+    name : str
         As in the study.
+    label : str or None
+        As in the study; None: a picture, which has none.
     lines : tuple of str
         Everything else of its section, TOML.
     """
 
     name: str
-    label: str
+    label: str | None
     lines: tuple[str, ...]
+    has_truth: bool = True
+    """Whether its true view is known, so that `reference` can be shown."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,18 @@ class OwnMethod:
 
 BUILT_IN_SCENES = ("garden", "shed")
 BUILT_IN_METHODS = tuple(map(OwnMethod, ("coherence-transport", PLAINLY_WORSE, REFERENCE)))
+FOVEATED_METHODS = tuple(map(OwnMethod, ("metamer", "blur", REFERENCE)))
+
+
+@dataclass(frozen=True)
+class OwnClips:
+    """What sequences of a user's own ask of every clip: they are shown pixel for pixel."""
+
+    width_px: int
+    height_px: int
+    frames: int
+    alone: bool
+    """The study has no other scenes, so that its sizes say nothing."""
 
 
 @dataclass(frozen=True)
@@ -53,39 +71,113 @@ class OwnStimuli:
 
     scenes: tuple[OwnScene, ...] = ()
     methods: tuple[OwnMethod, ...] = ()
+    clips: OwnClips | None = None
+    stills_px: tuple[int, int] | None = None
+    """Width and height of stills for a gaze: then scenes are pictures. None: clips."""
 
     def __post_init__(self) -> None:
         if len(self.methods) == 1:
             raise StudyError(
                 f"--methods: must name two or more, joined by commas (got {self.methods[0].name!r})"
             )
+        if sum(self._cells.values()) == 1:
+            raise StudyError(
+                "a study must have two conditions or more, for no two trials in a row show the same"
+                " (got one pair of methods, in one scene); name another scene or picture, or a"
+                " third method"
+            )
+
+    @property
+    def _every_method(self) -> tuple[OwnMethod, ...]:
+        usual = BUILT_IN_METHODS if self.stills_px is None else FOVEATED_METHODS
+        return self.methods or usual
+
+    @property
+    def _sizes(self) -> int:
+        return 2 if self.stills_px is None and (self.clips is None or not self.clips.alone) else 1
+
+    @property
+    def _cells(self) -> dict[str, int]:
+        """Conditions of each scene: pairs of methods at each size."""
+        scenes = self.scenes or tuple(OwnScene(name, None, ()) for name in BUILT_IN_SCENES)
+        shown = {
+            scene.name: [m for m in self._every_method if scene.has_truth or m.name != REFERENCE]
+            for scene in scenes
+        }
+        return {name: self._sizes * comb(len(methods), 2) for name, methods in shown.items()}
+
+    @property
+    def _practised(self) -> list[str]:
+        """Scenes of the practice: enough for two trials that differ, where there are as many."""
+        first, *others = self._cells
+        return [first, *others[:1]] if self._cells[first] < 2 else [first]
+
+    @property
+    def _catch_trials(self) -> int:
+        """Catch trials: six, or as many as a block can hold with others between them."""
+        if not any(method.name == REFERENCE for method in self._every_method):
+            return 0
+        places = sum(scene.has_truth for scene in self.scenes) or (not self.scenes) * 2
+        main = sum(self._cells.values())  # of a block: two repeats lie in two blocks
+        return next(
+            (
+                trials
+                for trials in (6, 4, 2)
+                if places and 1 + ceil(trials / 2 / places) <= (main + trials // 2) // 2
+            ),
+            0,
+        )
 
     def sections(self) -> dict[str, str]:
         """Return the parts of a template that differ from it, by name."""
         found = {}
+        stills = self.stills_px is not None
         if self.scenes:
-            found["scenes"] = "\n\n".join(map(_scene, self.scenes))
-        if self.methods:
-            found["methods"] = "\n\n".join(map(_method, self.methods))
-            if not any(method.name == REFERENCE for method in self.methods):
-                found["catch"] = (
-                    "# No catch trials: they need a pair whose better one is known, such as"
-                    " 'reference' and\n# another method (--methods reference,...)."
+            section = "pictures" if stills else "scenes"
+            found[section] = "\n\n".join(_scene(section, scene) for scene in self.scenes)
+        if self.clips is not None:
+            size = f"width_px = {self.clips.width_px}\nheight_px = {self.clips.height_px}"
+            found["clip_size"] = f"{size}\n#? width_deg = 6.0\n#? height_deg = 4.5"
+            if self.clips.alone:
+                found["sizes"] = (
+                    "# One, which says nothing: sequences bring their own motion.\n"
+                    f'[[stimuli.sizes]]\nname = "{_OWN_SIZE}"\nlabel = "as rendered"'
                 )
+        if stills:
+            found["methods"] = "\n\n".join(map(_method, self.methods or FOVEATED_METHODS))
+        elif self.methods:
+            found["methods"] = "\n\n".join(map(_method, self.methods))
+        if not stills and not self._catch_trials:
+            found["catch"] = (
+                "# No catch trials: they need a pair whose better one is known, such as"
+                " 'reference' and\n# another method (--methods reference,...), and other trials"
+                " between them."
+            )
         return found
 
     def words(self) -> dict[str, str]:
         """Return what templates have in the place of ``@WORD@``."""
-        scenes = [scene.name for scene in self.scenes] or list(BUILT_IN_SCENES)
-        methods = self.methods or BUILT_IN_METHODS
+        stills = self.stills_px is not None
+        methods = self._every_method
+        width_px, height_px = self.stills_px or (0, 0)
         judged = [method.name for method in methods if method.name != REFERENCE]
         worse = PLAINLY_WORSE if PLAINLY_WORSE in judged else judged[-1]
         return {
-            "PRACTICE_SCENE": scenes[0],
-            "SCENES": json.dumps(scenes),
+            "PRACTICE_SCENES": json.dumps(self._practised),
+            "PRACTICE_TRIALS": str(min(2, sum(self._cells[name] for name in self._practised))),
+            "CATCH_TRIALS": str(self._catch_trials),
+            "SCENES": json.dumps(list(self._cells)),
             "PRIMARY": judged[0],
             "AGAINST": (*judged[1:], REFERENCE)[0],
             "CATCH_WORSE": worse,
+            "SIZE": _OWN_SIZE if self.clips is not None and self.clips.alone else "large",
+            "FACTOR": "scene" if stills else "size",
+            "STILL_WIDTH_PX": str(width_px),
+            "STILL_HEIGHT_PX": str(height_px),
+            "DOT_OVER_CLIPS": str(stills).lower(),
+            "CLIPS": "pictures" if stills else "short clips",
+            "VIDEOS": "pictures" if stills else "short videos",
+            "VIDEO": "picture" if stills else "video",
         }
 
 
@@ -133,9 +225,9 @@ def methods_of(text: str, known: Sequence[str]) -> tuple[OwnMethod, ...]:
     return tuple(found)
 
 
-def _scene(scene: OwnScene) -> str:
-    head = ("[[stimuli.scenes]]", f'name = "{scene.name}"', f"label = {quoted(scene.label)}")
-    return "\n".join((*head, *scene.lines))
+def _scene(section: str, scene: OwnScene) -> str:
+    label = () if scene.label is None else (f"label = {quoted(scene.label)}",)
+    return "\n".join((f"[[stimuli.{section}]]", f'name = "{scene.name}"', *label, *scene.lines))
 
 
 def _method(method: OwnMethod) -> str:

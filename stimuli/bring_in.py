@@ -1,4 +1,4 @@
-"""Scenes, pairs and networks of a user's own, copied into the folder of a new study.
+"""Scenes, photographs and networks of a user's own, copied into the folder of a new study.
 
 What cannot be a scene is refused before a study is written: a mesh that cannot be read, photographs
 that do not belong together, a network without its weights.
@@ -10,7 +10,7 @@ import os.path
 import re
 import shlex
 import shutil
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -18,18 +18,34 @@ from typing import Final
 import moderngl
 
 from pipeline.errors import InputError
+from pipeline.foveation.conditions import check_condition_name, condition_names
 from pipeline.methods.registry import check_method_name, method_names
-from protocols.own_stimuli import REFERENCE, OwnMethod, OwnScene, methods_of, quoted, unused_name
+from protocols.display import Display
+from protocols.own_stimuli import (
+    REFERENCE,
+    OwnClips,
+    OwnMethod,
+    OwnScene,
+    methods_of,
+    quoted,
+    unused_name,
+)
+from protocols.recipes.warped_clips import ExrScene
+from stimuli.exr import Transfer, stored_transfer
+from stimuli.exr_parts import frame_files, read_parts
+from stimuli.foveated.any_picture import read_any
 from stimuli.look import ScenePreview, look_around
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import ENDINGS, files_of
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.registry import scene_names
+from stimuli.scenes.sequence import load_picture, motion_of
 from stimuli.scenes.stereo import ASSUMED_BASELINE_M, BUILT_IN, built_in_pair, load_pair
 
 VIEWS: Final = 8
 VIEWS_FILE: Final = "views.png"
 SCENES: Final = "scenes"
+PICTURES: Final = "pictures"
 NETWORKS: Final = "networks"
 
 
@@ -91,8 +107,9 @@ def bring_scene(
     if path.suffix.lower() not in ENDINGS:
         raise InputError(
             f"--scene {scene}: must be a {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]} file, or a"
-            f" built-in scene ({', '.join(scene_names())}). Pictures with depth and OpenEXR"
-            " sequences are written into study.toml: see docs/stimuli.md of metamerlab"
+            f" built-in scene ({', '.join(scene_names())}). Photographs are given with --photos,"
+            " OpenEXR frames with --exr, and a pair with --pair; a picture with a depth file is"
+            " written into study.toml, where a new study has an example"
         )
     name = unused_name(path.stem, taken)
     folder = study / SCENES / name
@@ -180,7 +197,130 @@ def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[Ow
     return OwnScene(name, _label(name), lines), notes
 
 
-def bring_methods(text: str, study: Path, target: Path) -> tuple[OwnMethod, ...]:
+def bring_photographs(
+    photographs: Sequence[Path], study: Path, screen_px: tuple[int, int]
+) -> tuple[list[OwnScene], tuple[int, int], list[str]]:
+    """Copy photographs to ``pictures/``; return them, the size of stills, and notes.
+
+    Stills are as large as the screen, or in its shape as large as the smallest photograph allows,
+    so that none is enlarged. Sizes are (width, height).
+
+    Raises
+    ------
+    InputError, OSError
+        If a file is missing or no picture.
+    """
+    found: list[OwnScene] = []
+    notes: list[str] = []
+    share, smallest = 1.0, ""
+    (study / PICTURES).mkdir()
+    for path in photographs:
+        height, width = read_any(path).colour.shape[:2]
+        covered = min(width / screen_px[0], height / screen_px[1])
+        if covered < share:
+            share, smallest = covered, f"{path.name}, {width} x {height} px"
+        name = unused_name(path.stem, [each.name for each in found])
+        file = f"{PICTURES}/{name}{path.suffix.lower()}"
+        shutil.copyfile(path, study / file)
+        found.append(OwnScene(name, None, (f"file = {quoted(file)}",)))
+    size_px = max(1, int(share * screen_px[0])), max(1, int(share * screen_px[1]))
+    if smallest:
+        notes.append(
+            f"stills are {size_px[0]} x {size_px[1]} px, so that no photograph is enlarged (the"
+            f" smallest is {smallest}; the display has {screen_px[0]} x {screen_px[1]}); larger"
+            " photographs fill the display"
+        )
+    return found, size_px, notes
+
+
+def bring_frames(
+    pattern: str, study: Path, taken: Collection[str], channels: Mapping[str, str]
+) -> tuple[OwnScene, OwnClips | None]:
+    """Copy OpenEXR frames to ``scenes/NAME``; return the scene, and what it asks of clips.
+
+    Several frames are a sequence with its own motion: every second one is shown, the others are
+    warped from it. One frame is a picture with depth, which asks nothing.
+
+    Parameters
+    ----------
+    pattern : str
+        A file, or a path in which ``####`` stands for the number of a frame.
+    channels : mapping
+        Names of channels that are not recognised, by the keys of `ExrScene.channels`.
+
+    Raises
+    ------
+    InputError, OSError
+        If there is no file, a number is missing in between, or the first or last frame lacks
+        colour, depth or motion.
+    """
+    files = frame_files(pattern, Path())
+    name = unused_name(Path(re.sub("#+", "", pattern)).stem, taken)
+    several = len(files) > 1
+    said = stored_transfer(files[0], read_parts(files[0], encoded=True).attributes)
+    scene = ExrScene.model_validate(
+        {
+            "kind": "exr", "name": name, "file": pattern, "channels": dict(channels),
+            "camera": {"kind": "upsampling", "real_every": 2},
+            "transfer": "linear" if said is Transfer.ENCODED else "srgb",
+        }
+    )  # fmt: skip
+    try:
+        for file in dict.fromkeys((files[0], files[-1])):
+            height, width = load_picture(file, scene).frame.size
+        if several:
+            motion_of(files[0], read_parts(files[0], judged=True).planes, scene)
+    except InputError as error:
+        raise InputError(
+            re.sub(r"name (it|both) in the protocol: .*", _CHANNEL, f"--exr: {error}")
+        ) from None
+    folder = study / SCENES / name
+    folder.mkdir(parents=True)
+    for file in files:
+        shutil.copyfile(file, folder / file.name)
+    lines = [
+        'kind = "exr"',
+        f"file = {quoted(f'{SCENES}/{name}/{Path(pattern).name}')}",
+        *(["channels = " + _table(channels)] if channels else []),
+        *(['transfer = "linear"'] if scene.transfer == "linear" else []),
+        "#? focal_px = 1000.0",
+        'camera = { kind = "upsampling", real_every = 2 }' if several else _CIRCLE,
+    ]
+    clips = OwnClips(width, height, len(files), alone=True) if several else None
+    return OwnScene(name, _label(name), tuple(lines), has_truth=several), clips
+
+
+def _table(texts: Mapping[str, str]) -> str:
+    return "{ " + ", ".join(f"{key} = {quoted(text)}" for key, text in texts.items()) + " }"
+
+
+def clips_of(asked: Sequence[OwnClips], screen: Display, scenes: int) -> OwnClips | None:
+    """Return what all sequences together ask of clips; None where there is none.
+
+    That is the smallest of their sizes, in whole pairs of pixels, on a screen that holds it, and
+    as many frames as each has and as fit twice two clips into the screen's memory.
+
+    Parameters
+    ----------
+    asked : sequence of OwnClips
+        What each sequence asks.
+    scenes : int
+        How many scenes the study has in all.
+    """
+    if not asked:
+        return None
+    width_px, height_px = (
+        min(whole, *(getattr(one, edge) for one in asked)) // 2 * 2
+        for edge, whole in (("width_px", screen.width_px), ("height_px", screen.height_px))
+    )
+    fit = screen.clip_memory_mib * 2**20 // (4 * 4 * width_px * height_px)
+    frames = min(fit, *(one.frames for one in asked))
+    return OwnClips(width_px, height_px, max(1, frames), alone=len(asked) == scenes)
+
+
+def bring_methods(
+    text: str, study: Path, target: Path, *, stills: bool = False
+) -> tuple[OwnMethod, ...]:
     """Return the methods that ``a,b,onnx:FILE`` names; networks are copied into the study.
 
     Parameters
@@ -191,20 +331,26 @@ def bring_methods(text: str, study: Path, target: Path) -> tuple[OwnMethod, ...]
         The folder that is filled.
     target : Path
         Where it will lie: paths of frames that are there already are told from it.
+    stills : bool
+        They prepare stills for a gaze, as `metamerlab foveate` does; else they fill holes.
 
     Raises
     ------
     InputError, StudyError, OSError
         If a method is unknown, with the nearest name, or its file cannot be read.
     """
-    known = [REFERENCE, *(name for name in method_names() if ":" not in name)]
-    return tuple(_brought(method, study, target) for method in methods_of(text, known))
+    names = condition_names() if stills else [REFERENCE, *method_names()]
+    check = check_condition_name if stills else check_method_name
+    known = [name for name in names if ":" not in name]
+    return tuple(_brought(method, study, target, check) for method in methods_of(text, known))
 
 
-def _brought(method: OwnMethod, study: Path, target: Path) -> OwnMethod:
+def _brought(
+    method: OwnMethod, study: Path, target: Path, check: Callable[[str], object]
+) -> OwnMethod:
     if method.method is None:
         return method
-    check_method_name(method.method)
+    check(method.method)
     kind, _, given = method.method.partition(":")
     path = Path(given)
     if kind == "onnx":
@@ -237,4 +383,5 @@ def _label(name: str) -> str:
     return plain[:1].upper() + plain[1:]
 
 
+_CHANNEL = "name it: --channel depth=NAME (r, g, b, depth, motion_x or motion_y)"
 _CIRCLE = 'camera = { kind = "circle", turns = 1.0 }'

@@ -51,7 +51,15 @@ class PanoramaView(Model):
     """Latitude of the view's centre, below the panorama's centre, from -90 to 90."""
 
 
-class Picture(Model):
+CROPS = {
+    "middle": (0.5, 0.5), "top": (0.5, 0.0), "bottom": (0.5, 1.0), "left": (0.0, 0.5),
+    "right": (1.0, 0.5),
+}  # fmt: skip
+"""Words for the point of a picture that a crop keeps in its middle, as far as there is room."""
+Crop = Literal["middle", "top", "bottom", "left", "right"] | tuple[Share, Share]
+
+
+class Picture(Grown):
     """A picture, which is the scene."""
 
     name: Name
@@ -62,6 +70,10 @@ class Picture(Model):
     view: PanoramaView | None = None
     """For a whole 2:1 equirectangular panorama: the view to show, at the display's angles. Default:
     the picture is flat."""
+    crop: Crop | None = None
+    """What `fit = "cover"` keeps of this picture. Default: `stimuli.crop`."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("crop",)
 
 
 class Shown(Model):
@@ -225,7 +237,7 @@ class FoveatedStimulus:
 class FoveatedImages(Grown, Recipe):
     """Stills prepared for a gaze by several methods, or drawn to it while they are shown."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("live",)
+    added_later: ClassVar[tuple[str, ...]] = ("live", "crop")
 
     kind: Literal["foveated-images"]
     live: bool = False
@@ -237,6 +249,9 @@ class FoveatedImages(Grown, Recipe):
     """Height of every stimulus."""
     fit: Literal["exact", "cover"] = "exact"
     """`exact`: pictures have this size. `cover`: they are scaled to cover it, then cropped."""
+    crop: Crop = "middle"
+    """What `cover` keeps: the middle, an edge, or the surroundings of a point, such as
+    `[0.5, 0.2]`, in shares of the picture's width and height from its upper left corner."""
     pictures: Annotated[tuple[Picture, ...], Field(min_length=1)]
     """The scenes."""
     methods: Annotated[tuple[Shown, ...], Field(min_length=1)]
@@ -282,13 +297,25 @@ class FoveatedImages(Grown, Recipe):
             raise ValueError("cuts need a method beside 'reference'")
         if self.live and (self.rings is not None or self.gazes != (GazePoint(name="middle"),)):
             raise ValueError("live pictures follow the gaze: leave rings and gazes out")
+        cropped = self.crop != "middle" or any(one.crop is not None for one in self.pictures)
+        if cropped and self.fit != "cover":
+            raise ValueError('crop needs fit = "cover" (got "exact", which cuts nothing)')
         for picture in self.pictures:
+            if picture.crop is not None and picture.view is not None:
+                raise ValueError(
+                    f"crop is for flat pictures, and {picture.name!r} has a view: leave one out"
+                )
             if picture.view is not None and abs(picture.view.down_deg) > 90:
                 raise ValueError(f"view of {picture.name!r} must have down_deg from -90 to 90")
         for gaze in self.gazes:
             if max(abs(gaze.x_deg), abs(gaze.y_deg)) >= 90:
                 raise ValueError(f"gaze {gaze.name!r} must lie within 90 degrees of the middle")
         return self
+
+    def kept(self, picture: Picture) -> tuple[float, float]:
+        """Return the point of a picture that a crop keeps, (x, y) in shares of its size."""
+        crop = self.crop if picture.crop is None else picture.crop
+        return CROPS[crop] if isinstance(crop, str) else crop
 
     def stimuli(self) -> tuple[FoveatedStimulus, ...]:
         """Return every stimulus in full, in the order of the pool."""

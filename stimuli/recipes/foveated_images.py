@@ -277,6 +277,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
                 "view": None if view is None else [view.right_deg, view.down_deg],
                 "size_px": [recipe.width_px, recipe.height_px],
                 "fit": recipe.fit,
+                "crop": list(recipe.kept(entry.picture)),
                 "distance_px": self.geometry.distance_px,
                 "gaze_deg": [entry.gaze.x_deg, entry.gaze.y_deg],
                 "condition": shown.condition,

@@ -7,6 +7,7 @@ passes, built once.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -118,7 +119,7 @@ class Order:
         if self.recipe.fit == "exact":
             got = colour.shape[1], colour.shape[0]
             raise InputError(f"{path}: {wrong_size((width, height), got)}")
-        return _covering(colour, (height, width))
+        return _covering(colour, (height, width), self.recipe.kept(picture))
 
 
 def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
@@ -129,15 +130,21 @@ def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
     )
 
 
-def _covering(colour: Colour, size: tuple[int, int]) -> Colour:
-    """Scale a picture to cover (height, width), and cut its middle out."""
+def _covering(colour: Colour, size: tuple[int, int], kept: tuple[float, float]) -> Colour:
+    """Scale a picture to cover (height, width), and cut out what lies around the point `kept`.
+
+    The point, (x, y) in shares of the picture, lies in the middle as far as the picture has room.
+    """
     height, width = size
     share = max(height / colour.shape[0], width / colour.shape[1])
     across, down = (round(share * edge) for edge in colour.shape[1::-1])
     larger = max(width, across), max(height, down)
     how = cv2.INTER_AREA if share < 1 else cv2.INTER_CUBIC
     scaled = np.clip(np.asarray(cv2.resize(colour, larger, interpolation=how)), 0, 1)
-    top, left = (larger[1] - height) // 2, (larger[0] - width) // 2
+    left, top = (
+        min(max(math.floor(share * whole - shown / 2), 0), whole - shown)
+        for share, whole, shown in zip(kept, larger, (width, height), strict=True)
+    )
     return np.ascontiguousarray(scaled[top : top + height, left : left + width], np.float32)
 
 

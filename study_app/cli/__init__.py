@@ -36,7 +36,7 @@ SLOTS = (
         "new-study",
         "Make a folder to start a study from.",
         "study_app.cli.new_study:new_study",
-        "WithPairs",
+        "WithFiles",
     ),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
     Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),

@@ -5,23 +5,27 @@ from __future__ import annotations
 import re
 import secrets
 import shlex
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand
 
+from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display, open_new
-from protocols.new_study import FOLDERS, PARTS, study_files
+from protocols.new_study import FOLDERS, FOVEATED, PARTS, study_files
 from protocols.own_stimuli import OwnScene, OwnStimuli
 from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
+from study_app.cli.assumed import pairs as pairs_of
 from study_app.cli.errors import user_errors
-from study_app.cli.options import unknown_numbers
+from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
 
@@ -30,27 +34,38 @@ if TYPE_CHECKING:
 
 _PAIR_FILES: Final = ("LEFT", "RIGHT", "DISPARITY")
 _BETWEEN: Final = "\0"  # no path holds it
+_CHANNELS: Final = ("r", "g", "b", "depth", "motion_x", "motion_y")
 
 
-class WithPairs(TyperCommand):
-    """A command whose ``--pair`` takes three files, and may be given again.
+_SEVERAL: Final = {"--pair": len(_PAIR_FILES), "--photos": sys.maxsize, "--exr": sys.maxsize}
+
+
+class WithFiles(TyperCommand):
+    """A command whose options take several files, as a shell writes them for ``*.jpg``.
 
     Typer knows options of three values, and options given again, but not both: of two pairs the
-    first would be lost without a word. So the three reach it as one value.
+    first would be lost without a word. So the files behind an option reach it as one value.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join the files behind each ``--pair``, then read the line as ever."""
+        """Join the files behind each such option, then read the line as ever."""
         joined: list[str] = []
         rest = list(args)
         while rest:
             joined.append(rest.pop(0))
-            if joined[-1] == "--pair":
-                files: list[str] = []
-                while rest and len(files) < len(_PAIR_FILES) and not rest[0].startswith("--"):
-                    files.append(rest.pop(0))
-                joined += [_BETWEEN.join(files)] if files else []
+            files: list[str] = []
+            while rest and len(files) < _SEVERAL.get(joined[-1], 0) and rest[0][:1] != "-":
+                files.append(rest.pop(0))
+            if len(files) > 1 and _is_new_folder(files[-1]) and joined[-1] != "--pair":
+                rest.insert(0, files.pop())  # the folder stands last: --photos *.jpg mine
+            elif not files:
+                continue
+            joined.append(_BETWEEN.join(files))
         return super().parse_args(ctx, joined)
+
+
+def _is_new_folder(name: str) -> bool:
+    return not Path(name).suffix and "*" not in name and not Path(name).is_file()
 
 
 def new_study(
@@ -101,6 +116,30 @@ def new_study(
         list[float] | None,
         typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
     ] = None,
+    photos: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE ...",
+            help="Photographs of yours, such as *.jpg: each is shown as methods prepare it for an"
+            " eye that looks at its middle.",
+        ),
+    ] = None,
+    exr: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FRAMES",
+            help="OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one"
+            " with depth; may be given more than once.",
+        ),
+    ] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHAT=NAME",
+            help="A channel of --exr that is not recognised: r, g, b, depth, motion_x or motion_y;"
+            " may be given more than once.",
+        ),
+    ] = None,
     unknown: Annotated[
         list[str] | None,
         typer.Option(
@@ -114,7 +153,8 @@ def new_study(
         typer.Option(
             metavar="A,B,...",
             help="Names from 'metamerlab warp --list', onnx:FILE, frames:FOLDER, and 'reference',"
-            " the true view. The study's test compares the first with the second.",
+            " the true view; with --photos names from 'metamerlab foveate --list'. The study's test"
+            " compares the first with the second.",
         ),
     ] = None,
 ) -> None:
@@ -124,9 +164,9 @@ def new_study(
     small, so the first build is short. The folder's README.md says what to do next. Tasks with a
     right answer start from a few small pictures and their table.
 
-    With --scene, --pair and --methods the study uses what you name. Files are copied into the
-    folder. The photographs of a pair are checked against each other. Views of every 3D file are
-    drawn on a sheet, and the first view is written into study.toml.
+    With --scene, --pair, --exr, --photos and --methods the study uses what you name. Files are
+    copied into the folder. The photographs of a pair are checked against each other. Views of
+    every 3D file are drawn on a sheet, and the first view is written into study.toml.
 
     Examples:
 
@@ -136,6 +176,10 @@ def new_study(
 
         metamerlab new-study mine --scene place.glb --pair left.png right.png disparity.pfm \\
             --methods coherence-transport,push-pull,reference
+
+        metamerlab new-study seen --photos *.jpg --methods blur,metamer
+
+        metamerlab new-study shot --exr 'shot_####.exr'
     """
     with user_errors():
         named = slug(folder.absolute().name) if name is None else name
@@ -156,7 +200,10 @@ def new_study(
         from stimuli.example_pictures import example_files
 
         with whole_folder(folder) as work:
-            own, notes = _own(work, folder, scene or [], pairs, methods)
+            given = _Given(
+                scene or [], pairs, *map(_groups, (photos, exr)), _channels(channel), methods
+            )
+            own, notes = _own(work, folder, given, screen)
             secret = secrets.token_hex(32)
             texts = study_files(named, shown, screen, task, secret=secret, own=own)
             made = {file: text.encode() for file, text in texts.items()} | example_files(task)
@@ -164,7 +211,8 @@ def new_study(
                 (work / file).parent.mkdir(exist_ok=True)
                 with open(work / file, "wb", opener=open_new) as written:
                     written.write(data)
-            for below in (*FOLDERS, PARTS[task][1]):
+            inputs = PARTS[task] if own.stills_px is None else FOVEATED
+            for below in (*FOLDERS, inputs[1]):
                 (work / below).mkdir(exist_ok=True)
     say_notes(notes)
     say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
@@ -219,20 +267,83 @@ def _pairs(
     return pairs
 
 
-def _own(
-    work: Path,
-    folder: Path,
-    scenes: list[str],
-    pairs: list[PairFiles],
-    methods: str | None,
-) -> tuple[OwnStimuli, list[str]]:
-    """Copy scenes, pairs and networks into `work`; return them, and notes."""
-    if not scenes and not pairs and methods is None:
+@dataclass(frozen=True)
+class _Given:
+    """What a user names of their own; `photos` and `frames` hold the files of each option."""
+
+    scenes: list[str]
+    pairs: list[PairFiles]
+    photos: list[list[str]]
+    frames: list[list[str]]
+    channels: dict[str, str]
+    methods: str | None
+
+
+def _channels(given: list[str] | None) -> dict[str, str]:
+    named = pairs_of("--channel", given or ())
+    return {one_of("--channel", key, _CHANNELS): name for key, name in named.items()}
+
+
+def _groups(given: list[str] | None) -> list[list[str]]:
+    return [text.split(_BETWEEN) for text in given or ()]
+
+
+def _own(work: Path, folder: Path, given: _Given, screen: Display) -> tuple[OwnStimuli, list[str]]:
+    """Copy what is named into `work`; return it, and notes."""
+    if given.channels and not given.frames:
+        raise StudyError("--channel: is of OpenEXR frames (got none); give them with --exr")
+    if not any((given.scenes, given.pairs, given.photos, given.frames, given.methods is not None)):
         return OwnStimuli(), []
+    if given.photos:
+        if given.scenes or given.pairs or given.frames:
+            raise StudyError(
+                "--photos: must be given without --scene, --pair and --exr (a study shows pictures"
+                " for a gaze, or clips of scenes); make a study of each"
+            )
+        return _own_photographs(work, folder, given, screen)
+    return _own_scenes(work, folder, given, screen)
+
+
+def _own_photographs(
+    work: Path, folder: Path, given: _Given, screen: Display
+) -> tuple[OwnStimuli, list[str]]:
+    from stimuli.bring_in import bring_methods, bring_photographs
+
+    files: list[str] = []
+    for name in (name for group in given.photos for name in group):
+        found = [name] if Path(name).exists() else sorted(glob(name))
+        files += found or [name]  # which says what is missing
+    methods = given.methods
+    shown = () if methods is None else bring_methods(methods, work, folder, stills=True)
+    whole = screen.width_px, screen.height_px
+    scenes, size_px, notes = bring_photographs(list(map(Path, files)), work, whole)
+    return OwnStimuli(tuple(scenes), shown, stills_px=size_px), notes
+
+
+def _pattern(files: list[str]) -> str:
+    """Return a sequence as one name, its number as ``####``; a shell may have written it out."""
+    names = {
+        name if "#" in name else re.sub(r"\d+(?=\D*$)", lambda n: "#" * len(n[0]), name)
+        for name in files
+    }
+    if len(files) == 1:
+        return files[0]
+    if len(names) > 1:
+        raise StudyError(
+            "--exr: must be frames of one sequence, such as 'shot_####.exr' (got"
+            f" {' and '.join(sorted(names)[:2])}); give --exr once for each"
+        )
+    return names.pop()
+
+
+def _own_scenes(
+    work: Path, folder: Path, given: _Given, screen: Display
+) -> tuple[OwnStimuli, list[str]]:
+    scenes, pairs, methods = given.scenes, given.pairs, given.methods
     # Imported here: they bring the renderer along.
     from pipeline.errors import GLUnavailableError
     from pipeline.gl.context import create_context, release_context
-    from stimuli.bring_in import bring_methods, bring_pair, bring_scene
+    from stimuli.bring_in import bring_frames, bring_methods, bring_pair, bring_scene, clips_of
     from stimuli.scenes.mesh_inputs import ENDINGS
 
     fills = () if methods is None else bring_methods(methods, work, folder)
@@ -243,6 +354,12 @@ def _own(
         brought, of_it = bring_pair(pair, work, [each.name for each in photographed])
         photographed.append(brought)
         notes += of_it
+    asked = []
+    for files in given.frames:
+        names = [each.name for each in photographed]
+        brought, clips = bring_frames(_pattern(files), work, names, given.channels)
+        photographed.append(brought)
+        asked += [] if clips is None else [clips]
     ctx = None
     if any(scene.lower().endswith(ENDINGS) for scene in scenes):
         try:
@@ -259,7 +376,14 @@ def _own(
     finally:
         if ctx is not None:
             release_context(ctx)
-    return OwnStimuli((*found, *photographed), fills), notes
+    of_all = clips_of(asked, screen, len(found) + len(photographed))
+    longest = max((clips.frames for clips in asked), default=0)
+    if of_all is not None and of_all.frames < longest:
+        notes.append(
+            f"clips have {of_all.frames} of {longest} frames: as many as the shortest sequence has"
+            " and as twice two clips fit into clip_memory_mib of display.toml"
+        )
+    return OwnStimuli((*found, *photographed), fills, of_all), notes
 
 
 def _say_of(report: Callable[[int, int, str], None], what: str, done: int, total: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -360,6 +361,53 @@ def test_pictures_of_another_size_are_refused_or_made_to_cover(folder, rng):
         (note,) = cover.notes()
         assert said in str(note)
         assert exact.notes() == []
+
+
+@pytest.mark.parametrize(
+    ("crop", "first"),
+    [
+        ("top", 0), ("bottom", 120), ("middle", 60), ((0.5, 0.0), 0), ((0.1, 0.4), 40),
+        ((1.0, 0.99), 120), ("left", 60), ("right", 60),
+    ],
+)  # fmt: skip
+def test_a_crop_keeps_an_edge_or_the_surroundings_of_a_point(folder, rng, crop, first):
+    """A picture of the stills' width and 120 rows more: rows from `first` on are shown."""
+    data = rng.integers(0, 256, (HEIGHT + 120, WIDTH, 3), dtype=np.uint8)
+    for name in ("one", "two"):
+        Image.fromarray(data).save(folder / f"{name}.png")
+    pictures = ({"name": "one", "file": "one.png"}, {"name": "two", "file": "two.png"})
+    for given in (
+        {"crop": crop, "pictures": pictures},
+        {"crop": "bottom", "pictures": ({**pictures[0], "crop": crop}, pictures[1])},
+    ):
+        cropped = builder(folder, recipe(fit="cover", **given))
+        rows = np.rint(255 * cropped.colour(cropped.wanted[0])).astype(int)
+        np.testing.assert_array_equal(rows, data[first : first + HEIGHT])
+
+
+def test_a_crop_that_cuts_nothing_is_refused(folder):
+    for more, said in (
+        ({"crop": "top"}, 'crop needs fit = "cover"'),
+        ({"fit": "cover", "crop": "upper"}, "crop"),
+        ({"fit": "cover", "crop": (0.5, 1.5)}, "less than or equal to 1"),
+        (
+            {
+                "fit": "cover",
+                "pictures": ({"name": "one", "file": "one.png", "view": {}, "crop": "top"},),
+            },
+            "crop is for flat pictures, and 'one' has a view",
+        ),
+    ):
+        with pytest.raises(ValueError, match=re.escape(said)):
+            recipe(**more)
+    plain = recipe(fit="cover")
+    assert "crop" not in plain.model_dump()["pictures"][0]
+    assert "crop" not in plain.model_dump()
+    keys = [
+        (made := builder(folder, recipe(fit="cover", crop=crop))).key(made.wanted[0])
+        for crop in ("middle", "top", (0.5, 0.0))
+    ]
+    assert keys[0] != keys[1] == keys[2]
 
 
 def test_keys_change_with_what_decides_the_pixels_and_nothing_else(folder):

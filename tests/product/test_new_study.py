@@ -117,6 +117,17 @@ def test_examples_of_optional_keys_are_valid_themselves(made):
         load_protocol(path)
 
 
+def test_scenes_in_comments_are_as_a_study_takes_them(made):
+    text = (made / "study.toml").read_text(encoding="utf-8")
+    kinds = []
+    for block in re.findall(r"^# \[\[stimuli\.scenes\]\]\n(?:# .*\n)+", text, flags=re.M):
+        section = re.sub(r"^# ", "", block, flags=re.M)
+        path = made / "with-scene.toml"
+        path.write_text(text.replace(block, section), encoding="utf-8")
+        kinds.append(load_protocol(path).stimuli.scenes[-1].kind)
+    assert kinds == ["mesh", "stereo", "rgbd", "exr"]
+
+
 def test_comments_come_from_the_schema():
     text = explained(
         "[stimuli.clips]\nfps = 30.0\n#? exr = false\n[stimuli.clips]\nfps = 60.0\n", StudyProtocol

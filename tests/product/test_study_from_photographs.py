@@ -1,0 +1,192 @@
+"""`new-study --photos` and `--exr`: from files to a built study in three commands."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from pipeline.image_file import write_pixels
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.load import load_display, load_protocol
+from protocols.new_study import study_files
+from protocols.own_stimuli import OwnClips, OwnMethod, OwnScene, OwnStimuli
+from protocols.plan import make_plan
+
+BLENDER = (
+    *(f"ViewLayer.Combined.{channel}" for channel in "RGB"), "ViewLayer.Depth.Z",
+    *(f"ViewLayer.Vector.{channel}" for channel in "XYZW"),
+)  # fmt: skip
+
+
+@pytest.fixture
+def photographs(tmp_path, monkeypatch) -> list[str]:
+    """Three photographs of different sizes in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    names = ["Astronaut.jpg", "Der Kaffee.png", "chelsea.jpg"]
+    for name, picture in zip(names, (data.astronaut(), data.coffee(), data.chelsea()), strict=True):
+        Image.fromarray(picture).resize((128, 96)).save(name)
+    return names
+
+
+def frames(folder: Path, count: int, names: tuple[str, ...] = BLENDER) -> None:
+    """Write frames as Blender does: a square that goes to the right before a wall."""
+    rng = np.random.default_rng(4)
+    folder.mkdir()
+    wall = rng.uniform(0.1, 0.9, (48, 64, 3)).astype(np.float32)
+    for number in range(count):
+        inside = np.zeros((48, 64, 1), np.float32)
+        inside[12:36, 12 + 4 * number : 24 + 4 * number] = 1
+        vector = np.concatenate([-4 * inside, 0 * inside, -4 * inside, 0 * inside], -1)
+        planes = np.concatenate([wall * (1 - 0.5 * inside), 4 - 2 * inside, vector], -1)
+        write_pixels(
+            folder / f"shot_{number + 1:04d}.exr",
+            planes[..., : len(names)], names, types=("float",) * len(names),
+        )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("shared_gl_context")
+def test_photographs_are_a_built_foveated_study_in_three_commands(metamerlab, photographs):
+    for command in (
+        ("new-study", "mine", "--photos", *photographs, "--methods", "blur,metamer"),
+        ("protocol", "check", "mine/study.toml"),
+        ("stimuli", "build", "mine/study.toml", "--out", "mine/clips"),
+    ):
+        done = metamerlab(*command)
+        assert done.exit_code == 0, done.output
+    built = {path.name for path in Path("mine/clips").iterdir() if "__" in path.name}
+    scenes = ("astronaut", "der-kaffee", "chelsea")
+    assert built == {f"{scene}__{method}" for scene in scenes for method in ("blur", "metamer")}
+    study = load_protocol(Path("mine/study.toml"))
+    assert study.analysis.primary.method == "blur"
+    assert study.trial.dot_over_clips
+    texts = study.text.languages["en"]
+    assert "video" not in " ".join((texts.consent, *texts.instructions, texts.question))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("shared_gl_context")
+def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frames(tmp_path / "frames", 6)
+    for command in (
+        ("new-study", "shot", "--exr", "frames/shot_####.exr"),
+        ("protocol", "check", "shot/study.toml"),
+        ("stimuli", "build", "shot/study.toml", "--out", "shot/clips", "--workers", "1"),
+    ):
+        done = metamerlab(*command)
+        assert done.exit_code == 0, done.output
+        assert "note" not in done.output
+    read = tomllib.loads(Path("shot/study.toml").read_text(encoding="utf-8"))
+    assert [size["name"] for size in read["stimuli"]["sizes"]] == ["own"]
+    assert (read["stimuli"]["clips"]["width_px"], read["stimuli"]["clips"]["height_px"]) == (64, 48)
+    assert read["task"]["catch"]["where"] == {"size": "own"}
+    assert len(list(Path("shot/clips/shot__own__reference").glob("*.png"))) == 6
+
+
+def test_files_may_stand_before_the_folder_and_a_pattern_need_no_shell(metamerlab, photographs):
+    for name, words in (
+        ("last", ("--photos", *photographs, "last")),
+        ("quoted", ("quoted", "--photos", "*.[jp][pn]g")),
+        ("again", ("again", *(word for name in photographs for word in ("--photos", name)))),
+    ):
+        done = metamerlab("new-study", *words)
+        assert done.exit_code == 0, done.output
+        copied = {path.name for path in Path(name, "pictures").iterdir()}
+        assert copied == {"astronaut.jpg", "der-kaffee.png", "chelsea.jpg"}
+        assert not Path(name, "scenes").exists()
+
+
+def test_stills_are_as_large_as_the_smallest_photograph_allows(metamerlab, photographs):
+    Image.fromarray(data.coffee()).resize((64, 96)).save("small.png")
+    done = metamerlab("new-study", "s", "--photos", *photographs, "small.png")
+    assert done.exit_code == 0
+    stimuli = load_protocol(Path("s/study.toml")).stimuli
+    assert (stimuli.width_px, stimuli.height_px) == (64, 36)
+    assert "no photograph is enlarged (the smallest is small.png, 64 x 96 px" in done.stdout
+
+
+def test_a_shell_may_write_the_frames_out_and_channels_are_named(metamerlab, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frames(tmp_path / "odd", 3, ("R", "G", "B", "far", "mx", "my"))
+    files = sorted(map(str, Path("odd").iterdir()))
+    named = ["--channel", "depth=far"]
+    done = metamerlab("new-study", "s", "--exr", *files, *named)
+    assert done.exit_code == 2
+    assert "for motion" in done.stderr
+    assert "--channel depth=NAME" in done.stderr
+    named += ["--channel", "motion_x=mx", "--channel", "motion_y=my"]
+    done = metamerlab("new-study", "s", "--exr", *files, *named)
+    assert done.exit_code == 0, done.output
+    (scene,) = tomllib.loads(Path("s/study.toml").read_text(encoding="utf-8"))["stimuli"]["scenes"]
+    assert scene["file"] == "scenes/shot/shot_####.exr"
+    assert scene["channels"] == {"depth": "far", "motion_x": "mx", "motion_y": "my"}
+    assert len(list(Path("s/scenes/shot").iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--photos", "none.jpg"], "none.jpg: no such file"),
+        (["--photos", "*.tiff"], "*.tiff: no such file"),
+        (["--photos", "notes.txt"], "notes.txt"),
+        (["--photos", "Astronaut.jpg", "--methods", "blur,metamer"], "name another scene"),
+        (["--photos", "Astronaut.jpg", "--methods", "blur,metamr"], "did you mean 'metamer'"),
+        (["--photos", "Astronaut.jpg", "--methods", "blur,push-pull"], "'push-pull'"),
+        (["--photos", "Astronaut.jpg", "--scene", "garden"], "make a study of each"),
+        (["--photos", "Astronaut.jpg", "--task", "two-alternative"], "must be two-interval where"),
+        (["--photos", "Astronaut.jpg", "--task", "abx"], "must be two-interval where"),
+        (["--exr", "shot_####.exr"], "shot_####.exr: no such file"),
+        (["--exr", "Astronaut.jpg"], "Astronaut.jpg"),
+        (["--exr", "a_1.exr", "b_1.exr"], "must be frames of one sequence"),
+        (["--channel", "depth=far"], "is of OpenEXR frames (got none)"),
+        (["--exr", "x.exr", "--channel", "deph=far"], "did you mean 'depth'"),
+    ],
+)
+def test_what_cannot_be_a_study_is_told_before_anything_is_written(
+    metamerlab, photographs, words, said
+):
+    Path("notes.txt").write_text("no picture")
+    before = sorted(path.name for path in Path().iterdir())
+    done = metamerlab("new-study", "s", *words)
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+    assert sorted(path.name for path in Path().iterdir()) == before
+    assert photographs
+
+
+@pytest.mark.parametrize("scenes", [1, 2, 3])
+@pytest.mark.parametrize(
+    "names", ["reference,telea", "telea,push-pull", "reference,telea,push-pull,metameric"]
+)
+@pytest.mark.parametrize("sequences", [True, False])
+def test_every_small_study_has_an_order_without_neighbours_alike(
+    tmp_path, scenes, names, sequences
+):
+    path = 'upsampling", real_every = 2' if sequences else 'circle"'
+    lines = ('kind = "exr"', 'file = "x.exr"', f'camera = {{ kind = "{path} }}')
+    own = [OwnScene(f"s{number}", None, lines, has_truth=sequences) for number in range(scenes)]
+    methods = tuple(map(OwnMethod, names.split(",")))
+    clips = OwnClips(64, 48, 4, alone=True) if sequences else None
+    display = load_display("fhd27-60hz")
+    pairs = len(methods) * (len(methods) - 1) // 2
+    if "reference" in names and not sequences:
+        pairs = (len(methods) - 1) * (len(methods) - 2) // 2
+    if scenes * pairs * (1 if sequences else 2) == 1:
+        with pytest.raises(StudyError, match="two conditions or more"):
+            OwnStimuli(tuple(own), methods, clips)
+        return
+    if not pairs:
+        return  # told by the check of methods
+    files = study_files("small", "Small", display, own=OwnStimuli(tuple(own), methods, clips))
+    (tmp_path / "study.toml").write_text(files["study.toml"], encoding="utf-8")
+    study = load_protocol(tmp_path / "study.toml")
+    manifest = virtual_manifest(study, display)
+    for slot in range(4):
+        assert make_plan(study, manifest, f"P{slot}", slot).trials
