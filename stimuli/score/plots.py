@@ -1,4 +1,4 @@
-"""Figures of scores: bars per scene, time against quality, and where a method errs."""
+"""Figures of scores: dots per scene, time against quality, and where a method errs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ from stimuli.score.metrics import FRAME, Metric
 from stimuli.score.run import Results
 from stimuli.score.tables import Table, method_order
 
-# Okabe and Ito's colours, told apart by every kind of colour vision; patterns for print.
+# Okabe and Ito's colours, told apart by every kind of colour vision; markers for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++", "oooo")
 MARKERS = "os^DvPX*"
 _LEAST_RATIO = 0.1  # lower ones are drawn here
 MAP_COLOURS = cv2.COLORMAP_INFERNO
@@ -35,32 +34,32 @@ _STYLE: dict[Any, Any] = {  # matplotlib's keys are a type of 300 words
 }  # fmt: skip
 
 
-def bars(table: Table) -> Figure:
-    """Draw a group of bars per scene: the farther to the right the better.
+def dots(table: Table) -> Figure:
+    """Draw a row of dots per scene: the farther to the right the better.
 
-    Where 1 is right, as for a ratio, bars begin there, and the shorter are the better.
+    Where 1 is right, as for a ratio, a line stands there, and the nearer to it the better.
     """
     metric, count = table.metric, len(table.methods)
     with figure_style():
         figure = new_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
         axes = figure.subplots()
-        start = 1.0 if metric.better == "one" else _beyond_the_worst(table)
-        height = 0.82 / count
         for index, method in enumerate(table.methods):
-            places, lengths = [], []
-            for row, (_, values) in enumerate(table.rows):
-                value = values[index]
-                if value is not None and math.isfinite(value):
-                    places.append(row + (index - (count - 1) / 2) * height)
-                    lengths.append(value - start)
-            axes.barh(
-                places, lengths, height, left=start, label=table.shown(method),
-                color=COLOURS[index % len(COLOURS)], hatch=HATCHES[index % len(HATCHES)],
-                edgecolor="white", linewidth=0.4,
+            points = [
+                (value, row + (index - (count - 1) / 2) * 0.82 / count)
+                for row, (_, values) in enumerate(table.rows)
+                if (value := values[index]) is not None and math.isfinite(value)
+            ]
+            axes.plot(
+                [value for value, _ in points], [place for _, place in points],
+                MARKERS[index % len(MARKERS)], label=table.shown(method), markersize=6,
+                color=COLOURS[index % len(COLOURS)], markeredgecolor="white",
             )  # fmt: skip
         axes.set_yticks(range(len(table.rows)), [table.shown(scene) for scene, _ in table.rows])
-        axes.invert_yaxis()
-        axes.axvline(start, color="#444444", linewidth=0.8)
+        axes.set_ylim(len(table.rows) - 0.5, -0.5)
+        for row in range(1, len(table.rows)):
+            axes.axhline(row - 0.5, color="#E3E3E3", linewidth=0.6)
+        if metric.better == "one":
+            axes.axvline(1.0, color="#444444", linewidth=0.8)
         axes.xaxis.grid(color="#E3E3E3", linewidth=0.6)
         unit = f" ({metric.unit})" if metric.unit else ""
         axes.set_xlabel(f"{metric.label}{unit}, {metric.arrow}")
@@ -68,15 +67,6 @@ def bars(table: Table) -> Figure:
         if metric.better == "lower":
             axes.invert_xaxis()
     return figure
-
-
-def _beyond_the_worst(table: Table) -> float:
-    """Where bars begin: a tenth of the range beyond the worst value."""
-    numbers = table.numbers
-    worst, best = (pick(numbers, key=table.metric.badness) for pick in (max, min))
-    if worst == best:
-        best = worst + (abs(worst) or 1.0) * (-1 if table.metric.better == "lower" else 1)
-    return worst + 0.1 * (worst - best)
 
 
 def trade_off(
@@ -285,7 +275,7 @@ def _saved(
 
 
 def pictured(table: Table) -> bool:
-    """Whether a table is worth bars: those over the whole frame say less about the fill."""
+    """Whether a table is worth a figure: those over the whole frame say less about the fill."""
     finite = [
         value
         for _, values in table.rows

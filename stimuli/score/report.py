@@ -85,10 +85,10 @@ def tables_markdown(tables: tuple[Table, ...], found: tuple[Duel, ...]) -> str:
 
 
 def duels_markdown(found: tuple[Duel, ...]) -> str:
-    """Say of each metric whether the method beats its rival, and where it does not."""
+    """Say of each metric whether the method beats its rival, and where it is worse."""
     lines = []
     for duel in found:
-        lost = f" (not in {', '.join(map(duel.table.shown, duel.lost))})" if duel.lost else ""
+        lost = f" (worse in {', '.join(map(duel.table.shown, duel.lost))})" if duel.lost else ""
         lines.append(f"- {duel.sentence}{lost}.")
     return "\n".join(lines) + "\n"
 
@@ -96,7 +96,7 @@ def duels_markdown(found: tuple[Duel, ...]) -> str:
 def _draw(
     results: Results, tables: tuple[Table, ...], times_ms: dict[str, float], out: Path
 ) -> dict[str, list[_Drawn]]:
-    drawn: dict[str, list[_Drawn]] = {"bars": [], "bands": [], "time": [], "scale": []}
+    drawn: dict[str, list[_Drawn]] = {"scenes": [], "bands": [], "time": [], "scale": []}
 
     def keep(group: str, name: str, caption: str, figure: Figure) -> None:
         drawn[group].append(
@@ -110,17 +110,16 @@ def _draw(
 
     for table in tables:
         if plots.pictured(table):
-            name = f"bars-{table.metric.name}-{table.region}" + (
+            name = f"scenes-{table.metric.name}-{table.region}" + (
                 f"-{table.size}" * bool(table.size)
             )
             how = (
-                "Bars begin at 1, the right value: the shorter the better"
+                "The nearer to the line at 1 the better"
                 if table.metric.better == "one"
-                else "The longer a bar the better; bars begin beyond the worst value, so only"
-                " differences can be read from their lengths"
+                else "The farther to the right the better"
             )
             caption = f"{table.title}. {how}."
-            keep("bars", name.replace(".", "-"), caption, plots.bars(table))
+            keep("scenes", name.replace(".", "-"), caption, plots.dots(table))
     for number, scene in enumerate(dict.fromkeys(i.scene for i in results.subjects.items), 1):
         figure = plots.by_eccentricity(results, scene)
         if figure is not None:

@@ -214,8 +214,8 @@ class Duel:
 
     Attributes
     ----------
-    lost : tuple of str
-        Scenes in which `method` is not better, by the digits printed.
+    lost, tied : tuple of str
+        Scenes in which `method` is worse, and those in which it is as good, by the digits printed.
     """
 
     table: Table
@@ -224,24 +224,29 @@ class Duel:
     means: tuple[float, float]
     scenes: int
     lost: tuple[str, ...]
+    tied: tuple[str, ...] = ()
 
     @property
-    def wins_on_average(self) -> bool:
-        """Whether the mean is better."""
+    def loses_on_average(self) -> bool:
+        """Whether the mean is worse, by the digits printed."""
         ours, theirs = (self.table.printed_badness(value) for value in self.means)
-        return ours < theirs
+        return ours > theirs
 
     @property
     def sentence(self) -> str:
         """Say it plainly."""
         ours, theirs = (self.table.text(value) for value in self.means)
-        verdict = "better than" if self.wins_on_average else "NOT better than"
+        verdict = "worse than" if self.loses_on_average else "better than"
+        if len({self.table.printed_badness(value) for value in self.means}) == 1:
+            verdict = "as good as"
         where = "in holes" if self.table.region == HOLES else "over the frame"
-        won = self.scenes - len(self.lost)
+        won = self.scenes - len(self.lost) - len(self.tied)
+        equal = f", equal in {len(self.tied)}" if self.tied else ""
         method, against = map(self.table.shown, (self.method, self.against))
         return (
             f"{self.table.metric.label} {where}: {method} {ours} is {verdict}"
             f" {against} {theirs} on average, and better in {won} of {self.scenes} scenes"
+            f"{equal}"
         )
 
 
@@ -260,14 +265,16 @@ def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -
         pairs = [(scene, a, b) for scene, a, b in both if a is not None and b is not None]
         if not pairs:
             continue
-        lost = tuple(
-            scene for scene, a, b in pairs if table.printed_badness(a) >= table.printed_badness(b)
-        )
+        behind = {
+            scene: table.printed_badness(a) - table.printed_badness(b) for scene, a, b in pairs
+        }
+        lost = tuple(scene for scene, by in behind.items() if by > 0)
+        tied = tuple(scene for scene, by in behind.items() if by == 0)
         means = (
             sum(a for _, a, _ in pairs) / len(pairs),
             sum(b for _, _, b in pairs) / len(pairs),
         )
-        found.append(Duel(table, method, against, means, len(pairs), lost))
+        found.append(Duel(table, method, against, means, len(pairs), lost, tied))
     return tuple(found)
 
 

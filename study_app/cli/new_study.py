@@ -311,7 +311,7 @@ def _own_photographs(
 
     files: list[str] = []
     for name in (name for group in given.photos for name in group):
-        found = [name] if Path(name).exists() else sorted(glob(name))
+        found = [name] if Path(name).exists() else sorted(glob(name))  # noqa: PTH207  also absolute
         files += found or [name]  # which says what is missing
     methods = given.methods
     shown = () if methods is None else bring_methods(methods, work, folder, stills=True)

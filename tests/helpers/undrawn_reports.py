@@ -33,7 +33,7 @@ def drawn_narrow() -> Iterator[None]:
 @contextmanager
 def undrawn_scores() -> Iterator[None]:
     """Leave every figure out of the reports of scores that are written meanwhile."""
-    nothing = {"bars": [], "bands": [], "time": [], "scale": []}
+    nothing = {"scenes": [], "bands": [], "time": [], "scale": []}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stimuli.score.report._draw", lambda *_: nothing)
         yield

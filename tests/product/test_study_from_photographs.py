@@ -91,16 +91,16 @@ def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path
 
 
 def test_files_may_stand_before_the_folder_and_a_pattern_need_no_shell(metamerlab, photographs):
-    for name, words in (
+    for folder, words in (
         ("last", ("--photos", *photographs, "last")),
         ("quoted", ("quoted", "--photos", "*.[jp][pn]g")),
         ("again", ("again", *(word for name in photographs for word in ("--photos", name)))),
     ):
         done = metamerlab("new-study", *words)
         assert done.exit_code == 0, done.output
-        copied = {path.name for path in Path(name, "pictures").iterdir()}
+        copied = {path.name for path in Path(folder, "pictures").iterdir()}
         assert copied == {"astronaut.jpg", "der-kaffee.png", "chelsea.jpg"}
-        assert not Path(name, "scenes").exists()
+        assert not Path(folder, "scenes").exists()
 
 
 def test_stills_are_as_large_as_the_smallest_photograph_allows(metamerlab, photographs):

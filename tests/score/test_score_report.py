@@ -88,9 +88,9 @@ def test_a_defeat_is_said(scored):
     found = {(d.table.metric.name, d.table.region): d for d in duels(all_tables(scored))}
     duel = found["ssim", "holes"]
 
-    assert not duel.wins_on_average
+    assert duel.loses_on_average
     assert duel.lost == ("lawn", "wall")
-    assert "NOT better than push-pull" in duel.sentence
+    assert "is worse than push-pull" in duel.sentence
     assert "better in 0 of 2 scenes" in duel.sentence
 
 
@@ -264,21 +264,37 @@ def table_of(better: str, values: tuple[float, ...]) -> Table:
 
 
 @pytest.mark.parametrize("better", ["lower", "higher"])
-def test_bars_grow_to_the_right_when_better_whatever_the_metric(better):
+def test_dots_lie_to_the_right_when_better_whatever_the_metric(better):
     values = (0.2, 0.9, 0.5) if better == "higher" else (0.9, 0.2, 0.5)
-    axes = plots.bars(table_of(better, values)).axes[0]
-    lengths = [abs(bar.get_width()) for bar in axes.patches]
-    assert np.argsort(lengths).tolist() == [0, 2, 1]
-    assert min(lengths) > 0
-    to_the_right = axes.transData.transform([[v, 0] for v in values])[:, 0]
+    axes = plots.dots(table_of(better, values)).axes[0]
+    assert not axes.patches, "no bar, whose length would say what its end does not"
+    drawn = [line.get_xydata()[0] for line in axes.lines if line.get_label() in "abc"]
+    assert [x for x, _ in drawn] == list(values)
+    to_the_right = axes.transData.transform(drawn)[:, 0]
     assert np.argsort(to_the_right).tolist() == [0, 2, 1]
 
 
-def test_equal_values_have_equal_bars_and_ratios_begin_at_one():
-    equal = plots.bars(table_of("lower", (0.4, 0.4))).axes[0].patches
-    assert equal[0].get_width() == equal[1].get_width() != 0
-    ratios = plots.bars(table_of("one", (0.5, 1.25))).axes[0].patches
-    assert [bar.get_width() for bar in ratios] == pytest.approx([-0.5, 0.25])
+def test_the_best_of_a_row_has_a_star():
+    page = (Path(report.__file__).parent / "scores.html").read_text(encoding="utf-8")
+    assert r'td.best::after { content: " \2605";' in page
+
+
+def test_a_line_stands_at_one_where_one_is_right():
+    ratios = plots.dots(table_of("one", (0.5, 1.25))).axes[0]
+    assert [1.0, 1.0] in [list(line.get_xdata()) for line in ratios.lines]
+    plain = plots.dots(table_of("lower", (0.5, 1.25))).axes[0]
+    assert [1.0, 1.0] not in [list(line.get_xdata()) for line in plain.lines]
+
+
+def test_what_is_printed_alike_is_a_tie_and_no_defeat():
+    (duel,) = duels((table_of("higher", (0.98541, 0.98549)),), "a", "b")
+    assert not duel.loses_on_average
+    assert (duel.lost, duel.tied) == ((), ("one_scene & co",))
+    assert "a 0.985 is as good as b 0.985 on average" in duel.sentence
+    assert duel.sentence.endswith("better in 0 of 1 scenes, equal in 1")
+    (worse,) = duels((table_of("lower", (0.9, 0.2)),), "a", "b")
+    assert "is worse than b" in worse.sentence
+    assert (worse.lost, worse.tied) == (("one_scene & co",), ())
 
 
 def test_tables_for_papers_and_for_programs_hold_what_is_printed():
@@ -293,7 +309,7 @@ def test_tables_for_papers_and_for_programs_hold_what_is_printed():
 
 def test_the_method_in_focus_is_compared_with_every_other():
     found = all_duels((table_of("higher", (0.5, 0.25, 0.75)),), "a")
-    assert [(duel.against, duel.wins_on_average) for duel in found] == [("b", True), ("c", False)]
+    assert [(duel.against, duel.loses_on_average) for duel in found] == [("b", False), ("c", True)]
 
 
 def test_people_read_labels_and_programs_read_names(run_score, batch, tmp_path):
@@ -320,7 +336,7 @@ def test_people_read_labels_and_programs_read_names(run_score, batch, tmp_path):
     page = (out / "scores.html").read_text()
     for shown in ("Pull &amp; push</th>", "The lawn", '<h2 id="verdict">Pull &amp; push against'):
         assert shown in page, shown
-    assert "Pull & push" in (out / "figures/bars-psnr-holes-small.svg").read_text().replace(
+    assert "Pull & push" in (out / "figures/scenes-psnr-holes-small.svg").read_text().replace(
         "&amp;", "&"
     )
     assert r"Pull \& push" in (out / "tables.tex").read_text()
