@@ -13,32 +13,33 @@ from protocols.schema import StudyProtocol
 
 NAME = "from-numbers"
 MOST = 1000
-"""Of pairs, of scenes, of repeats, of people: more is a slip of the hand."""
+"""Of pairs, of scenes, of repeats, of participants: more is a slip of the hand."""
 
 
-def preferences_of(*, pairs: int, scenes: int, repeats: int, people: int) -> StudyProtocol:
+def preferences_of(*, pairs: int, scenes: int, repeats: int, participants: int) -> StudyProtocol:
     """Return a study in which everybody compares every pair in every scene so often.
 
     Parameters
     ----------
     pairs : int
         Pairs of methods; the planned test is that of the first, alone.
-    scenes, repeats, people : int
-        How often everybody decides on a pair in a scene, and how many they are.
+    scenes, repeats, participants : int
+        How many scenes, how often everybody decides on a pair in each, and how many they are.
 
     Raises
     ------
     StudyError
-        If a number is below 1 (scenes and people: 2), or above 1000.
+        If a number is below 1 (scenes and participants: 2), or above 1000.
     """
     for name, value, least in (
-        ("pairs", pairs, 1), ("scenes", scenes, 2), ("repeats", repeats, 1), ("people", people, 2),
+        ("pairs", pairs, 1), ("scenes", scenes, 2), ("repeats", repeats, 1),
+        ("participants", participants, 2),
     ):  # fmt: skip
         if not least <= value <= MOST:
             raise StudyError(f"--{name}: must be {least} to {MOST} (got {value})")
     text = study_files(NAME, "From numbers", load_display("fhd27-60hz"))["study.toml"]
     study: dict[str, Any] = tomllib.loads(text)
-    study["study"]["participants"] = people
+    study["study"]["participants"] = participants
     study["display"]["display"] = "fhd27-60hz"
     stimuli, first = study["stimuli"], study["stimuli"]["scenes"][0]
     stimuli["scenes"] = [

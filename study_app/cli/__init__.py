@@ -8,7 +8,7 @@ add one line to `SLOTS`.
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +18,9 @@ from protocols.outside import check_limits_variable
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
 from study_app.cli.terminal import say
+
+if TYPE_CHECKING:
+    from typer._click import Context
 
 __all__ = ["SLOTS", "app", "main", "user_errors"]
 
@@ -46,8 +49,24 @@ SLOTS = (
 )
 
 
+_OLD_SPELLINGS = {
+    ("analysis", "power"): {"--people": "--participants"},
+    ("demo",): {"--observers": "--participants"},
+    **{(name,): {"--method": "--methods"} for name in ("warp", "foveate", "live")},
+}
+"""Of commands: what options were called before one thing had one name; no help shows it."""
+
+
 class _FrontDoor(LazyGroup):
     slots = SLOTS
+
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
+        """Read old spellings as those of today."""
+        for command, today in _OLD_SPELLINGS.items():
+            if tuple(args[: len(command)]) == command:
+                parts = [arg.partition("=") for arg in args]
+                args = [today.get(name, name) + sign + value for name, sign, value in parts]
+        return super().parse_args(ctx, args)
 
 
 app = typer.Typer(

@@ -7,7 +7,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -198,7 +198,7 @@ def power(
         Path | None,
         typer.Argument(
             help="The study's file (.toml), or the name of a shipped study; left out: --pairs,"
-            " --scenes, --repeats and --people say the design."
+            " --scenes, --repeats and --participants say the design."
         ),
     ] = None,
     pair_count: Annotated[
@@ -209,7 +209,9 @@ def power(
         int | None,
         typer.Option(help="Without a protocol: decisions of a person on a pair in a scene."),
     ] = None,
-    people: Annotated[int | None, typer.Option(help="Without a protocol: participants.")] = None,
+    participants: Annotated[
+        int | None, typer.Option(help="Without a protocol: how many there are.")
+    ] = None,
     rate: Annotated[
         float | None, typer.Option(help="Short for --set rate=..., of preferences.")
     ] = None,
@@ -258,7 +260,7 @@ def power(
 
         metamerlab analysis power detection.toml --set d_prime=1.2 --set difference=0.5
 
-        metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65
+        metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --participants 11 --rate 0.65
     """
     import numpy as np
 
@@ -273,17 +275,27 @@ def power(
         reads = () if pilot is None else [pilot]
         if out is not None:
             check_result(out, replace=replace, reads=reads)
-        numbers = {"pairs": pair_count, "scenes": scenes, "repeats": repeats, "people": people}
+        numbers = {
+            "pairs": pair_count,
+            "scenes": scenes,
+            "repeats": repeats,
+            "participants": participants,
+        }
         study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
         if protocol is not None and any(value is not None for value in numbers.values()):
             raise StudyError(
-                "--pairs, --scenes, --repeats and --people are for a design without a protocol (got"
+                "--pairs, --scenes, --repeats and --participants are for a design without a protocol (got"
                 f" {protocol} too); leave one of both out"
             )
         simulation = analysis_of(study.analysis.kind).simulation(study)
         given = pairs("--set", assume or ())
-        shorts = {"rate": rate, "participant_sd": participant_sd, "scene_sd": scene_sd}
-        given |= {name: str(value) for name, value in shorts.items() if value is not None}
+        shorts: Mapping[str, Any] = {
+            "rate": rate,
+            "participant_sd": participant_sd,
+            "scene_sd": scene_sd,
+        }
+        shorts = {name: f"{value:g}" for name, value in shorts.items() if value is not None}
+        given |= shorts
         known = simulation.assumptions
         with one_line() as progress:
             notes: Sequence[str] = ()
@@ -292,7 +304,7 @@ def power(
                 known = tuple(
                     dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
                 )
-            assumed = assumed_values(known, given)
+            assumed = assumed_values(known, given, shorts)
             found = simulated_power(
                 simulation,
                 assumed,
@@ -429,7 +441,7 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
     if missing:
         raise StudyError(
             f"power needs a protocol, or all numbers of a design (missing: {', '.join(missing)});"
-            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --people 11 --rate 0.65"
+            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --participants 11 --rate 0.65"
         )
     return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 

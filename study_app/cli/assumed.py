@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from protocols.errors import StudyError
@@ -24,8 +24,13 @@ def pairs(option: str, entries: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def assumed_values(known: Sequence[Assumption], given: Mapping[str, str]) -> dict[str, float]:
-    """Return a value for every assumption: the one given, or its own."""
+def assumed_values(
+    known: Sequence[Assumption], given: Mapping[str, str], own: Container[str] = ()
+) -> dict[str, float]:
+    """Return a value for every assumption: the one given, or its own.
+
+    Those in `own` may have been given by an option of their name.
+    """
     assumptions = {one.name: one for one in known}
     values = {one.name: one.value for one in known}
     for name, text in given.items():
@@ -41,9 +46,12 @@ def assumed_values(known: Sequence[Assumption], given: Mapping[str, str]) -> dic
         except ValueError:
             value = float("nan")
         if not one.lowest <= value <= one.highest:
+            option = f"--{name.replace('_', '-')}" if name in own else f"--set {name}"
+            percent = one.highest <= 1 < value <= 100
+            cure = f"; {value:g} % is {value / 100:g}" if percent else ""
             raise StudyError(
-                f"--set {name}: must be a number from {one.lowest:g} to {one.highest:g}"
-                f" (got {text!r})"
+                f"{option}: must be a number from {one.lowest:g} to {one.highest:g}"
+                f" (got {text!r}){cure}"
             )
         values[name] = value
     return values

@@ -10,7 +10,7 @@ import typer
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
-from study_app.cli.progress import progress_line
+from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say_notes, table_of
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
 
 def _build(builder: Builder, out: Path, where: Where) -> None:
     console = PlainConsole(soft_wrap=True)
-    with progress_line("starting") as report:
+    with going_on(), progress_line("starting") as report:
         outcome = builder.build(out.absolute(), where, report)
     heads, rows = builder.summary(outcome)
     console.print(table_of(heads, rows, right=1 if len(heads) > 2 else None, box=None))

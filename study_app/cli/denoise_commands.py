@@ -18,7 +18,7 @@ from study_app.cli.one_picture import (
     check_file,
     renderer,
 )
-from study_app.cli.progress import Teller
+from study_app.cli.progress import Teller, going_on
 from study_app.cli.terminal import PlainConsole
 
 app = typer.Typer(
@@ -194,7 +194,7 @@ def train(
             tuple(scene) if scene else Training().scenes, views, steps=steps, crop_px=crop_px,
             seed=seed, rendering=Rendering(size_px, clean_samples),
         )  # fmt: skip
-        with Teller(PlainConsole(soft_wrap=True)) as teller:
+        with going_on(), Teller(PlainConsole(soft_wrap=True)) as teller:
             train_networks(
                 training, out, work, estimate_only=estimate, say=teller.say,
                 progress=teller.progress,

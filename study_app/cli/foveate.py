@@ -149,7 +149,7 @@ def foveate(
         Path | None,
         look_option(
             help="One labelled sheet: the picture with its pools drawn in, and all conditions"
-            " (or those of --method)."
+            " (or those of --methods)."
         ),
     ] = None,
     steps: Annotated[

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from study_app.cli.complete import completing
+
 if TYPE_CHECKING:
     from typer._click import Command, Context
 
@@ -33,11 +35,11 @@ class Slot:
         if isinstance(target, typer.Typer):
             group = typer.main.get_group(target)
             group.name = self.name
-            return group
+            return completing(group)
         single = typer.Typer(add_completion=False, rich_markup_mode="rich")
         made_by = getattr(importlib.import_module(module), self.made_by) if self.made_by else None
         single.command(self.name, cls=made_by)(target)
-        return typer.main.get_command(single)
+        return completing(typer.main.get_command(single))
 
 
 class LazyGroup(TyperGroup):

@@ -21,6 +21,7 @@ from study_app.cli.one_picture import (
     SettingsOption,
     check_file,
     choose_methods,
+    named_methods,
     panel_option,
 )
 from study_app.cli.terminal import say, say_notes
@@ -56,12 +57,13 @@ def live(
     gaze: Annotated[
         str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")
     ] = "mouse",
-    method: Annotated[
+    methods: Annotated[
         list[str] | None,
         typer.Option(
-            "--method",
+            "--methods",
             "-m",
-            help="Condition to begin with; given more than once, the key m goes through these."
+            metavar="A,B,...",
+            help="Conditions, the first one to begin with; the key m goes through these."
             rf" \[default: {DEFAULT_METHOD}, then all that the GPU draws]",
         ),
     ] = None,
@@ -124,13 +126,13 @@ def live(
         exposed = panorama and stops is None and not clip
         reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
         if verify is not None:
-            if any((method, settings, display, fov, panorama, fps, record, seconds, stops, clip,
+            if any((methods, settings, display, fov, panorama, fps, record, seconds, stops, clip,
                     encoded, overlay, seed, gaze != "mouse")):  # fmt: skip
                 raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
             _verify(source, verify)
             return
         show = _Show(
-            source, gaze, _choices(method, settings), seed, reading, panorama, display, fov, fps,
+            source, gaze, _choices(methods, settings), seed, reading, panorama, display, fov, fps,
             record, seconds,
         )  # fmt: skip
         if record is not None:
@@ -167,7 +169,7 @@ def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choi
     )
     from stimuli.choice import Choice
 
-    names = list(dict.fromkeys(methods or [DEFAULT_METHOD, *LIVE]))
+    names = list(dict.fromkeys(named_methods(methods) or [DEFAULT_METHOD, *LIVE]))
     chosen = choose_methods(
         names, settings, every=names, default=names[0], known=condition_parameters,
         sheet=len(names) > 1,

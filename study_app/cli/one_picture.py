@@ -72,13 +72,30 @@ SettingsOption = Annotated[
 
 
 def method_option(what: str, default: str) -> Any:
-    """``--method``, more than once for a sheet."""
+    """``--methods``, several for a sheet."""
     return typer.Option(
-        "--method",
+        "--methods",
         "-m",
-        help=f"{what}; the first one makes OUT. May be given more than once for"
-        rf" --compare. \[default: {default}]",
+        metavar="A,B,...",
+        help=f"{what}s; the first one makes OUT. Several are for --compare; the option may also be"
+        rf" given again. \[default: {default}]",
     )
+
+
+def named_methods(given: Sequence[str] | None) -> list[str]:
+    """Return the methods of an option that takes several, joined by commas or given again.
+
+    Raises
+    ------
+    StudyError
+        If a name between commas is empty.
+    """
+    found = [name.strip() for text in given or () for name in text.split(",")]
+    if "" in found:
+        raise StudyError(
+            f"--methods: must be names joined by commas (got {','.join(given or ())!r})"
+        )
+    return found
 
 
 def list_option(what: str, show: Callable[[Console], None]) -> Any:
@@ -131,13 +148,13 @@ def choose_methods(
     StudyError, InputError
         If there are several methods and no sheet, or a name or a setting is wrong, or none has it.
     """
-    methods = list(given or ())
+    methods = named_methods(given)
     if not methods:
         methods = sorted(every, key=lambda name: name != default) if sheet else [default]
     known_of = {name: known(name) for name in methods}
     if len(methods) > 1 and not sheet:
         raise StudyError(
-            f"one --method makes one OUT (got {len(methods)}); add {sheets} to see them all"
+            f"--methods: one makes one OUT (got {len(methods)}); add {sheets} to see them all"
         )
     parameters = read_parameters(settings or [])
     if len(methods) == 1:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -14,7 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from study_app.cli.terminal import Description, PlainConsole
+from study_app.cli.terminal import Description, PlainConsole, say
 
 
 @contextmanager
@@ -61,6 +63,19 @@ class Teller:
     def _close(self) -> None:
         self._open.close()
         self._now = None
+
+
+@contextmanager
+def going_on() -> Iterator[None]:
+    """Say at Ctrl-C that the same command continues, and end with status 130.
+
+    For commands that keep what is done.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        say("stopped; the same command continues from here", file=sys.stderr)
+        raise typer.Exit(130) from None
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
-from study_app.cli.progress import progress_line
+from study_app.cli.progress import going_on, progress_line
 from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say, table_of
 
@@ -264,7 +264,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
             )
         check_out(folder, reads)
     console = PlainConsole(soft_wrap=True)
-    with progress_line("starting") as report:
+    with going_on(), progress_line("starting") as report:
         results = run(
             subjects,
             settings,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Scalar
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
+from study_app.cli.progress import going_on
 from study_app.cli.settings import takes_settings
 from study_app.cli.sitting_commands import register
 from study_app.cli.terminal import Description, PlainConsole, say, table_of
@@ -217,13 +217,16 @@ def simulate(
         )
         columns = (Description(), BarColumn(), MofNCompleteColumn())
         terminal = PlainConsole(stderr=True)
-        with Progress(
-            *columns,
-            TimeRemainingColumn(),
-            console=terminal,
-            transient=True,
-            disable=not terminal.is_terminal,
-        ) as progress:
+        with (
+            going_on(),
+            Progress(
+                *columns,
+                TimeRemainingColumn(),
+                console=terminal,
+                transient=True,
+                disable=not terminal.is_terminal,
+            ) as progress,
+        ):
             task = progress.add_task("trials", total=participants * len(plan.trials))
 
             def on_attempt(code: str, attempt: Attempt) -> None:
@@ -241,10 +244,6 @@ def simulate(
                     outcomes = simulate_in_browser(
                         simulation, web, out, participants, on_attempt=on_attempt
                     )
-            except KeyboardInterrupt:
-                progress.stop()
-                say("stopped; the same command continues from here", file=sys.stderr)
-                raise typer.Exit(130) from None
             finally:
                 gc.unfreeze()
         made = count_of(len(outcomes), "simulated session")

@@ -112,7 +112,7 @@ def warp(
     compare: Annotated[
         Path | None,
         look_option(
-            help="One labelled sheet with the fills side by side: those of --method, or of all"
+            help="One labelled sheet with the fills side by side: those of --methods, or of all"
             " methods. With --true-within also crops of fovea and periphery.",
         ),
     ] = None,
@@ -124,7 +124,7 @@ def warp(
 
     Examples:
 
-        metamerlab warp motorcycle filled.png --method telea
+        metamerlab warp motorcycle filled.png --methods telea
 
         metamerlab warp frame.exr filled.png --steps steps/
 

@@ -143,12 +143,21 @@ def test_power_of_numbers_alone_is_that_of_the_study_they_describe():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "missing: --pairs, --scenes, --repeats, --people"),
-        (["--pairs", 3, "--scenes", 6], "missing: --repeats, --people"),
+        ([], "missing: --pairs, --scenes, --repeats, --participants"),
+        (["--pairs", 3, "--scenes", 6], "missing: --repeats, --participants"),
         (["demo", "--pairs", 3], "without a protocol (got demo too)"),
-        (["--pairs", 0, "--scenes", 6, "--repeats", 2, "--people", 9], "--pairs: must be 1 to"),
-        (["--pairs", 1, "--scenes", 1, "--repeats", 2, "--people", 9], "--scenes: must be 2 to"),
-        (["--pairs", 1, "--scenes", 2, "--repeats", 2, "--people", 9999], "--people: must be 2"),
+        (
+            ["--pairs", 0, "--scenes", 6, "--repeats", 2, "--participants", 9],
+            "--pairs: must be 1 to",
+        ),
+        (
+            ["--pairs", 1, "--scenes", 1, "--repeats", 2, "--participants", 9],
+            "--scenes: must be 2 to",
+        ),
+        (
+            ["--pairs", 1, "--scenes", 2, "--repeats", 2, "--participants", 9999],
+            "--participants: must be 2",
+        ),
     ],
 )
 def test_power_says_which_numbers_are_missing_or_wrong(words, said):
@@ -173,7 +182,7 @@ def answers_of_old(person: int, scene: int) -> str:
     [
         (
             "two-interval", "who;scene;first;second;said", pairs_of_old, ["chosen=said"],
-            ["--pairs", 1, "--scenes", 3, "--repeats", 2, "--people", 6], "deviations",
+            ["--pairs", 1, "--scenes", 3, "--repeats", 2, "--participants", 6], "deviations",
         ),
         (
             "yes-no", "who;scene;expected;answer", answers_of_old, ["--set", "signal=left"],

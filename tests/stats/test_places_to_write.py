@@ -69,7 +69,7 @@ def test_a_study_is_never_replaced_by_what_is_found_in_it(study, out):
     [
         ("reaction", "t.csv", "--by", "method"),
         ("import", "t.csv", "--task", "ratings", "--map", "rating=rt_s", "--set", "by=method"),
-        ("power", "--pairs", "1", "--scenes", "2", "--repeats", "2", "--people", "4", "--rate",
+        ("power", "--pairs", "1", "--scenes", "2", "--repeats", "2", "--participants", "4", "--rate",
          "0.8", "--studies", "100"),
     ],
 )  # fmt: skip

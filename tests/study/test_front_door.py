@@ -179,3 +179,64 @@ def test_a_missing_folder_is_told_without_a_traceback(tmp_path: Path):
     assert done.returncode == 2
     assert "nowhere" in "".join(filter(str.isalpha, done.stderr))  # a box may break the line
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "some", "none"),
+    [
+        ("protocol show de", ["demo"], ["showcase"]),
+        ("stimuli build beyond-blur-t", ["beyond-blur-task"], ["demo"]),
+        ("session simulate demo --display fhd2", ["fhd24-144hz", "fhd27-60hz"], ["qhd27-120hz"]),
+        ("session check-display u", ["uhd55-60hz"], ["fhd27-60hz"]),
+        ("new-study x --task which", ["which-half"], ["reaction"]),
+        ("analysis import t.csv --task r", ["rating", "ratings", "reaction"], ["abx"]),
+        ("foveate x.png --methods metamer,b", ["metamer,blur"], ["metamer,push-pull"]),
+        ("warp x.png y.png -m t", ["telea"], ["metamer"]),
+        ("new-study x --methods reference,t", ["reference,telea"], ["reference,blur"]),
+        ("new-study x --photos a.jpg --methods bl", ["blur"], ["telea"]),
+        ("protocol show mine/", ["mine/study.toml"], ["mine/notes.txt", "mine/.git/"]),
+        ("protocol show mi", ["mine/"], []),
+    ],
+)
+def test_a_shell_completes_values(tmp_path, monkeypatch, line, some, none):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    for name in ("study.toml", "notes.txt", ".git"):
+        (tmp_path / "mine" / name).touch()
+    words = f"metamerlab {line}"
+    asked = {
+        "_METAMERLAB_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    done = CliRunner().invoke(app, [], prog_name="metamerlab", env=asked)
+    offered = done.stdout.split("\n")
+    assert set(some) <= set(offered), done.output
+    assert not set(none) & set(offered)
+
+
+@pytest.mark.parametrize(
+    "command", ["analysis power", "demo", "warp", "foveate", "live", "session simulate", "figure"]
+)
+def test_one_thing_has_one_spelling_in_every_help(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    said = CliRunner().invoke(app, [*command.split(), "--help"]).output
+    for old in ("--people", "--observers", "--method "):
+        assert old not in said
+    assert "--participants" in said or "--methods" in said
+
+
+def test_old_spellings_of_participants_and_methods_are_still_read(tmp_path):
+    design = ("--pairs", "1", "--scenes", "2", "--repeats", "1", "--rate", "0.6")
+    for option in (["--people", "1"], ["--people=1"]):
+        done = CliRunner().invoke(app, ["analysis", "power", *design, *option])
+        assert done.exit_code == 2
+        assert "--participants: must be 2 to" in done.stderr
+    done = CliRunner().invoke(app, ["demo", "--observers", "1", "--out", str(tmp_path / "x")])
+    assert "--participants" in done.stderr
+    for words in (["--method", "metamr"], ["--method=metamr"], ["-m", "telea", "-m", "metamr"]):
+        done = CliRunner().invoke(app, ["warp", "motorcycle", *words, "--compare", "s.png"])
+        assert done.exit_code == 2
+        assert "'metamr'" in done.stderr
+    done = CliRunner().invoke(app, ["warp", "motorcycle", "--methods", "telea,,mean"])
+    assert "--methods: must be names joined by commas" in done.stderr

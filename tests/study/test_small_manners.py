@@ -56,6 +56,25 @@ def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monke
     assert "1 simulated session," in again.stdout
 
 
+@pytest.mark.parametrize(
+    ("within", "words"),
+    [
+        ("stimuli.recipes.warped_clips.WarpedClipBuilder.build", ("stimuli", "build", "demo")),
+        ("study_app.cli.demo.run.run_demo", ("demo",)),
+    ],
+)
+def test_what_keeps_its_work_says_at_ctrl_c_that_the_same_command_continues(
+    tmp_path, monkeypatch, within, words
+):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(within, stopped)
+    done = run(*words, "--out", tmp_path)
+    assert done.exit_code == 130, done.output
+    assert done.stderr.endswith("stopped; the same command continues from here\n")
+
+
 def test_an_artificial_observer_lets_a_person_quit():
     study = demo()
     observer = ArtificialObserver(default_model(study), study.response, 0, "S001")

@@ -10,6 +10,7 @@ import typer
 from protocols.errors import StudyError
 from protocols.result_folder import remove_listed, stranger
 from study_app.cli.errors import user_errors
+from study_app.cli.progress import going_on
 from study_app.cli.terminal import PlainConsole
 
 
@@ -21,7 +22,7 @@ def demo(
         bool,
         typer.Option("--pictures-only", help="Only warp and fill one photograph, without a study."),
     ] = False,
-    observers: Annotated[
+    participants: Annotated[
         int, typer.Option(min=2, help="Simulated observers, the one before the window included.")
     ] = 12,
     display: Annotated[
@@ -88,7 +89,7 @@ def demo(
             console.print("The demonstration takes some minutes. Observers are simulated.")
         options = Options(
             out,
-            observers=observers,
+            observers=participants,
             window=not no_window,
             # Commands run in the folder of the demonstration.
             display=str(Path(display).resolve()) if display and Path(display).exists() else display,
@@ -96,5 +97,6 @@ def demo(
             studies=not no_studies,
             pictures_only=pictures_only,
         )
-        page = run_demo(options, console)
+        with going_on():
+            page = run_demo(options, console)
         console.print(f"Look at {page} (open it in a browser)", style="bold")

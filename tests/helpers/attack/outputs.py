@@ -69,7 +69,7 @@ COMMANDS = (
     _analysis("detection", "trials.csv", "--signal yes"),
     Command(
         "power",
-        "analysis power --pairs 1 --scenes 2 --repeats 2 --people 4 --rate 0.8 --studies 100"
+        "analysis power --pairs 1 --scenes 2 --repeats 2 --participants 4 --rate 0.8 --studies 100"
         " --out {o} --replace",
     ),
     *(

@@ -1,0 +1,89 @@
+"""What a shell completes as values: studies, displays, tasks and methods, and files beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from typer._click import Command, Context
+
+Completer = Callable[["Context", Any, str], list[str]]
+
+
+def completing(command: Command) -> Command:
+    """Return a command whose parameters complete their values, by what they are called.
+
+    Those of a group's commands do, too. What has a completion of its own keeps it.
+    """
+    for one in getattr(command, "commands", {}).values():
+        completing(one)
+    for parameter in command.params:
+        complete = _OF.get(parameter.name or "")
+        if complete is not None and parameter._custom_shell_complete is None:  # noqa: SLF001
+            parameter._custom_shell_complete = complete  # noqa: SLF001
+    return command
+
+
+def _with_files(known: Iterable[str], typed: str, ending: str) -> list[str]:
+    """Return the names that begin as typed, then folders and files of an ending that do."""
+    head, slash, tail = typed.rpartition("/")
+    place = Path(head + slash)
+    files = sorted(place.iterdir()) if place.is_dir() else []
+    found = [
+        f"{head}{slash}{file.name}" + "/" * file.is_dir()
+        for file in files
+        if file.name.startswith(tail)
+        and (tail or file.name[0] != ".")
+        and (file.is_dir() or file.name.endswith(ending))
+    ]
+    return [name for name in known if name.startswith(typed)] + found
+
+
+def _studies(_context: Context, _parameter: Any, typed: str) -> list[str]:
+    from protocols.load import shipped
+
+    return _with_files(shipped("studies"), typed, ".toml")
+
+
+def _displays(_context: Context, _parameter: Any, typed: str) -> list[str]:
+    from protocols.load import shipped
+
+    return _with_files(shipped("displays"), typed, ".toml")
+
+
+def _tasks(context: Context, _parameter: Any, typed: str) -> list[str]:
+    from protocols.new_study import PARTS
+    from protocols.tasks.registry import TASKS
+
+    known = PARTS if context.info_name == "new-study" else (*TASKS, "ratings", "reaction")
+    return [name for name in known if name.startswith(typed)]
+
+
+def _methods(context: Context, _parameter: Any, typed: str) -> list[str]:
+    """Complete the last of several names that commas join."""
+    from pipeline.foveation.conditions import condition_names
+    from pipeline.methods.registry import method_names
+
+    if context.info_name == "figure":
+        return []  # the study's own
+    fills = context.info_name == "warp" or (
+        context.info_name == "new-study" and not context.params.get("photos")
+    )
+    known = method_names() if fills else condition_names()
+    if context.info_name == "new-study" and fills:
+        known = ["reference", *known]
+    before, comma, last = typed.rpartition(",")
+    named = before.split(",")
+    plain = (name for name in known if ":" not in name and name not in named)
+    return [f"{before}{comma}{name}" for name in plain if name.startswith(last)]
+
+
+_OF: dict[str, Completer] = {
+    "protocol": _studies,
+    "study": _studies,
+    "display": _displays,
+    "task": _tasks,
+    "methods": _methods,
+}
