@@ -21,10 +21,18 @@ def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
 
 
 def decode_utf8(data: bytes, path: Path) -> str:
-    """Decode; `StudyError` names the line and the byte that are not UTF-8."""
+    """Decode; `StudyError` names the line and the byte that are not UTF-8, or says it is no text.
+
+    What holds a zero byte is no text, unless it begins as UTF-16 does.
+    """
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if b"\0" in data[:4096] and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise StudyError(
+                f"{path}: must be a text file (it holds other data, as pictures and archives do);"
+                " check which file is named"
+            ) from None
         line = data.count(b"\n", 0, error.start) + 1
         raise StudyError(
             f"{path}: line {line}: must be UTF-8 text (got byte 0x{data[error.start]:02x});"

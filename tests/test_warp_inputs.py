@@ -284,7 +284,7 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
             ["--disparity", "depth.png", "--right", "truth.png", "--truth", "truth.png"],
             "--truth and --right",
         ),
-        ([], "--flow FILE, or --depth FILE and two poses"),
+        ([], "--flow FILE or --depth FILE (the camera then moves sideways"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(scene, arguments, said):

@@ -44,11 +44,22 @@ def order_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias:
     return _bias("first interval", decisions, picked, alpha)
 
 
+def came_both_ways(decisions: pd.DataFrame) -> bool:
+    """Return whether a pair was shown in both orders: else order and preference are one thing."""
+    pairs = set(zip(decisions["first"], decisions["second"], strict=True))
+    return any((second, first) in pairs for first, second in pairs)
+
+
+def has_sides(decisions: pd.DataFrame) -> bool:
+    """Return whether sides were recorded."""
+    return bool(decisions["chosen_side"].isin(("left", "right")).any())
+
+
 def side_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias | None:
     """Return how often the left key was pressed; None where sides were not recorded."""
-    known = decisions[decisions["chosen_side"].isin(("left", "right"))]
-    if known.empty:
+    if not has_sides(decisions):
         return None
+    known = decisions[decisions["chosen_side"].isin(("left", "right"))]
     return _bias("left key", known, (known["chosen_side"] == "left").astype(float), alpha)
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import pandas as pd
 
-from analysis.models.bias import Bias, order_bias, side_bias
+from analysis.models.bias import Bias, came_both_ways, has_sides, order_bias, side_bias
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, limits
 from analysis.plans.preference import PreferencePlan
@@ -18,9 +18,9 @@ from analysis.report.wording import level_text, p_number, p_text, share, share_r
 
 @dataclass(frozen=True)
 class Biases:
-    """Every number; `side` is None where sides were not recorded."""
+    """Every number; one is None where nothing tells it from what was preferred."""
 
-    order: Bias
+    order: Bias | None
     side: Bias | None
     notes: tuple[str, ...] = ()
 
@@ -31,9 +31,14 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
     name: ClassVar[str] = "bias"
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
+    def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
+        """Return whether orders or sides can be told."""
+        return super().wanted(table, plan) and (came_both_ways(table) or has_sides(table))
+
     def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Biases:
         """Return both."""
-        return Biases(order_bias(table, alpha=plan.alpha), side_bias(table, alpha=plan.alpha))
+        order = order_bias(table, alpha=plan.alpha) if came_both_ways(table) else None
+        return Biases(order, side_bias(table, alpha=plan.alpha))
 
     def show(self, found: Biases, plan: PreferencePlan) -> Shown:
         """Return the figure, a table, and each as a sentence."""

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
 from protocols.limits import check_cells
@@ -49,12 +50,13 @@ class FileRows:
     notes: list[str] = field(default_factory=list)
 
 
-def rows_of(path: Path) -> FileRows:
+def rows_of(path: Path, counted: Counted | None = None) -> FileRows:
     """Return the rows of a table, or of all tables in a folder with the columns of all.
 
     Read are UTF-8, UTF-16 and Windows' Latin-1; comma, semicolon or tab; and the first sheet of
     ``.xlsx``, however it is named. Columns of numbers with decimal commas get points where the
-    file is separated otherwise.
+    file is separated otherwise. With `counted`, a square table of counts is read as such: then
+    a file is a participant.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def rows_of(path: Path) -> FileRows:
         twice.
     """
     if not path.is_dir():
-        return _of_file(path)
+        return _of_file(path, counted)
     files = sorted(
         one
         for one in path.iterdir()
@@ -81,7 +83,7 @@ def rows_of(path: Path) -> FileRows:
     for file in files:
         one = FileRows(notes=["left out: it is empty"])
         if file.stat().st_size:
-            one = _of_file(file)
+            one = _of_file(file, counted)
         same = tuple(map(tuple, one.rows))
         if len(same) >= _SAME_ROWS and seen.setdefault(same, file) != file:
             raise StudyError(
@@ -103,7 +105,7 @@ def rows_of(path: Path) -> FileRows:
     return found
 
 
-def _of_file(path: Path) -> FileRows:
+def _of_file(path: Path, counted: Counted | None) -> FileRows:
     """Return the rows of one file."""
     if path.suffix.lower() in SPREADSHEETS:
         raise StudyError(
@@ -145,6 +147,20 @@ def _of_file(path: Path) -> FileRows:
         found.notes.append(f"left out, the header again: {counted_lines(again)}")
     if separator != ",":
         found.notes += _decimal_points(found)
+    if counted is not None and is_square(found.header, found.rows):
+        lines = [line for _, line in found.lines]
+        each = list(decisions_of(path, found.header, found.rows, lines, counted))
+        what = (
+            f"{found.header[0] or 'the row'}'s was chosen over the column's"
+            if counted == "choices"
+            else "the column was answered where the row was right"
+        )
+        found.notes.append(
+            f"counts of {len(each)} decisions, {what}; a table of counts says neither who decided"
+            f" (all stand as the participant {path.stem!r}) nor in which order"
+        )
+        found.header, found.rows = HEADER[counted], [row for _, row in each]
+        found.lines = [(path, line) for line, _ in each]
     return found
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from analysis.tables import rows as row_checks
 from analysis.tables import units
+from analysis.tables.counts import Counted
 from analysis.tables.files import FIRST_LINE, counted_lines, rows_of, shortened
 from analysis.tables.words import (
     ANSWERED,
@@ -71,6 +72,7 @@ class Table:
         answers: Mapping[str, str] | None = None,
         *,
         command: str = "",
+        counted: Counted | None = None,
     ) -> None:
         """Read a table.
 
@@ -87,13 +89,15 @@ class Table:
             What answers of the table are called in `expected`, or are to be called.
         command : str
             What stands before ``--map`` in cures, if it is no option of the command at hand.
+        counted : {"choices", "answers"}, optional
+            What a square table of counts counts; left out: such a table is none.
 
         Raises
         ------
         StudyError
             As `rows_of`; also for a column, unit, condition or answer that the table has not.
         """
-        found = rows_of(path)
+        found = rows_of(path, counted)
         self.path, self.notes, self._command = path, found.notes, command
         self._places = found.lines if path.is_dir() else None
         lines = [line - FIRST_LINE for _, line in found.lines]

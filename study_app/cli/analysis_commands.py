@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.power import Power
     from analysis.report.build import ReportPaths
     from analysis.report.source import Progress
+    from analysis.tables.counts import Counted
     from protocols.schema import StudyProtocol
 
 app = typer.Typer(
@@ -284,8 +285,8 @@ def power(
         study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
         if protocol is not None and any(value is not None for value in numbers.values()):
             raise StudyError(
-                "--pairs, --scenes, --repeats and --participants are for a design without a protocol (got"
-                f" {protocol} too); leave one of both out"
+                "--pairs, --scenes, --repeats and --participants are for a design without a"
+                f" protocol (got {protocol} too); leave one of both out"
             )
         simulation = analysis_of(study.analysis.kind).simulation(study)
         given = pairs("--set", assume or ())
@@ -331,8 +332,8 @@ def import_(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV or .xlsx of any tool, one decision per row; or a folder of such, for example"
-            " one per participant."
+            help="CSV or .xlsx of any tool, one decision per row; or a square table of counts; or"
+            " a folder of such, for example one per participant."
         ),
     ],
     out: NewFolderOption,
@@ -384,6 +385,9 @@ def import_(
     Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen one, and rows
     without an answer are understood and reported.
 
+    Of a square table of counts the row's method was chosen over the column's, or the column's
+    answer given where the row's was right. It does not say who decided.
+
     A table of 'analysis export --format pwcmp' needs --map scene=scene_name too: its column scene
     holds scene and size, as pwcmp wants it.
 
@@ -393,6 +397,7 @@ def import_(
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
     from analysis.columns import dictionary
+    from analysis.plans.told import RatesTold
     from analysis.tables.table import BY_IMPORT
     from analysis.tables.write import write_table
     from analysis.tasks import analysis_of_task
@@ -403,7 +408,10 @@ def import_(
         check_result(out, replace=replace, reads=[table])
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        plain = table_told(table, (columns, where, answer), BY_IMPORT)
+        counted: Counted | None = "choices" if analysis.kind == "preference" else None
+        if issubclass(analysis.options, RatesTold):
+            counted = "answers"
+        plain = table_told(table, (columns, where, answer), BY_IMPORT, counted)
         decisions = analysis.read(plain, {}, chosen)
         settings = analysis.settings_of_table(decisions, table.stem, chosen)
         plain.notes += analysis.table_notes(decisions, settings)
@@ -441,7 +449,8 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
     if missing:
         raise StudyError(
             f"power needs a protocol, or all numbers of a design (missing: {', '.join(missing)});"
-            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --participants 11 --rate 0.65"
+            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --participants 11"
+            " --rate 0.65"
         )
     return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 

@@ -21,8 +21,8 @@ def completing(command: Command) -> Command:
         completing(one)
     for parameter in command.params:
         complete = _OF.get(parameter.name or "")
-        if complete is not None and parameter._custom_shell_complete is None:  # noqa: SLF001
-            parameter._custom_shell_complete = complete  # noqa: SLF001
+        if complete is not None and parameter._custom_shell_complete is None:
+            parameter._custom_shell_complete = complete
     return command
 
 

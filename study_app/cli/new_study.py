@@ -201,7 +201,7 @@ def new_study(
 
         with whole_folder(folder) as work:
             given = _Given(
-                scene or [], pairs, *map(_groups, (photos, exr)), _channels(channel), methods
+                scene or [], pairs, _groups(photos), _groups(exr), _channels(channel), methods
             )
             own, notes = _own(work, folder, given, screen)
             secret = secrets.token_hex(32)

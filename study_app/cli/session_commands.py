@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.journal import Attempt, Remote, SessionEnd
+from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
 from protocols.latency import LatencySummary
 from protocols.load import load_study
 from protocols.manifest import read_manifest
@@ -333,7 +333,7 @@ def _row(sitting: Sitting) -> tuple[str, ...]:
     else:
         start = sitting.journal.start
         slot, planned = str(start.slot), f" of {start.trials}"
-        data = "simulated" if start.simulated else "real"
+        data = _data_of(start)
         data += ", browser" if start.remote else ""
     return (
         sitting.study, sitting.participant, slot, sitting.state,
@@ -348,6 +348,21 @@ def _latency(sitting: Sitting) -> str:
     if found.median_ms is None:
         return "none" if live else ""
     return f"{found.median_ms:.1f} ms, 95 % {found.p95_ms:.1f}, most {found.max_ms:.1f}"
+
+
+def _data_of(start: SessionStart) -> str:
+    """Return what a session's data are: with a mouse for an eye, or a timer, only a rehearsal."""
+    if start.simulated:
+        return "simulated"
+    stand_ins = [
+        name
+        for name, used in (
+            ("mouse", start.gaze is not None and start.gaze.source == "mouse"),
+            ("timer", start.timing_evidence == "software timer"),
+        )
+        if used
+    ]
+    return f"rehearsal ({' and '.join(stand_ins)})" if stand_ins else "real"
 
 
 def _browser(remote: Remote | None) -> list[tuple[str, str]]:
@@ -381,7 +396,7 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
         start = journal.start
         gaze = f"{start.gaze.source}, {start.gaze.rate_hz:g} Hz" if start.gaze else "none"
         details += [
-            ("data", "SIMULATED" if start.simulated else "real"),
+            ("data", _data_of(start).replace("simulated", "SIMULATED")),
             ("slot", str(start.slot)),
             ("begun", start.at),
             ("display", f"{start.display}, {start.refresh_hz:g} Hz"),

@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.report.blocks import Block
     from analysis.report.blocks import Table as Rows
     from analysis.report.content import Content
+    from analysis.tables.counts import Counted
     from analysis.tables.table import Table as AnyTable
 
 TrialsArgument = Annotated[
@@ -267,10 +268,12 @@ Told = tuple[list[str] | None, list[str] | None, str | None]
 """What the options --map, --where and --answer say."""
 
 
-def table_told(path: Path, told: Told, command: str = "") -> AnyTable:
+def table_told(
+    path: Path, told: Told, command: str = "", counted: Counted | None = None
+) -> AnyTable:
     """Read a table with the columns, rows and answers that options name.
 
-    `command` stands before the options in messages.
+    `command` stands before the options in messages; `counted` is what a square table counts.
     """
     from analysis.tables.table import Table as Rows
 
@@ -281,6 +284,7 @@ def table_told(path: Path, told: Told, command: str = "") -> AnyTable:
         where or (),
         pairs("--answer", [] if answer is None else answer.split(",")),
         command=command,
+        counted=counted,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from study_app.cli.one_picture import DisplayOption, FovOption, GazeOption, panel_option
 
 _file_option = panel_option("File of colour, depth and flow")
-_picture_option = panel_option("Picture with motion, or with depth and two poses")
+_picture_option = panel_option("Picture with motion or depth")
 _stereo_option = panel_option("Stereo pair")
 _gaze_option = panel_option("True view around the gaze")
 

@@ -128,7 +128,7 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
         if pair != PairOptions():
             raise StudyError(
                 "options of stereo pairs (--disparity, --right, --to-left, --amount ...) do not go"
-                " with --flow, or with --depth and two poses"
+                " with --flow or --depth"
             )
         if file != FileOptions():
             raise StudyError(_FILE_ONLY)
@@ -236,7 +236,8 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
     if path.exists():
         raise StudyError(
             f"{path}: must be an .exr file with colour, depth and flow, or come with"
-            " --disparity FILE, --flow FILE, or --depth FILE and two poses"
+            " --disparity FILE, --flow FILE or --depth FILE (the camera then moves sideways, or"
+            " between two poses)"
         )
     raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
 

@@ -9,13 +9,14 @@ import math
 import re
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from protocols.load import load_display
 from protocols.new_study import study_files
-from stimuli.score import plots, run
+from stimuli.score import plots, report, run
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
 from stimuli.score.tables import (

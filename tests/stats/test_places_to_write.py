@@ -69,8 +69,8 @@ def test_a_study_is_never_replaced_by_what_is_found_in_it(study, out):
     [
         ("reaction", "t.csv", "--by", "method"),
         ("import", "t.csv", "--task", "ratings", "--map", "rating=rt_s", "--set", "by=method"),
-        ("power", "--pairs", "1", "--scenes", "2", "--repeats", "2", "--participants", "4", "--rate",
-         "0.8", "--studies", "100"),
+        ("power", "--pairs", "1", "--scenes", "2", "--repeats", "2", "--participants", "4",
+         "--rate", "0.8", "--studies", "100"),
     ],
 )  # fmt: skip
 def test_a_folder_with_a_file_called_as_a_results_is_no_earlier_result(study, words):
