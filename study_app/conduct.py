@@ -28,7 +28,7 @@ from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.source import GazeSource, Tracker
+from study_app.gaze.source import GazeSource, RawFile, Tracker
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
 from study_app.pacing import cannot_keep_up
@@ -49,6 +49,8 @@ from study_app.session import (
 from study_app.stage import Stage
 from study_app.trial import Trial
 
+_RAW_FILES_MOST = 20
+"""Files that a tracker may have of one run."""
 LATE_MOST = 3
 """So many attempts in a row that a late display made void end the run."""
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
@@ -325,16 +327,24 @@ class _Conductor:
         source = self._watcher.source if self._watcher else None
         if not isinstance(source, Tracker):
             return
-        recorder, raw = self._recorder, None
-        told = list(source.news())
-        try:
-            raw = source.raw(over=stem == "end")
-        except StudyError as error:
-            told.append(str(error))
+        recorder, over = self._recorder, stem == "end"
+        told, files = list(source.news()), list[RawFile]()
+        for _ in range(_RAW_FILES_MOST if over else 1):
+            try:
+                raw = source.raw(over=over)
+            except StudyError as error:
+                if str(error) in told:
+                    break
+                told.append(str(error))
+                continue
+            if raw is None:
+                break
+            files.append(raw)
         for text in told:
             recorder.append(Note(**recorder.stamps(), text=text))
-        if raw is not None and self._protocol.privacy.store_gaze:
-            file = recorder.side_file(f"tracker/{stem}", raw.suffix, raw.data)
+        for number, raw in enumerate(files if self._protocol.privacy.store_gaze else (), 1):
+            name = f"tracker/{stem}" + f"-{number}" * (number > 1)
+            file = recorder.side_file(name, raw.suffix, raw.data)
             recorder.append(
                 Note(**recorder.stamps(), text="gaze: the tracker's own data", file=file)
             )

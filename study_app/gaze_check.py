@@ -14,7 +14,7 @@ from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
 from study_app.recorder import Recorder
 from study_app.stage import Page, Stage
-from study_app.validation import nine_points_px, unfit_gaze
+from study_app.validation import EyeUnseenError, nine_points_px, unfit_gaze
 
 VALIDATIONS_MAX = 3
 """Poor validations in a row before the run ends; calibrate the tracker, and resume."""
@@ -90,6 +90,8 @@ class GazeCheck:
     def passed(self, block: int) -> bool:
         """Validate, where it was not yet done for `block`; False where the session stops.
 
+        Where gaze is poor, or the eye was not seen, calibration is offered again.
+
         Raises
         ------
         StudyError
@@ -98,20 +100,15 @@ class GazeCheck:
         if self._passed == block:
             return True
         for tries_left in reversed(range(VALIDATIONS_MAX)):
-            result = self._validate()
-            if result is None:
-                return False
-            self._recorder.append(
-                Calibration(
-                    **self._recorder.stamps(),
-                    accuracy_deg=round(result.accuracy_deg, 4),
-                    precision_deg=round(result.precision_deg, 4),
-                    points=result.points,
-                    sd_deg=_known(result.sd_deg),
-                    lost_share=_known(result.lost_share),
-                )
-            )
-            complaint = unfit_gaze(self._protocol.gaze, result)
+            try:
+                result = self._validate()
+            except EyeUnseenError as error:
+                complaint = str(error)
+            else:
+                if result is None:
+                    return False
+                self._record(result)
+                complaint = unfit_gaze(self._protocol.gaze, result)
             if not complaint:
                 self._passed = block
                 return True
@@ -119,6 +116,18 @@ class GazeCheck:
             if not tries_left or not self._again(complaint):
                 raise StudyError(complaint)
         raise AssertionError("the last validation passes or raises")
+
+    def _record(self, result: CalibrationResult) -> None:
+        self._recorder.append(
+            Calibration(
+                **self._recorder.stamps(),
+                accuracy_deg=round(result.accuracy_deg, 4),
+                precision_deg=round(result.precision_deg, 4),
+                points=result.points,
+                sd_deg=_known(result.sd_deg),
+                lost_share=_known(result.lost_share),
+            )
+        )
 
     def _again(self, complaint: str) -> bool:
         keys = self._protocol.response

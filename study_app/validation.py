@@ -80,17 +80,21 @@ def point_quality(
     )
 
 
+class EyeUnseenError(StudyError):
+    """An eye that was not seen at a target: seated better, or calibrated again, it may be."""
+
+
 def summarise(points: Sequence[PointQuality]) -> CalibrationResult:
     """Return the mean over the targets.
 
     Raises
     ------
-    StudyError
+    EyeUnseenError
         If the eye was not seen at a target.
     """
     unseen = [f"({p.x_px:.0f}, {p.y_px:.0f})" for p in points if math.isnan(p.precision_deg)]
     if unseen:
-        raise StudyError(
+        raise EyeUnseenError(
             f"gaze: the eye must be seen at every target (not at {', '.join(unseen)} px); seat"
             " the participant in the tracker's view and calibrate it again"
         )

@@ -232,6 +232,23 @@ def test_a_right_image_moves_to_the_left_camera(scene):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_the_next_frame_of_a_render_is_the_truth_of_this_one(tmp_path, rng):
+    """Both files have Blender's channels, not R, G, B."""
+    planes = {f"ViewLayer.Combined.{c}": rng.random((32, 48), np.float32) for c in "RGB"}
+    planes["ViewLayer.Depth.Z"] = np.full((32, 48), 3.0, np.float32)
+    planes |= {f"ViewLayer.Vector.{c}": np.zeros((32, 48), np.float32) for c in "XYZW"}
+    planes["ViewLayer.Depth.Z"][8:24, 8:24] = 1.0
+    planes["ViewLayer.Vector.Z"][8:24, 8:24] = -6.0  # to the right
+    for name in "ab":
+        write_pixels(
+            tmp_path / f"{name}.exr", np.stack(list(planes.values()), -1), tuple(planes),
+            types=("float",) * len(planes),
+        )  # fmt: skip
+    code, said, err = run(tmp_path / "a.exr", tmp_path / "o.png", "--truth", tmp_path / "b.exr")
+    assert code == 0, err
+    assert "PSNR" in said
+
+
 def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng):
     """By hand: what enters at the right border is wrong here by far, and counts in all holes."""
     source = load_colour(scene / "picture.png")

@@ -83,7 +83,8 @@ class EyelinkGaze:
         self._host, self._eye, self._desk = host or HOST, eye, desk
         self._pylink = pylink or load_pylink()
         self._tracker: Any = None
-        self._file = ""
+        self._files: list[str] = []
+        self._broke = False
         self._offset_s = 0.0
         self._news: list[str] = []
         self._info = SourceInfo("eyelink", "", 0.0)
@@ -97,20 +98,13 @@ class EyelinkGaze:
             If there is no Host PC, or it sends no samples.
         """
         try:
-            # None is pylink's dummy mode, which connects to nothing.
-            tracker = self._pylink.EyeLink(None if self._host == "dummy" else self._host)
+            self._connect()
         except RuntimeError as error:
             raise StudyError(
                 f"gaze: the EyeLink's Host PC must be reachable at {self._host} (found: {error});"
                 " start it, join both computers by cable, give this one an address of the same"
                 " net (100.1.1.2 of mask 255.255.255.0), and name another with --gaze eyelink:HOST"
             ) from None
-        self._tracker = tracker
-        tracker.setOfflineMode()
-        display = self._desk.display
-        right, bottom = display.width_px - 1, display.height_px - 1
-        for command in _SETUP:
-            tracker.sendCommand(command.format(right=right, bottom=bottom, share=SCREEN_SHARE))
         try:
             self._record()
             rate_hz = first_rate(
@@ -122,7 +116,7 @@ class EyelinkGaze:
             self.close()
             raise
         eye = "" if not self._eye else f", {self._eye} eye"
-        version = tracker.getTrackerVersionString().strip()
+        version = self._tracker.getTrackerVersionString().strip()
         told = f"{version} at {self._host}{eye}, pylink {self._pylink.__version__}"
         self._info = SourceInfo("eyelink", told, rate_hz, self._offset_s)
 
@@ -137,7 +131,7 @@ class EyelinkGaze:
             return ()
         if not tracker.isConnected():
             self._news.append("the link to the EyeLink broke; its Host PC keeps its recording")
-            self._tracker = None
+            self._tracker, self._broke = None, True
             return ()
         while number < _SAMPLES_MOST and (kind := tracker.getNextData()):
             number += 1
@@ -181,17 +175,16 @@ class EyelinkGaze:
         return None if math.isnan(error_deg) else error_deg
 
     def raw(self, *, over: bool) -> RawFile | None:
-        """Return the EDF file, once the session is over.
+        """Return the next EDF file, once the session is over; a link that broke left several.
 
         Raises
         ------
         StudyError
             If it cannot be fetched.
         """
-        name, tracker = self._file, self._tracker
-        if not over or not name:
+        if not over or not self._files:
             return None
-        self._file = ""
+        name, tracker = self._files.pop(0), self._tracker
         lost = f"it lies on the EyeLink's Host PC as {name}: copy it beside the journal"
         if tracker is None:
             raise StudyError(f"gaze: the EDF file cannot be fetched over a broken link; {lost}")
@@ -210,7 +203,12 @@ class EyelinkGaze:
         return RawFile(".edf", data)
 
     def news(self) -> Sequence[str]:
-        """Return what happened to the link since the last call."""
+        """Return what happened to the link since the last call; one that broke is made again.
+
+        It is asked for between two attempts: connecting takes seconds where nothing answers.
+        """
+        if self._broke:
+            self._connect_again()
         told, self._news = self._news, []
         return told
 
@@ -219,14 +217,42 @@ class EyelinkGaze:
         if self._tracker is not None:
             with suppress(RuntimeError):  # the link may be gone
                 self._tracker.stopRecording()
-                if self._file:
+                if self._files:
                     self._tracker.closeDataFile()
                 self._tracker.close()
             self._tracker = None
 
+    def _connect(self) -> None:
+        """Connect and say what is sent and kept; `RuntimeError` where nothing answers."""
+        # None is pylink's dummy mode, which connects to nothing.
+        self._tracker = self._pylink.EyeLink(None if self._host == "dummy" else self._host)
+        self._tracker.setOfflineMode()
+        display = self._desk.display
+        right, bottom = display.width_px - 1, display.height_px - 1
+        for command in _SETUP:
+            self._tracker.sendCommand(
+                command.format(right=right, bottom=bottom, share=SCREEN_SHARE)
+            )
+
+    def _connect_again(self) -> None:
+        """Connect between two trials, and begin a further file; say whether it went well."""
+        try:
+            self._connect()
+            if self._files:
+                self._begin_file(again=True)
+            else:
+                self._record()
+        except (RuntimeError, StudyError) as error:
+            self._tracker = None
+            self._news.append(f"the EyeLink could not be connected again ({error})")
+        else:
+            self._broke = False
+            file = f", and records {self._files[-1]}" if self._files else ""
+            self._news.append(f"the EyeLink is connected again{file}")
+
     def _record(self) -> None:
         """Record, into the file if there is one, and over the link."""
-        into = int(bool(self._file))
+        into = int(bool(self._files))
         failed = self._tracker.startRecording(into, into, 1, 0)
         if failed or not self._tracker.waitForBlockStart(1000, 1, 0):
             raise StudyError(
@@ -235,14 +261,19 @@ class EyelinkGaze:
             )
         self._measure_offset()
 
-    def _begin_file(self) -> None:
-        """Open the EDF file, once; before, nothing is kept. Its name is of this second alone."""
-        if self._file or not self._desk.store:
+    def _begin_file(self, *, again: bool = False) -> None:
+        """Open the EDF file, once; before, nothing is kept. Its name is of this second alone.
+
+        With `again` a further one is opened, which closes the one before.
+        """
+        if (self._files and not again) or not self._desk.store:
             return
         number, name = int(time.time()), ""
         while number:
             number, digit = divmod(number, 36)
             name = "0123456789abcdefghijklmnopqrstuvwxyz"[digit] + name
+        if f"m{name}.edf" in self._files:  # within one second
+            name += "b"
         self._tracker.stopRecording()
         self._tracker.setOfflineMode()
         if failed := self._tracker.openDataFile(f"m{name}.edf"):
@@ -250,7 +281,7 @@ class EyelinkGaze:
                 f"gaze: the EyeLink's Host PC must open an EDF file (it answered {failed}); make"
                 " room on its disk"
             )
-        self._file = f"m{name}.edf"
+        self._files.append(f"m{name}.edf")
         display = self._desk.display
         self._tracker.sendMessage(
             f"DISPLAY_COORDS 0 0 {display.width_px - 1} {display.height_px - 1}"

@@ -106,7 +106,8 @@ class Tracker(GazeSource, Protocol):
     def raw(self, *, over: bool) -> RawFile | None:
         """Return what was recorded or sent since the last call; None: nothing.
 
-        With `over` the session's run is over: a file that the tracker has is fetched now.
+        With `over` the session's run is over: a file that the tracker has is fetched now, and it is
+        asked again until nothing is left.
         """
 
     def news(self) -> Sequence[str]:

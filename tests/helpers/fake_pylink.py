@@ -55,7 +55,7 @@ class FakePylink:
     Parameters
     ----------
     eye : Eye
-        What it sees; `break` and `death` end the link for good.
+        What it sees; `break` and `death` end the link, the second for good.
     clock : callable
         The test's.
     """
@@ -80,7 +80,7 @@ class FakePylink:
         self._next = 0
 
     def EyeLink(self, host):  # noqa: N802
-        if self.refuses:
+        if self.refuses or self.eye.now(self.clock()) == "death":
             raise RuntimeError("Link terminated")
         self.calls.append(("EyeLink", host))
         self.connected = True

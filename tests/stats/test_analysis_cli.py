@@ -126,7 +126,7 @@ def test_a_report_of_a_table_without_our_columns_names_the_command_that_maps_the
 
 
 def test_power_of_numbers_alone_is_that_of_the_study_they_describe():
-    numbers = {"pairs": 2, "scenes": 4, "repeats": 3, "people": 7}
+    numbers = {"pairs": 2, "scenes": 4, "repeats": 3, "participants": 7}
     options = [word for name, value in numbers.items() for word in (f"--{name}", value)]
     result = run("power", *options, "--rate", 0.65, "--studies", 100)
     assert result.exit_code == 0, result.output

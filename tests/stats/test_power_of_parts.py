@@ -38,7 +38,7 @@ BEFORE = json.loads((Path(__file__).parent / "oracles" / "oracle_power.json").re
 
 def simulation_of(name: str):
     if name.startswith("pairs"):
-        study = preferences_of(pairs=3, scenes=6, repeats=2, people=11)
+        study = preferences_of(pairs=3, scenes=6, repeats=2, participants=11)
     else:
         study = load_protocol(Path(name.split(",")[0]))
     return analysis_of(study.analysis.kind).simulation(study)

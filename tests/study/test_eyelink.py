@@ -70,8 +70,26 @@ def test_a_link_that_breaks_leaves_a_whole_journal_that_names_the_file_on_the_ho
     assert [attempt.void_reason for attempt in sat.journal.attempts] == [None, "data-loss"]
     told = notes_of(sat)
     assert any("the link to the EyeLink broke" in text for text in told)
+    assert any("could not be connected again (Link terminated)" in text for text in told)
     (name,) = host.files
     assert any(f"lies on the EyeLink's Host PC as {name}" in text for text in told)
+
+
+def test_a_link_that_comes_back_goes_on_in_a_further_file_and_both_are_kept(tmp_path):
+    sat, host = session(tmp_path, ("blink", "loss", "break", "", "blink"))
+
+    reasons = [attempt.void_reason for attempt in sat.journal.attempts]
+    assert reasons[:5] == [None, "data-loss", "data-loss", None, None]
+    assert set(reasons[5:]) == {None}
+    assert sat.journal.events[-1].reason == "completed"
+    assert sat.journal.damaged == ()
+    told = notes_of(sat)
+    _, second = host.files
+    assert sum("the link to the EyeLink broke" in text for text in told) == 1
+    assert f"gaze: the EyeLink is connected again, and records {second}" in told
+    assert [file.file for file in files_of(sat)] == ["tracker/end.edf", "tracker/end-2.edf"]
+    assert check_side_files(sat.journal).wrong == ()
+    assert [call[0] for call in host.calls].count("EyeLink") == 2
 
 
 def test_a_recording_that_cannot_be_fetched_costs_no_session(tmp_path):

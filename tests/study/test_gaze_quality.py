@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SideFile, event_line
 from protocols.load import load_protocol
 from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze_check import Calibrated, Targets
-from study_app.validation import point_quality, summarise
+from study_app.gaze_check import Calibrated, GazeCheck, Targets
+from study_app.stage import PageResult
+from study_app.validation import PointQuality, point_quality, summarise
 
 ORACLE = json.loads(Path(__file__).with_name("oracles").joinpath("gaze_quality.json").read_text())
 SCREEN = ORACLE["screen"]
@@ -122,6 +124,34 @@ def test_a_quit_key_during_the_trackers_own_routine_stops_the_block_and_asks_ane
     going[0] = False
     assert not calibrated()
     assert tracker.calibrated == 2
+
+
+def test_calibration_is_offered_again_where_the_eye_is_not_seen():
+    study, told, pages = load_protocol(Path("demo")), [], []
+    unseen = PointQuality(960.0, 540.0, 0, math.nan, math.nan)
+    seen = PointQuality(960.0, 540.0, 50, 0.2, 0.05)
+
+    class Told:
+        def stamps(self):
+            return {"n": 1, "t_s": 0.0, "at": "2026-01-01T00:00:00Z"}
+
+        def append(self, event):
+            told.append(event)
+
+    class Asked:
+        def page(self, page):
+            pages.append(page)
+            return PageResult(study.response.continue_keys[0], "", 0.0)
+
+    tries = [unseen, seen]
+    check = GazeCheck(lambda: summarise([tries.pop(0)]), study, Told(), Asked())
+    assert check.passed(0)
+    assert [event.kind for event in told] == ["note", "calibration"]
+    assert "the eye must be seen at every target (not at (960, 540) px)" in pages[0].text
+    tries[:] = [unseen] * 3
+    with pytest.raises(StudyError, match="seat the participant in the tracker's view"):
+        check.passed(1)
+    assert not tries
 
 
 def test_a_source_of_six_methods_needs_no_more():

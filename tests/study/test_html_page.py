@@ -26,6 +26,16 @@ def test_every_template_is_one_of_these(repository):
     assert found == set(TEMPLATES)
 
 
+def test_every_table_of_a_page_can_scroll_and_shows_that_it_does(repository):
+    for name in TEMPLATES:
+        text = (repository / name).read_text(encoding="utf-8")
+        assert text.count("<table") == text.count('<div class="scroll"><table'), name
+    style = (repository / "protocols/page.css").read_text(encoding="utf-8")
+    (scrolling,) = re.findall(r"^\.scroll \{(.*?)\}", style, flags=re.M | re.S)
+    assert scrolling.count("no-repeat local") == scrolling.count("no-repeat scroll") == 2
+    assert style.count("--shade:") == 2, "one shade for paper, one for the dark"
+
+
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_a_template_takes_the_common_style_and_loads_nothing(repository, name):
     text = (repository / name).read_text(encoding="utf-8")

@@ -158,6 +158,7 @@ def test_every_single_unknown_key_is_refused(mistakes):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF\x00", "must be a text file (it holds other data, as pict"),
         (b"format = 1\nname = \xff\n", "line 2: must be UTF-8 text (got byte 0xff)"),
         (b"format = 1\nname = \n", "reader says: Invalid value (at line 2, column 8)); mend"),
         (b"[study]\n[study]\n", "reader says: Cannot declare ('study',) twice"),

@@ -9,11 +9,14 @@ import pytest
 from rich.table import Table
 from typer.testing import CliRunner
 
+from protocols.journal import GazeInfo
+from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.preregister import preregistration, to_markdown
 from protocols.wording import key_label
 from study_app import simulate
 from study_app.cli import app
+from study_app.cli.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
 from study_app.observers import ArtificialObserver, default_model
 from study_app.pages import Pages
@@ -73,6 +76,21 @@ def test_what_keeps_its_work_says_at_ctrl_c_that_the_same_command_continues(
     done = run(*words, "--out", tmp_path)
     assert done.exit_code == 130, done.output
     assert done.stderr.endswith("stopped; the same command continues from here\n")
+
+
+def test_a_mouse_for_an_eye_and_a_timer_for_a_display_are_a_rehearsal(tmp_path):
+    run("session", "simulate", "demo", "--out", tmp_path)
+    start = read_journal(tmp_path / "demo/S001/journal.jsonl").start
+    assert _data_of(start) == "simulated"
+    real = start.model_copy(update={"simulated": False, "timing_evidence": "fence"})
+    assert _data_of(real) == "real"
+    mouse = GazeInfo(source="mouse", rate_hz=60.0)
+    for update, said in (
+        ({"gaze": mouse}, "rehearsal (mouse)"),
+        ({"timing_evidence": "software timer"}, "rehearsal (timer)"),
+        ({"gaze": mouse, "timing_evidence": "software timer"}, "rehearsal (mouse and timer)"),
+    ):
+        assert _data_of(real.model_copy(update=update)) == said
 
 
 def test_an_artificial_observer_lets_a_person_quit():
