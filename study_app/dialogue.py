@@ -32,7 +32,8 @@ class Dialogue:
     ) -> PageResult:
         """Show a page; after the quit key ask, and show it again if the session goes on."""
         keys = self.keys if wait else ()
-        page = Page(name, self.filled(text, done), keys, least_s=least_s)
+        share = done / self._blocks if done else 0.0
+        page = Page(name, self.filled(text, done), keys, least_s=least_s, done_share=share)
         result = self._stage.page(page)
         while name != "paused" and self.quit_pressed(result):
             asked = self.ask_to_quit()

@@ -69,12 +69,12 @@ class PageTurner:
         scripted = self._scripted(page, began_s)
         turns = page.keys[0] if page.keys and page.name != "quit" else ""
         waits = page.least_s > 0  # the key is named once it does something
-        self._show(self._pages.page(page.text, "" if waits else turns))
+        self._show(self._pages.page(page.text, "" if waits else turns, page.done_share))
         while True:
             self._flip(self._draw)
             if waits and self._window.now() >= began_s + page.least_s:
                 waits = False
-                self._show(self._pages.page(page.text, turns))
+                self._show(self._pages.page(page.text, turns, page.done_share))
             for press in self._key_presses():
                 if press.key in page.keys and press.t_s >= began_s + page.least_s:
                     return PageResult(press.key, "", press.t_s - began_s)

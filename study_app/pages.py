@@ -30,6 +30,8 @@ _SMALLEST_PX = 12
 _MARGIN_SHARE = 0.12
 _LONGEST_LINE = 34
 """Width of a text in letter sizes: longer lines are hard to read."""
+_BAR_AT, _BAR_WIDE = _MARGIN_SHARE / 2, 0.4
+"""Of the bar that says how much is done: its top and width, in shares of the screen."""
 _CARET = "|"
 
 
@@ -57,6 +59,8 @@ class Sheet:
     grey: int
     """Of the letters."""
     blocks: tuple[Block, ...]
+    done_share: float = 0.0
+    """How much of the session is done, as a bar at the upper edge; 0: no bar."""
 
     def image(self) -> NDArray[np.uint8]:
         """Return the screen, shape (height, width, 4), transparent where nothing is written."""
@@ -68,7 +72,19 @@ class Sheet:
             )
             below = image[block.top :, block.left :][: len(part), : block.width_px]
             below[:] = part[: below.shape[0], : below.shape[1]]  # what is cut off is empty
+        if self.done_share > 0:
+            self._draw_bar(image)
         return image
+
+    def _draw_bar(self, image: NDArray[np.uint8]) -> None:
+        """Draw how much is done: a frame, filled from the left."""
+        width, height = self.size_px
+        line = max(1, height // 540)
+        top, left = round(height * _BAR_AT), round(width * (1 - _BAR_WIDE) / 2)
+        bar = image[top : top + max(6 * line, height // 60), left : width - left]
+        bar[:] = self.grey, self.grey, self.grey, 255
+        done_px = round(min(1.0, self.done_share) * bar.shape[1])
+        bar[line:-line, max(line, done_px) : -line] = 0
 
 
 class Pages:
@@ -94,9 +110,13 @@ class Pages:
         # Contrast with 50 % grey is 5.3 to 1 for black, and 3.9 to 1 for white.
         self._grey = 0 if background >= 110 else 255
 
-    def page(self, text: str, key: str = "") -> Sheet:
-        """Return a page of text, with the key that turns it below; letters shrink if need be."""
-        return self._sheet(self._block(text, narrow=True), *([self._hint(key)] if key else []))
+    def page(self, text: str, key: str = "", done_share: float = 0.0) -> Sheet:
+        """Return a page of text, with the key that turns it below; letters shrink if need be.
+
+        `done_share` is how much of the session is done, for a bar; 0: no bar.
+        """
+        blocks = (self._block(text, narrow=True), *([self._hint(key)] if key else []))
+        return Sheet(self._size, self._grey, blocks, done_share)
 
     def question(self, page: Page, typed: str, chosen: int) -> Sheet:
         """Return a question with what was typed so far, or with its choices.

@@ -68,6 +68,8 @@ class Page:
     """A question's answers; empty: free text is typed."""
     draft: str = ""
     """What was typed or chosen before the question was left."""
+    done_share: float = 0.0
+    """How much of the session is done, shown as a bar; 0: nothing is shown."""
 
 
 class PageResult(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -9,7 +11,7 @@ from scipy import ndimage
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, synthesise
 from pipeline.quality import high_frequency_ratio, psnr_db, ssim
-from stimuli.score.metrics import METRICS
+from stimuli.score.metrics import METRICS, PluginMetrics
 from stimuli.score.pair import read_colour
 from stimuli.score.run import measure_job
 from stimuli.score.statistics import statistics_distance
@@ -170,6 +172,23 @@ def test_the_statistics_of_a_colour_that_is_off_are_far(photographs):
     photo = photographs["grass"] * np.float32(0.7)
 
     assert statistics_distance(photo + np.float32(0.2), photo) > 0.1
+
+
+def test_the_metric_of_the_page_measures_a_clip(repository, pair, clips):
+    page = (repository / "docs/quality.md").read_text(encoding="utf-8")
+    (code,) = re.findall(
+        r"```python\n(.*?)^```", page.split("### A metric of your own")[1], re.M | re.S
+    )
+    made: dict = {}
+    exec(code, made)
+    plugin = made["METRICS"]
+    assert isinstance(plugin, PluginMetrics)
+    (metric,) = plugin.metrics
+    found = made["measure"](pair(clips.truth), None, None).values
+    assert {name for name, _ in found} == {metric.name} == set(plugin.blind)
+    assert set(found.values()) == {0.0}
+    other = made["measure"](pair(np.clip(clips.truth + 0.25, 0, 1)), None, None).values
+    assert min(other.values()) > 0.1
 
 
 def test_the_numbers_of_our_own_families_are_those_of_their_version(pair, clips):

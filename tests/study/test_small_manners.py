@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shlex
 
+import numpy as np
 import pytest
 from rich.table import Table
 from typer.testing import CliRunner
@@ -18,10 +19,11 @@ from study_app import simulate
 from study_app.cli import app
 from study_app.cli.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
+from study_app.dialogue import Dialogue
 from study_app.observers import ArtificialObserver, default_model
 from study_app.pages import Pages
 from study_app.shown_texts import require_showable
-from study_app.stage import Page
+from study_app.stage import Page, PageResult
 
 LONG = "a-scene-with-a-long-name__a-size-with-a-long-name__a-method-with-a-long-name"
 
@@ -91,6 +93,37 @@ def test_a_mouse_for_an_eye_and_a_timer_for_a_display_are_a_rehearsal(tmp_path):
         ({"gaze": mouse, "timing_evidence": "software timer"}, "rehearsal (mouse and timer)"),
     ):
         assert _data_of(real.model_copy(update=update)) == said
+
+
+@pytest.mark.parametrize(("background", "grey"), [(128, 0), (20, 255)])
+def test_a_page_of_a_break_has_a_bar_as_full_as_much_is_done(background, grey):
+    lay_out = Pages((640, 480), {}, background)
+    plain, bar = (lay_out.page("Rest.", "space", share).image() for share in (0.0, 0.25))
+    drawn = (bar != plain).any(axis=-1)
+    rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
+    assert rows[-1] < 0.2 * 480, "above the text"
+    assert (columns[0], columns[-1]) == (192, 447), "in the middle, 40 % of the width"
+    inside = bar[(rows[0] + rows[-1]) // 2, 192:448]
+    filled = inside[1:-1, 3] == 255
+    assert filled.sum() == filled.argmin() == 63, "a quarter, from the left"
+    assert (inside[:64] == (grey, grey, grey, 255)).all()
+
+
+def test_participants_see_how_much_is_done_at_every_break_and_nowhere_else():
+    study = demo()
+    shown = []
+
+    class Shown:
+        def page(self, page):
+            shown.append(page)
+            return PageResult(study.response.continue_keys[0], "", 0.0)
+
+    texts = study.text.languages["en"]
+    pages = Dialogue(Shown(), study.response, texts, blocks=4)
+    pages.show("instructions", texts.instructions[0])
+    for block in (1, 2, 3):
+        pages.show("break", texts.break_page, done=block)
+    assert [page.done_share for page in shown] == [0.0, 0.25, 0.5, 0.75]
 
 
 def test_an_artificial_observer_lets_a_person_quit():

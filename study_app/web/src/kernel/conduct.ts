@@ -29,6 +29,8 @@ export interface Page {
   readonly question: ClosingQuestion | null;
   /** What was typed or chosen before the question was left. */
   readonly draft: string;
+  /** How much of the session is done, shown as a bar; 0: nothing is shown. */
+  readonly done_share: number;
 }
 
 export interface PageResult {
@@ -134,7 +136,11 @@ class Conductor {
         const text = pages.break_page
           .replaceAll("{done}", String(after_block))
           .replaceAll("{total}", String(total));
-        const page = { ...plain("break", text), least_s: this.study.break_s };
+        const page = {
+          ...plain("break", text),
+          least_s: this.study.break_s,
+          done_share: after_block / total,
+        };
         const { leaves, duration_s } = await this.show(page);
         if (leaves) return false;
         await lines.say({ kind: "break", after_block, duration_s }, { kind: "break", after_block });
@@ -210,5 +216,5 @@ class Conductor {
 }
 
 function plain(name: PageName, text: string): Page {
-  return { name, text, least_s: 0, question: null, draft: "" };
+  return { name, text, least_s: 0, question: null, draft: "", done_share: 0 };
 }

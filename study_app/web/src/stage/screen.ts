@@ -211,7 +211,12 @@ function showPage(
   if (page.name === "quit") next.textContent = words.stay;
   const buttons = document.createElement("nav");
   buttons.append(next, leave);
-  element.replaceChildren(...texts, ...(field ? [field.element] : []), buttons);
+  element.replaceChildren(
+    ...(page.done_share > 0 ? [doneBar(page.done_share)] : []),
+    ...texts,
+    ...(field ? [field.element] : []),
+    buttons,
+  );
   element.dataset["page"] = page.name;
   element.hidden = false;
   (field?.first ?? next).focus();
@@ -248,6 +253,12 @@ function showPage(
       end(true);
     });
   });
+}
+
+function doneBar(share: number): HTMLProgressElement {
+  const made = document.createElement("progress");
+  made.value = share;
+  return made;
 }
 
 function button(text: string, kind = "next"): HTMLButtonElement {
