@@ -49,7 +49,7 @@ SLOTS = (
 )
 
 
-_OLD_SPELLINGS = {
+_OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
     ("analysis", "power"): {"--people": "--participants"},
     ("demo",): {"--observers": "--participants"},
     **{(name,): {"--method": "--methods"} for name in ("warp", "foveate", "live")},

@@ -408,8 +408,10 @@ def import_(
         check_result(out, replace=replace, reads=[table])
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        counted: Counted | None = "choices" if analysis.kind == "preference" else None
-        if issubclass(analysis.options, RatesTold):
+        counted: Counted | None = None
+        if analysis.kind == "preference":
+            counted = "choices"
+        elif issubclass(analysis.options, RatesTold):
             counted = "answers"
         plain = table_told(table, (columns, where, answer), BY_IMPORT, counted)
         decisions = analysis.read(plain, {}, chosen)
