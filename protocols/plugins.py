@@ -16,8 +16,6 @@ from importlib import metadata
 from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-
 from protocols.errors import StudyError
 from protocols.outside import plug_in, visible_line
 
@@ -114,6 +112,8 @@ def _is_ours(base: type[Any]) -> bool:
 
 def _checking(group: str, name: str, own: Any, first: Any) -> Callable[..., Any]:
     """Return a method of a plug-in that checks that it returns what ours says."""
+    from pydantic import ConfigDict, TypeAdapter, ValidationError  # `--help` does without it
+
     wanted: Any = get_type_hints(first)["return"]
     told = inspect.formatannotation(wanted)
     lazy = get_origin(wanted) is Iterator
