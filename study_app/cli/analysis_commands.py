@@ -408,12 +408,11 @@ def import_(
         check_result(out, replace=replace, reads=[table])
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        counted: Counted | None = None
+        has_answers = issubclass(analysis.options, RatesTold)
+        square: Counted | None = "answers" if has_answers else None
         if analysis.kind == "preference":
-            counted = "choices"
-        elif issubclass(analysis.options, RatesTold):
-            counted = "answers"
-        plain = table_told(table, (columns, where, answer), BY_IMPORT, counted)
+            square = "choices"
+        plain = table_told(table, (columns, where, answer), BY_IMPORT, square)
         decisions = analysis.read(plain, {}, chosen)
         settings = analysis.settings_of_table(decisions, table.stem, chosen)
         plain.notes += analysis.table_notes(decisions, settings)
