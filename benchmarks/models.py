@@ -1,12 +1,14 @@
 """Error rates of the mixed models and of unbalanced designs: `python -m benchmarks.models`.
 
 No condition has an effect on the typical participant and scene, but conditions differ by scene.
-Each table counts p below .05 and 95 % limits that hold the truth. ``--studies`` of each cell.
+Each table counts p below .05 and 95 % limits that hold the truth. Cells take turns, ``ROUND``
+studies each, so that ``--minutes`` leave all with as many. A file keeps the models left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from collections.abc import Callable
@@ -15,13 +17,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import expit, ndtr
 from scipy.stats import norm
 
+from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way
 from analysis.models.interaction import jod_interactions, share_interactions
-from analysis.models.logistic import models_beside
+from analysis.models.joint_scale import joint_tests
+from analysis.models.logistic import glmm_logit, models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.psychometric import sigmoid
 from analysis.models.reaction_model import time_model
@@ -30,8 +34,10 @@ from benchmarks.output import file_to_write, write_record
 from protocols.revision import code_revision
 
 Floats = NDArray[np.float64]
-Outcome = tuple[float, bool] | None
-"""p of a comparison, and whether its limits hold 0; None where there is no result."""
+Outcome = tuple[float, bool | None] | None
+"""p, and whether limits hold the truth (None: the test has none); None where there is no result."""
+
+ROUND = 10
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,8 @@ class Cell:
     model: str
     name: str
     studies: int
-    false_positives: float
-    coverage: float
+    false_positives: float | None
+    coverage: float | None
     without: int
     cpu_s: float
     design: Design = field(repr=False)
@@ -212,6 +218,37 @@ def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
     return one.p, one.lower <= 0.0 <= one.upper
 
 
+def choices(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge a study of choices by the mixed model of its one comparison."""
+    table, shift = _crossed(replace(design, conditions=1), rng)
+    table["shown_first"] = rng.choice([-0.5, 0.5], shift.size)
+    table["preferred"] = (rng.random(shift.size) < expit(shift)).astype(int)
+    groups = ("participant", "scene")
+    one = glmm_logit("preferred ~ 1 + shown_first", table, groups=groups).coefficients[0]
+    return one.p if one.ratio_p is None else one.ratio_p, one.lower <= 0.0 <= one.upper
+
+
+def scales(asked: str) -> Callable[..., Outcome]:
+    """Return what simulates three equal methods and asks of "equal", "axis" or "difference"."""
+
+    def judged(design: Design, rng: np.random.Generator) -> Outcome:
+        person = rng.normal(0.0, design.person[1], (design.people, 1, 3))
+        taste = person + rng.normal(0.0, design.scene[1], (1, design.scenes, 3))
+        wins = np.zeros((design.people, design.scenes, 3, 3))
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            won = rng.binomial(design.repeats, ndtr(taste[..., i] - taste[..., j]))
+            wins[..., i, j], wins[..., j, i] = won, design.repeats - won
+        if asked == "difference":
+            found = bootstrap_scale(wins, rng=rng)
+            lower, upper = found.difference_lower[0, 1], found.difference_upper[0, 1]
+            return float(found.difference_p[0, 1]), bool(lower <= 0.0 <= upper)
+        tests = joint_tests(wins, rng=rng, samples=1000)
+        test = tests.equal if asked == "equal" else tests.axis
+        return None if test is None else (test.p, None)
+
+    return judged
+
+
 def interaction(measure: str, apart: bool) -> Callable[..., Outcome]:
     """Return what simulates and judges whether a preference differs between two sizes.
 
@@ -307,6 +344,15 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 design = Design(people, scenes, repeats, person, scene)
                 found.append((judge.__name__, f"{size}, scene x condition {own:g}", design, judge))
     for size, (people, scenes, repeats) in SIZES.items():
+        for own in (0.43, 1.0):
+            design = Design(people, scenes, repeats, (0.63, 0.0), (own, 0.0))
+            found.append(("choices", f"{size}, scenes {own:g}", design, choices))
+        for own in (0.0, 0.3):
+            design = Design(people, scenes, repeats, (0.0, 0.4), (0.0, own))
+            found += [
+                ("scales", f"{size}, scene x method {own:g}, {asked}", design, scales(asked))
+                for asked in ("equal", "axis", "difference")
+            ]
         design = Design(people, scenes, repeats, (0.6, 0.3), (0.4, 0.3))
         for apart in (False, True):
             told = f"{size}, each scene at {'one size' if apart else 'both sizes'}"
@@ -319,33 +365,78 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
     return found
 
 
+@dataclass
+class _Running:
+    """A cell whose studies are being simulated."""
+
+    model: str
+    name: str
+    design: Design
+    judge: Callable[..., Outcome]
+    rng: np.random.Generator
+    outcomes: list[Outcome] = field(default_factory=list)
+    cpu_s: float = 0.0
+
+    def go_on(self, studies: int) -> None:
+        """Simulate so many more."""
+        began = time.process_time()
+        self.outcomes += [self.judge(self.design, self.rng) for _ in range(studies)]
+        self.cpu_s += time.process_time() - began
+
+    def cell(self) -> Cell:
+        """Return the rates so far."""
+        studies = len(self.outcomes)
+        known = [one for one in self.outcomes if one is not None]
+        held = [one[1] for one in known if one[1] is not None]
+        return Cell(
+            self.model,
+            self.name,
+            studies,
+            float(np.mean([p < 0.05 for p, _ in known])) if known else None,
+            float(np.mean(held)) if held else None,
+            studies - len(known),
+            self.cpu_s / studies,
+            self.design,
+        )
+
+
 def main(argv: list[str]) -> int:
     """Print rates; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.models", description=__doc__)
     parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     parser.add_argument("--studies", type=int, default=500, help="simulated in each cell")
-    parser.add_argument("--only", metavar="MODEL", help="such as thresholds")
+    parser.add_argument("--minutes", type=float, help="to end after, with what was simulated")
+    parser.add_argument("--only", metavar="MODEL,...", help="such as thresholds,times")
     arguments = parser.parse_args(argv)
-    rows: list[Cell] = []
-    for number, (model, name, design, judge) in enumerate(cells()):
-        if arguments.only not in (None, model):
-            continue
-        rng = np.random.default_rng(number)
-        # Shares take no time.
-        studies = arguments.studies * (40 if model == "share" else 1)
-        began = time.process_time()
-        outcomes = [judge(design, rng) for _ in range(studies)]
-        spent = (time.process_time() - began) / studies
-        known = [one for one in outcomes if one is not None]
-        false_positives = float(np.mean([p < 0.05 for p, _ in known]))
-        coverage = float(np.mean([held for _, held in known]))
-        without = studies - len(known)
-        rows.append(Cell(model, name, studies, false_positives, coverage, without, spent, design))
-        print(f"{model:14} {name:44} {studies:6} p<.05 {false_positives:.3f}"
-              f" held {coverage:.3f} without {without} {spent:.2f} s", flush=True)  # fmt: skip
+    every = [
+        _Running(model, name, design, judge, np.random.default_rng(number))
+        for number, (model, name, design, judge) in enumerate(cells())
+    ]
+    asked = arguments.only.split(",") if arguments.only else sorted({one.model for one in every})
+    running = [one for one in every if one.model in asked]
+    end = np.inf if arguments.minutes is None else time.monotonic() + 60.0 * arguments.minutes
+    kept = []
+    if arguments.json and arguments.json.is_file():
+        kept = json.loads(arguments.json.read_text(encoding="utf-8"))["cells"]
+        kept = [one for one in kept if one["model"] not in asked]
+    for done in range(0, arguments.studies, ROUND):
+        for one in running:
+            # Shares take no time.
+            one.go_on(min(ROUND, arguments.studies - done) * (40 if one.model == "share" else 1))
         if arguments.json:
+            rows = [one.cell() for one in running]
             told = [vars(row) | {"design": vars(row.design)} for row in rows]
-            write_record(arguments.json, {"revision": code_revision(), "cells": told})
+            told = [{"revision": code_revision()} | one for one in told]
+            write_record(arguments.json, {"cells": kept + told})
+        if time.monotonic() > end:
+            break
+    for row in (one.cell() for one in running):
+        rates = [
+            f"{name} {'-' if rate is None else f'{rate:.3f}'}"
+            for name, rate in (("p<.05", row.false_positives), ("held", row.coverage))
+        ]
+        print(f"{row.model:14} {row.name:44} {row.studies:6} {' '.join(rates)}"
+              f" without {row.without} {row.cpu_s:.2f} s")  # fmt: skip
     return 0
 
 
