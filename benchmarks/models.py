@@ -11,8 +11,11 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,7 +40,7 @@ Floats = NDArray[np.float64]
 Outcome = tuple[float, bool | None] | None
 """p, and whether limits hold the truth (None: the test has none); None where there is no result."""
 
-ROUND = 10
+ROUND = 5
 
 
 @dataclass(frozen=True)
@@ -400,6 +403,12 @@ class _Running:
         )
 
 
+def _write(path: Path, kept: Sequence[Any], running: Sequence[_Running]) -> None:
+    rows = [one.cell() for one in running if one.outcomes]
+    told = [vars(row) | {"design": vars(row.design)} for row in rows]
+    write_record(path, {"cells": [*kept, *({"revision": code_revision()} | one for one in told)]})
+
+
 def main(argv: list[str]) -> int:
     """Print rates; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.models", description=__doc__)
@@ -419,18 +428,16 @@ def main(argv: list[str]) -> int:
     if arguments.json and arguments.json.is_file():
         kept = json.loads(arguments.json.read_text(encoding="utf-8"))["cells"]
         kept = [one for one in kept if one["model"] not in asked]
-    for done in range(0, arguments.studies, ROUND):
-        for one in running:
-            # Shares take no time.
-            one.go_on(min(ROUND, arguments.studies - done) * (40 if one.model == "share" else 1))
-        if arguments.json:
-            rows = [one.cell() for one in running]
-            told = [vars(row) | {"design": vars(row.design)} for row in rows]
-            told = [{"revision": code_revision()} | one for one in told]
-            write_record(arguments.json, {"cells": kept + told})
+    for done, one in product(range(0, arguments.studies, ROUND), running):
         if time.monotonic() > end:
             break
-    for row in (one.cell() for one in running):
+        # Shares take no time.
+        one.go_on(min(ROUND, arguments.studies - done) * (40 if one.model == "share" else 1))
+        if arguments.json and one is running[-1]:
+            _write(arguments.json, kept, running)
+    if arguments.json:
+        _write(arguments.json, kept, running)
+    for row in (one.cell() for one in running if one.outcomes):
         rates = [
             f"{name} {'-' if rate is None else f'{rate:.3f}'}"
             for name, rate in (("p<.05", row.false_positives), ("held", row.coverage))

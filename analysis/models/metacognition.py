@@ -28,6 +28,12 @@ FEWEST_WRONG = 5
 """Wrong answers of one person, for meta-d'."""
 FEWEST_FOR_RELIABILITY = 5
 """People, for limits of a correlation."""
+UNBIASED_PADDING = 0.5
+"""Answers of each stimulus, with which one person's d_a is right on average.
+
+Without it d_a of 1.3 was too large by .03 (200 answers in two steps, 100 in four), and limits of
+30 people held the truth in .90.
+"""
 WIDEST = 3.0
 """Largest logarithm of a ratio of standard deviations that data can tell from none."""
 
@@ -203,13 +209,15 @@ def fit_meta(counts: Floats) -> MetaFit:
     return MetaFit(d_prime, criterion, float(found.x[0]), -float(found.fun), padded)
 
 
-def fit_unequal(counts: Floats) -> UnequalFit:
+def fit_unequal(counts: Floats, padding: float = 0.0) -> UnequalFit:
     """Fit normal evidence of two standard deviations to graded answers by maximum likelihood.
 
     Parameters
     ----------
     counts : ndarray (2, grades)
         From surely noise to surely signal; grades that nobody gave are left out.
+    padding : float
+        Answers that are added to each stimulus, spread evenly over its grades.
 
     Raises
     ------
@@ -223,6 +231,7 @@ def fit_unequal(counts: Floats) -> UnequalFit:
         raise ValueError("fewer than three grades were given")
     if not 0.0 < rank_area(*_as_samples(cells)) < 1.0:
         raise ValueError("signal and noise were told apart without a mistake")
+    cells = cells + padding / cells.shape[1]
     spread = _spread(cells.shape[1] - 1)
     shares = (np.cumsum(cells.sum(axis=0))[:-1] + 0.5) / (cells.sum() + 1.0)
     places = ndtri(shares)

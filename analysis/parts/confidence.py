@@ -39,6 +39,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
     share,
     share_range,
 )
@@ -139,14 +140,14 @@ def measured(one: Measure | None) -> str:
     """Return a mean with its limits for a table, or why there is none."""
     if one is None:
         return "none"
-    return f"{number(one.value)} {number_range(one.lower, one.upper)}".removesuffix(" none")
+    return f"{placed(one, one.value)} {number_range(one.lower, one.upper)}".removesuffix(" none")
 
 
 def apa_measure(one: Measure, *, against: float = 0.0) -> str:
     """Return a mean over people in a sentence, with its limits and test where there are any."""
     if math.isnan(one.lower):
         return f"{number(one.value)} (one participant: no limits)"
-    text = f"{number(one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)}"
+    text = f"{placed(one, one.value)}, {level_text(one.level)} {number_range(one.lower, one.upper)}"
     if math.isnan(one.p):
         return text
     ratio = (one.value - against) / one.standard_error

@@ -49,7 +49,15 @@ from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.confidence import metacognition_plot, roc_plot
 from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
-from analysis.report.wording import grouped, level_text, number, number_range, p_number, p_text
+from analysis.report.wording import (
+    grouped,
+    level_text,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    placed,
+)
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -289,7 +297,7 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
                     ("meta-d'", "n", lambda one: measured(one.meta_d_prime)),
                     ("meta-d' - d'", "n", lambda one: measured(one.gap)),
                     ("p", "n", lambda one: p_number(one.gap.p)),
-                    ("M-ratio", "strong", lambda one: number(one.m_ratio.value)),
+                    ("M-ratio", "strong", lambda one: placed(one.m_ratio, one.m_ratio.value)),
                     ("Limits", "n", lambda one: number_range(one.m_ratio.lower, one.m_ratio.upper)),
                 ),
                 Table.each(
@@ -397,7 +405,7 @@ def _meta(
 
 
 def _apa_meta(one: ConditionMeta, plan: RatePlan) -> str:
-    ratio, of = f"M-ratio {number(one.m_ratio.value)}", one.m_ratio
+    ratio, of = f"M-ratio {placed(one.m_ratio, one.m_ratio.value)}", one.m_ratio
     if not math.isnan(of.lower):
         ratio += f", {level_text(of.level)} {number_range(of.lower, of.upper)}"
     return (
@@ -416,7 +424,7 @@ class GradedPart(_GradedAnswers[Graded]):
         """Fit each person in each condition, and all together for the figure."""
         rows, steps, _ = with_steps(table)
         rows = with_shared_noise(rows, plan.answers[0])
-        counts, fits, said = _fitted(rows, plan, len(steps), fit_unequal)
+        counts, fits, said = _fitted(rows, plan, len(steps), _of_person)
         people = tuple(
             PersonGraded(name, who, int(counts[name, who].sum()), fit)
             for (name, who), fit in fits.items()
@@ -440,7 +448,7 @@ class GradedPart(_GradedAnswers[Graded]):
                     ("Area of ROC", "n", lambda one: measured(one.area)),
                     ("d_a", "strong n", lambda one: measured(one.d_a)),
                     ("p", "n", lambda one: p_number(one.d_a.p)),
-                    ("Slope", "strong", lambda one: number(math.exp(one.log_slope.value))),
+                    ("Slope", "strong", lambda one: _slope(one.log_slope)),
                     ("Limits", "n", lambda one: _slope_range(one.log_slope)),
                     ("p", "n", lambda one: p_number(one.log_slope.p)),
                 ),
@@ -458,12 +466,12 @@ class GradedPart(_GradedAnswers[Graded]):
             sentences=tuple(
                 f"{_where(one.condition, plan)}, answers graded by confidence gave d_a ="
                 f" {apa_measure(one.d_a)}, and a slope of the ROC of"
-                f" {number(math.exp(one.log_slope.value))}{_slope_said(one.log_slope)}."
+                f" {_slope(one.log_slope)}{_slope_said(one.log_slope)}."
                 for one in cells
             ),
             methods=(
                 "Normal evidence with unequal variances was fitted to each participant's graded"
-                " answers by maximum likelihood; d_a and the logarithm of the slope were averaged"
+                " answers by maximum likelihood, with half an answer added to each stimulus; d_a and the logarithm of the slope were averaged"
                 f" over participants, with t limits; people with fewer than {ENOUGH} were left out."
             ),
             tables={
@@ -495,6 +503,9 @@ class GradedPart(_GradedAnswers[Graded]):
         )
 
 
+_of_person = partial(fit_unequal, padding=UNBIASED_PADDING)
+
+
 def _graded(
     name: str,
     counts: Counts,
@@ -514,6 +525,11 @@ def _graded(
     together = tried(partial(fit_unequal, every), "curve of all answers together", notes)
     area = mean_over_people(areas, plan.confidence, 0.5)
     return ConditionGraded(name, area, d_a, slope, together, roc_points(every), tuple(notes))
+
+
+def _slope(log_slope: Measure) -> str:
+    ends = math.exp(log_slope.lower), math.exp(log_slope.upper)
+    return number(math.exp(log_slope.value), within=ends)
 
 
 def _slope_range(log_slope: Measure) -> str:

@@ -14,7 +14,7 @@ from analysis.models.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnyPart, Part, PartFigure, Plan, Shown
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.blocks import Paragraph, Picture, Table
-from analysis.report.wording import level_text, number, number_range, share
+from analysis.report.wording import level_text, number_range, placed, share
 
 P = TypeVar("P", bound=Plan, contravariant=True)
 
@@ -86,7 +86,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
                     rows,
                     *([("Model", "l c", lambda one: one[0])] if several else []),
                     ("Of", "l", lambda one: one[1].name),
-                    (f"SD, {self.unit}", "strong", lambda one: number(one[1].sd)),
+                    (f"SD, {self.unit}", "strong", lambda one: placed(one[1], one[1].sd)),
                     (plan.limits, "n", lambda one: number_range(one[1].lower, one[1].upper)),
                     ("ICC", "", lambda one: share(one[1].icc)),
                 ),
@@ -100,7 +100,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
             ),
             sentences=tuple(
                 f"Random effects of {self.about}{f' ({model})' if model else ''}: the SD of"
-                f" {own.name} was {number(own.sd)} {self.unit}, {level_text(plan.confidence)}"
+                f" {own.name} was {placed(own, own.sd)} {self.unit}, {level_text(plan.confidence)}"
                 f" {number_range(own.lower, own.upper)}"
                 + (f" (ICC = {share(own.icc)})." if not math.isnan(own.icc) else ".")
                 for model, own in rows

@@ -134,15 +134,20 @@ def t_text(t: float, df: float | None) -> str:
 def size(value: float | None, digits: int = 3, *, within: Ends | None = None) -> str:
     """Return a level or the like in so many significant digits; ``none`` for None and NaN.
 
-    `within` are limits, whose width may need more: 442.3 where they are 441.8 and 442.9.
+    `within` are limits: these and the value end at the same digit after the point, as many as the
+    largest of them has, or as their width needs (442.3 where they are 441.8 and 442.9).
     """
     if value is None or math.isnan(value):
         return NONE
     if value == 0:
         return "0"
     more, above = needed(within), math.floor(math.log10(abs(value)))
-    if -5 < above < 7 and (more or above >= digits):
-        return number(value, max(digits - 1 - above, more, 0))
+    ends = [abs(end) for end in within or () if end and math.isfinite(end)]
+    largest = math.floor(math.log10(max([abs(value), *ends])))
+    if -5 < largest < 7 and (more or above >= digits):
+        text = number(value, max(digits - 1 - largest, more, 0))
+        if float(text) != 0 or (within and (within[0] or 0.0) <= 0.0):
+            return text
     return f"{value:.{max(digits, above + 1 + more) if more else digits}g}"
 
 
