@@ -140,6 +140,40 @@ class Crossed:
         return float(two_way_df(list(weights), [np.asarray(df) for df in degrees]))
 
 
+LEAST_START = 0.1
+"""Least deviation where a search begins: at 0 a likelihood is level in it."""
+
+
+def equal(conditions: Floats, pair: Sequence[int]) -> Floats:
+    """Return a design (rows, conditions) with two of its conditions as one, a column less."""
+    first, second = sorted(pair)
+    together = conditions.copy()
+    together[:, first] += together[:, second]
+    return np.delete(together, second, axis=1)
+
+
+def absorbing(sd: Mapping[str, float], contrast: float) -> list[dict[str, float]]:
+    """Return where searches without a contrast begin: each effect in a condition takes it over.
+
+    What all people have in common looks without it like a deviation of people, or of scenes, in
+    a condition, and the likelihood may have a maximum for each.
+    """
+    least = {name: max(own, LEAST_START) for name, own in sd.items()}
+    several = [name for name in sd if name.endswith(IN_CONDITION)]
+    return [
+        {**least, name: math.hypot(least[name], contrast / math.sqrt(2.0))} for name in several
+    ] or [least]
+
+
+def ratio_p(ratios: Sequence[float], df: Sequence[float]) -> list[tuple[float, float]]:
+    """Return p of likelihood ratios, their roots against t, and Holm's; NaN where there is none."""
+    p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
+    adjusted = np.full(p.size, math.nan)
+    known = np.isfinite(p)
+    adjusted[known] = holm(p[known]) if known.any() else ()
+    return list(zip(p.tolist(), adjusted.tolist(), strict=True))
+
+
 def wald(
     measure: str, names: Sequence[str], pairs: Sequence[Pair], value: Floats, covariance: Floats,
     *, crossed: Crossed, level: float,

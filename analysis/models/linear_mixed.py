@@ -52,6 +52,8 @@ def fit_linear_mixed(
     *,
     names: Mapping[str, Sequence[str]] | None = None,
     level: float | None = None,
+    restricted: bool = True,
+    starts: Sequence[Mapping[str, float]] = (),
 ) -> LinearMixed:
     """Maximise the restricted likelihood of y = X beta + sum_k Z_k b_k + rest.
 
@@ -67,6 +69,10 @@ def fit_linear_mixed(
     level : float, optional
         Coverage of profile limits of the deviations, the last of them the residual's; left out,
         there are none.
+    restricted : bool
+        False: the likelihood itself, whose ratios compare models of other designs.
+    starts : sequence of mappings of group to deviation
+        Where the search begins, relative to the residual's; left out, at `STARTS`.
 
     Notes
     -----
@@ -101,16 +107,18 @@ def fit_linear_mixed(
         yy=float(y @ y),
         sizes=tuple(sizes),
         rows=y.size,
+        restricted=restricted,
     )
+    begins = [np.array([one[name] for name in groups]) for one in starts]
     tried = [
         optimize.minimize(
             lambda theta: products.profile(theta)[0],
-            np.full(len(sizes), start),
+            start,
             method="L-BFGS-B",
             bounds=[(0.0, LARGEST)] * len(sizes),
             options={"ftol": 1e-14, "gtol": 1e-7},
         )
-        for start in STARTS
+        for start in begins or [np.full(len(sizes), share) for share in STARTS]
     ]
     best = min(tried, key=lambda one: float(one.fun)).x
     deviance, beta, covariance, variance = products.profile(best)
@@ -138,6 +146,7 @@ class _Products:
     yy: float
     sizes: tuple[int, ...]
     rows: int
+    restricted: bool = True
 
     @cached_property
     def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -149,7 +158,7 @@ class _Products:
         """Return the REML deviance, beta, its covariance, and the residual's variance."""
         inner, scale = self._factor(theta)
         determinants, beta, left, squares, _ = self._solved(inner, scale)
-        free = self.rows - self.xy.size
+        free = self.rows - self.xy.size * self.restricted
         variance = squares / free
         deviance = determinants + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
         covariance = np.asarray(variance * np.linalg.inv(left), dtype=np.float64)
@@ -241,4 +250,6 @@ class _Products:
         beta = np.linalg.solve(left, right)
         squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
         determinants = float(np.log(np.abs(inner.U.diagonal())).sum())
-        return determinants + float(np.linalg.slogdet(left)[1]), beta, left, squares, answer
+        if self.restricted:
+            determinants += float(np.linalg.slogdet(left)[1])
+        return determinants, beta, left, squares, answer

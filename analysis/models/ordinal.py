@@ -13,7 +13,17 @@ from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
 from analysis.models.cells import checked, grid, numbered
-from analysis.models.contrasts import IN_CONDITION, Crossed, Pair, pairs_of, unidentified, wald
+from analysis.models.contrasts import (
+    IN_CONDITION,
+    Crossed,
+    Pair,
+    absorbing,
+    equal,
+    pairs_of,
+    ratio_p,
+    unidentified,
+    wald,
+)
 from analysis.models.deviations import (
     LATENT_VARIANCE,
     MOST_PROFILED,
@@ -84,7 +94,8 @@ class RatingDifference:
     """How much higher one condition is rated than another; p tests no difference.
 
     `superiority` is the chance that the same person rates the first higher at one showing of
-    each, on the latent axis, where nothing ties. What the ratings do not identify is NaN.
+    each, on the latent axis, where nothing ties. `ratio_p` is of the likelihood ratio against
+    equal conditions, by the same t. What the ratings do not identify is NaN.
     """
 
     first: str
@@ -98,6 +109,8 @@ class RatingDifference:
     p_adjusted: float
     superiority: float
     t: float
+    ratio_p: float = math.nan
+    ratio_p_adjusted: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -150,6 +163,8 @@ def fit_cumulative(
     link: OrdinalLink = "probit",
     names: Mapping[str, Sequence[str]] | None = None,
     level: float | None = None,
+    starts: Sequence[Floats] = (),
+    errors: bool = True,
 ) -> CumulativeFit:
     """Maximise the Laplace likelihood of a cumulative-link mixed model.
 
@@ -165,6 +180,10 @@ def fit_cumulative(
         Whose levels are wanted in `CumulativeFit.deviations`.
     level : float, optional
         Coverage of profile limits of the deviations; left out, there are none.
+    starts : sequence of ndarray (theta, then beta, then sd)
+        Where searches begin, of which the best counts; left out, at the conditions' shares.
+    errors : bool
+        Without them a fit is quick, and enough for a likelihood ratio.
 
     Notes
     -----
@@ -214,11 +233,27 @@ def fit_cumulative(
         [first[:1], np.log(np.maximum(np.diff(first), 1e-3)), np.zeros(coefficients),
          np.full(factors, START_SD)]
     )  # fmt: skip
-    best = optimize.minimize(
-        lambda free: laplace(*split(free)), start, method="BFGS", options={"gtol": 1e-5}
+    begins = [
+        np.concatenate([one[:1], np.log(np.maximum(np.diff(one[:top]), 1e-3)), one[top:]])
+        for one in starts
+    ]
+    how = {"gtol": 1e-5 if errors else 1e-3}
+    best = min(
+        (
+            optimize.minimize(lambda free: laplace(*split(free)), one, method="BFGS", options=how)
+            for one in begins or [start]
+        ),
+        key=lambda found: float(found.fun),
     )
     theta, beta, sd = split(best.x)
     sd = np.abs(sd)
+    by_name = {
+        name: float(value) if value < LARGEST else np.nan
+        for name, value in zip(effects, sd, strict=True)
+    }
+    if not errors:
+        size = theta.size + beta.size + sd.size
+        return CumulativeFit(theta, beta, by_name, np.eye(size), -float(best.fun), True)
     natural = np.concatenate([theta, beta, sd])
     cut = (top, top + coefficients)
     hessian = numeric_hessian(lambda v: laplace(*np.split(v, cut)), natural, step=1e-3)
@@ -260,10 +295,7 @@ def fit_cumulative(
     return CumulativeFit(
         theta=theta,
         beta=beta,
-        sd={
-            name: float(value) if value < LARGEST else np.nan
-            for name, value in zip(effects, sd, strict=True)
-        },
+        sd=by_name,
         covariance=covariance,
         log_likelihood=best_value,
         converged=proper,
@@ -342,7 +374,10 @@ def rating_model(
     ]
     notes += _misfit(design, y, condition, link)
     crossed = Crossed.of(condition, groups, fit.sd)
-    return _model(parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes)
+    trials = _Trials(_indicator(condition, len(names)), y, effects)
+    return _model(
+        parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes, trials
+    )
 
 
 def lacking(people: int, conditions: int, ratings: int) -> str:
@@ -410,7 +445,32 @@ def paired_ratings(
     crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
     notes = _notes(fit, people, [])
-    return _model(parts, pairs, y, used, fit, crossed, link, level, notes)
+    trials = _Trials(gap, y, effects)
+    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, trials)
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """What a model of ratings is fitted to: `conditions` (trials, conditions) has all of them."""
+
+    conditions: Floats
+    y: Whole
+    effects: Mapping[str, Floats]
+
+
+def _ratio(trials: _Trials, fit: CumulativeFit, pair: tuple[int, int], link: OrdinalLink) -> float:
+    """Return the likelihood ratio of a model and of the one where two conditions are one."""
+    places = np.concatenate([[0.0], fit.beta])
+    first, second = sorted(pair)
+    # Together they lie halfway; the zero is the first condition's place.
+    halfway = 0.5 * (places[first] + places[second])
+    places[first], theta = halfway, fit.theta - halfway * (first == 0)
+    rest = np.delete(places - halfway * (first == 0), second)[1:]
+    sds = absorbing(fit.sd, float(fit.beta[second - 1]) - (first > 0) * float(fit.beta[first - 1]))
+    starts = [np.concatenate([theta, rest, [sd[name] for name in trials.effects]]) for sd in sds]
+    design = equal(trials.conditions, pair)[:, 1:]
+    less = fit_cumulative(design, trials.y, trials.effects, link=link, starts=starts, errors=False)
+    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
 
 
 def _model(
@@ -423,10 +483,16 @@ def _model(
     link: OrdinalLink,
     level: float,
     notes: Sequence[str],
+    trials: _Trials,
 ) -> RatingModel:
     names = [name for name, _ in parts]
     gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
+    tested = ratio_p(
+        [_ratio(trials, fit, (names.index(gap.first), names.index(gap.second)), link)
+         if fit.converged and math.isfinite(gap.difference) else math.nan for gap in gaps],
+        [gap.df for gap in gaps],
+    )  # fmt: skip
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
         link=link,
@@ -449,8 +515,10 @@ def _model(
                 p_adjusted=gap.p_adjusted,
                 superiority=superiority(gap.difference, link),
                 t=gap.t,
+                ratio_p=own,
+                ratio_p_adjusted=together,
             )
-            for gap in gaps
+            for gap, (own, together) in zip(gaps, tested, strict=True)
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,

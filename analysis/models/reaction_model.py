@@ -1,6 +1,7 @@
 """Reaction times as a log-normal mixed model: what conditions change, over people and scenes."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.models.cells import checked, grid, numbered
-from analysis.models.contrasts import IN_CONDITION, Crossed, pairs_of, wald
+from analysis.models.contrasts import (
+    IN_CONDITION,
+    Crossed,
+    absorbing,
+    equal,
+    pairs_of,
+    ratio_p,
+    wald,
+)
 from analysis.models.deviations import Deviation
-from analysis.models.linear_mixed import fit_linear_mixed
+from analysis.models.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.rates import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
@@ -33,7 +42,10 @@ class ConditionTime:
 
 @dataclass(frozen=True)
 class TimeRatio:
-    """How many times as long one condition's answers take as another's; p tests 1."""
+    """How many times as long one condition's answers take as another's; p tests 1.
+
+    `ratio_p` is of the likelihood ratio against equal conditions, by the same t.
+    """
 
     first: str
     second: str
@@ -45,6 +57,8 @@ class TimeRatio:
     p: float
     p_adjusted: float
     t: float
+    ratio_p: float = math.nan
+    ratio_p_adjusted: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -152,6 +166,9 @@ def time_model(
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
     gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
+    ratios = _ratios(design, y, effects, fit, [(names.index(one.first), names.index(one.second))
+                                              for one in gaps])  # fmt: skip
+    tested = ratio_p(ratios, [gap.df for gap in gaps])
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
@@ -177,8 +194,10 @@ def time_model(
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
                 t=gap.t,
+                ratio_p=own,
+                ratio_p_adjusted=together,
             )
-            for gap in gaps
+            for gap, (own, together) in zip(gaps, tested, strict=True)
         ),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
@@ -195,3 +214,27 @@ def time_model(
         warnings=tuple(notes),
         deviations=fit.deviations,
     )
+
+
+def _ratios(
+    design: Floats,
+    y: Floats,
+    effects: Mapping[str, NDArray[np.int64]],
+    fit: LinearMixed,
+    pairs: Sequence[tuple[int, int]],
+) -> list[float]:
+    """Return likelihood ratios of the model and of those where two conditions are one."""
+
+    def best(design: Floats, contrast: float) -> float:
+        sd = {name: fit.sd[name] / fit.residual_sd for name in effects}
+        starts = absorbing(sd, contrast / fit.residual_sd)
+        return fit_linear_mixed(design, y, effects, restricted=False, starts=starts).log_likelihood
+
+    whole = best(design, 0.0) if pairs else 0.0
+    return [
+        max(
+            0.0,
+            2.0 * (whole - best(equal(design, pair), float(fit.beta[pair[0]] - fit.beta[pair[1]]))),
+        )
+        for pair in pairs
+    ]

@@ -16,6 +16,7 @@ from analysis.models.detection import Measure
 from analysis.models.metacognition import (
     FEWEST_TRIALS,
     FEWEST_WRONG,
+    UNBIASED_PADDING,
     MetaFit,
     Ratio,
     Reliability,
@@ -471,7 +472,8 @@ class GradedPart(_GradedAnswers[Graded]):
             ),
             methods=(
                 "Normal evidence with unequal variances was fitted to each participant's graded"
-                " answers by maximum likelihood, with half an answer added to each stimulus; d_a and the logarithm of the slope were averaged"
+                " answers by maximum likelihood, with half an answer added to each stimulus; d_a"
+                " and the logarithm of the slope were averaged"
                 f" over participants, with t limits; people with fewer than {ENOUGH} were left out."
             ),
             tables={

@@ -18,7 +18,7 @@ from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import pairs_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart, Tests
-from analysis.parts.shared import TESTED, apa_test, compared, limits, sd_text
+from analysis.parts.shared import RATIO_TOLD, RATIOS, TESTED, apa_test, compared, limits, sd_text
 from analysis.plans.ratings import RatingPlan
 from analysis.plots.ratings import ratings_plot
 from analysis.repeat import lme4_effects, scripts
@@ -194,8 +194,8 @@ def _methods(found: Ratings, plan: RatingPlan) -> str:
     return (
         f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
-        f" {', '.join(model.sd)}. Differences are Wald's with {law} degrees of"
-        f" freedom, two-sided, alpha = {leading(f'{plan.alpha:g}')}, {corrected} over"
+        f" {', '.join(model.sd)}. Differences have likelihood ratios, and Wald's statistics and"
+        f" limits, with {law} degrees of freedom, two-sided, alpha = {leading(f'{plan.alpha:g}')}, {corrected} over"
         f" {len(model.contrasts)} comparisons."
     )
 
@@ -231,6 +231,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
         compared(plan),
         (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
         limits(plan.limits),
+        *RATIOS,
         ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
         *TESTED[1:],
         ("Rated higher", "", lambda one: share(one.superiority)),
@@ -239,7 +240,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
         f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
         " showing of the first is rated above one of the second by the same person, on the axis,"
-        " where nothing ties."
+        f" where nothing ties. {RATIO_TOLD}"
     )
     if pairs:
         told += (

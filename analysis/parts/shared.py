@@ -1,5 +1,6 @@
 """What parts have in common: columns of tables, and ends of sentences."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar
 
@@ -39,6 +40,15 @@ TESTED: tuple[TableColumn, ...] = (
     ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
 )
 """Degrees of freedom and p of a comparison."""
+RATIOS: tuple[TableColumn, ...] = (
+    ("LR p", "n", lambda one: p_number(one.ratio_p)),
+    ("LR p adj.", "n", lambda one: p_number(one.ratio_p_adjusted)),
+)
+"""Likelihood ratios of a comparison by a mixed model, which stand before Wald's statistic."""
+RATIO_TOLD = (
+    "LR p: of the likelihood ratio against equal conditions, by the same t; it errs less often than"
+    " p of Wald's statistic, which goes with the limits."
+)
 
 
 Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
@@ -68,9 +78,16 @@ def limits(
 
 
 def apa_test(one: Comparison, more: str = "") -> str:
-    """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``."""
+    """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``.
+
+    The likelihood ratio of a mixed model comes first.
+    """
+    ratio = ""
+    if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
+        together = p_number(one.ratio_p_adjusted)
+        ratio = f"likelihood ratio {p_text(one.ratio_p)} ({together} Holm-adjusted); "
     also = f"{p_number(one.p_adjusted)} Holm-adjusted{more and f'; {more}'}"
-    return f"{t_text(one.t, one.df)}, {p_text(one.p)} ({also})"
+    return f"{ratio}{t_text(one.t, one.df)}, {p_text(one.p)} ({also})"
 
 
 def law_of_mixed(*, scenes: bool) -> str:

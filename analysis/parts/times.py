@@ -16,6 +16,8 @@ from analysis.models.reaction import ReactionTimes, participant_medians, reactio
 from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import (
+    RATIO_TOLD,
+    RATIOS,
     TESTED,
     TableColumn,
     apa_test,
@@ -155,11 +157,12 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             compared(plan, "/"),
             ("Ratio", "strong", lambda one: placed(one, one.ratio)),
             limits(plan.limits),
+            *RATIOS,
             *TESTED,
         )
     yield Paragraph(
         f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
-        " Holm.",
+        f" Holm. {RATIO_TOLD}",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)
@@ -251,8 +254,8 @@ def _methods(found: Times) -> Iterator[str]:
     if found.model is not None:
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(_deviations(found.model))}; tests are"
-            f" {law_of_mixed(scenes=found.model.scenes > 1)}, Holm-adjusted."
+            f" {', '.join(_deviations(found.model))}; likelihood ratios (maximum likelihood) and"
+            f" Wald's tests are {law_of_mixed(scenes=found.model.scenes > 1)}, Holm-adjusted."
         )
     if found.diffusion is not None:
         yield (
