@@ -227,7 +227,9 @@ def choices(design: Design, rng: np.random.Generator) -> Outcome:
     table["shown_first"] = rng.choice([-0.5, 0.5], shift.size)
     table["preferred"] = (rng.random(shift.size) < expit(shift)).astype(int)
     groups = ("participant", "scene")
-    one = glmm_logit("preferred ~ 1 + shown_first", table, groups=groups).coefficients[0]
+    one = glmm_logit(
+        "preferred ~ 1 + shown_first", table, groups=groups, between=True
+    ).coefficients[0]
     return one.p if one.ratio_p is None else one.ratio_p, one.lower <= 0.0 <= one.upper
 
 

@@ -140,6 +140,46 @@ class Crossed:
         return float(two_way_df(list(weights), [np.asarray(df) for df in degrees]))
 
 
+@dataclass(frozen=True)
+class Effect:
+    """A random effect of a model of trials, for degrees of freedom of its coefficients.
+
+    `group` holds the participant or scene of each trial, `level` the level of the effect, and
+    `times` what it is multiplied by (None: 1).
+    """
+
+    scene: bool
+    group: Codes
+    level: Codes
+    times: Floats | None
+    sd: float
+
+
+def between_df(influence: Floats, effects: Sequence[Effect], variance: float) -> float:
+    """Return the degrees of freedom of a coefficient, between those of participants and scenes.
+
+    As of `Crossed.df`, for any design: each group counts by the variance that its effects give to
+    the coefficient.
+
+    Parameters
+    ----------
+    influence : ndarray (trials,)
+        What each trial adds to the coefficient.
+    """
+    parts, degrees = {}, {}
+    for one in effects:
+        own = influence if one.times is None else influence * one.times
+        given = one.sd**2 * float(np.sum(np.bincount(one.level, weights=own) ** 2))
+        parts[one.scene] = parts.get(one.scene, 0.0) + given
+        degrees[one.scene] = np.asarray(
+            weighted_df(np.bincount(one.group, weights=np.abs(influence)))[1]
+        )
+    rest = max(variance - math.fsum(parts.values()), 0.0)
+    weights = [own + (0.5 if scene and len(parts) > 1 else 1.0) * rest
+               for scene, own in parts.items()]  # fmt: skip
+    return float(two_way_df([np.asarray(own) for own in weights], list(degrees.values())))
+
+
 LEAST_START = 0.1
 """Least deviation where a search begins: at 0 a likelihood is level in it."""
 
@@ -158,16 +198,21 @@ def absorbing(sd: Mapping[str, float], contrast: float) -> list[dict[str, float]
     What all people have in common looks without it like a deviation of people, or of scenes, in
     a condition, and the likelihood may have a maximum for each.
     """
-    least = {name: max(own, LEAST_START) for name, own in sd.items()}
+    least = {name: max(float(np.nan_to_num(own)), LEAST_START) for name, own in sd.items()}
     several = [name for name in sd if name.endswith(IN_CONDITION)]
     return [
         {**least, name: math.hypot(least[name], contrast / math.sqrt(2.0))} for name in several
     ] or [least]
 
 
-def ratio_p(ratios: Sequence[float], df: Sequence[float]) -> list[tuple[float, float]]:
-    """Return p of likelihood ratios, their roots against t, and Holm's; NaN where there is none."""
-    p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
+def ratio_p(ratio: float, df: float) -> float:
+    """Return p of a likelihood ratio, its root against t."""
+    return float(2.0 * stats.t.sf(math.sqrt(ratio), df))
+
+
+def with_holm(values: Sequence[float]) -> list[tuple[float, float]]:
+    """Return each p with Holm's; NaN where there is none."""
+    p = np.array(values)
     adjusted = np.full(p.size, math.nan)
     known = np.isfinite(p)
     adjusted[known] = holm(p[known]) if known.any() else ()

@@ -252,8 +252,8 @@ def reduced_ratio(
     response: Response = LOGIT,
     *,
     starts: int | None = None,
-) -> float:
-    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
+) -> tuple[float, CrossedFit]:
+    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0; and that.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def reduced_ratio(
     rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
     keep = np.arange(theta.size) != dropped
     rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
-    best = -np.inf
+    found: list[CrossedFit] = []
     begins = _absorbed(start, fit, abs(float(along @ theta)))
     for begin in islice(begins, starts):
         less = fit_crossed(
@@ -285,10 +285,11 @@ def reduced_ratio(
             errors=False,
             counted=fit.counted,
         )
-        best = max(best, less.log_likelihood)
-        if 2.0 * (fit.log_likelihood - best) < CLEARLY_NOTHING:
+        found.append(less)
+        best = max(found, key=lambda one: one.log_likelihood)
+        if 2.0 * (fit.log_likelihood - best.log_likelihood) < CLEARLY_NOTHING:
             break
-    return max(0.0, 2.0 * (fit.log_likelihood - best))
+    return max(0.0, 2.0 * (fit.log_likelihood - best.log_likelihood)), best
 
 
 def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:

@@ -3,13 +3,15 @@
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import expit
 
+from analysis.models.contrasts import Effect, between_df
 from analysis.models.deviations import Deviation
 from analysis.models.formula import aliased, group_codes, matrices, well_scaled
 from analysis.models.glmm import (
@@ -26,6 +28,7 @@ from analysis.models.logit import (
     profile_limits,
     separated,
 )
+from analysis.models.parametric_bootstrap import Draws
 from analysis.models.response import LOGIT, PROBIT, Response
 
 Floats = NDArray[np.float64]
@@ -50,7 +53,7 @@ class Coefficient:
         Of t or z; under Firth's penalty of its profile likelihood.
     ratio_p : float or None
         Of a mixed model's likelihood ratio without this term: its root against t where there is
-        `df`, else the ratio against chi-square.
+        `df`, else the ratio against chi-square; or by parametric bootstrap.
     """
 
     term: str
@@ -88,6 +91,8 @@ class ModelFit:
         When not to trust it.
     deviations : tuple of Deviation
         Of random effects, with profile limits, where they were asked for.
+    covariance : ndarray (coefficients, coefficients) or None
+        Of the coefficients of a mixed model.
     """
 
     formula: str
@@ -99,6 +104,7 @@ class ModelFit:
     level: float
     warnings: tuple[str, ...]
     deviations: tuple[Deviation, ...] = ()
+    covariance: Floats | None = field(default=None, compare=False)
 
     def __getitem__(self, term: str) -> Coefficient:
         for coefficient in self.coefficients:
@@ -167,7 +173,7 @@ def glm_logit(
             terms,
             back @ solution.beta,
             np.sqrt(np.diag(back @ covariance @ back.T).clip(min=0.0)),
-            df,
+            [df] * len(terms),
             level,
         ),
         random_sd={},
@@ -187,8 +193,9 @@ def glmm_logit(
     slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
-    df: float | None = None,
+    between: bool = False,
     profile: bool = False,
+    draws: Draws | None = None,
 ) -> ModelFit:
     """Fit a logit model with crossed random intercepts by the Laplace approximation.
 
@@ -198,10 +205,15 @@ def glmm_logit(
         For example ``("participant", "scene")``: one random intercept each, crossed.
     slopes : sequence of (column of numbers, group)
         Random slopes, each independent of all else: ``("signal", "participant")``.
-    df : float, optional
-        Of t, by which statistics and likelihood ratios are judged; left out, z and chi-square.
+    between : bool
+        Statistics and likelihood ratios are judged by t with degrees of freedom between those of
+        participants and of scenes, whose effects `groups` and `slopes` then are (the first word
+        or the last of a name says whose); else by z and chi-square.
     profile : bool
         Deviations of random effects get profile limits, which takes longest.
+    draws : Draws, optional
+        Likelihood ratios of terms are judged by parametric bootstrap; left out, by t or
+        chi-square.
 
     Notes
     -----
@@ -226,8 +238,9 @@ def glmm_logit(
         (design, y, terms),
         level,
         found,
-        df,
+        between,
         profile,
+        draws,
     )
     if not converged:
         # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
@@ -295,13 +308,14 @@ def models_beside(
     *,
     reference: Mapping[str, str] | None = None,
     level: float = 0.95,
+    draws: Draws | None = None,
 ) -> ModelsBeside:
     """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
 
     Groups are participants and scenes, where there are several; one of both must be. In the mixed
     model a column of names has deviations in each of its levels (participant x column), and a
     column of numbers random slopes about its mean, wherever it varies within a group. It is judged
-    by t of participants - 1, as `paired_model` is.
+    by t with degrees of freedom between those of participants and of scenes.
     """
     several = [c for c in GROUPS if c in trials.columns and trials[c].nunique() > 1]
     if not several:
@@ -326,7 +340,7 @@ def models_beside(
         clustered=glm_logit(formula, trials, cluster=several, reference=reference, level=level),
         mixed=glmm_logit(
             formula, table, groups=groups, slopes=slopes, reference=reference, level=level,
-            df=float(trials[several[0]].nunique() - 1), profile=True,
+            between=True, profile=True, draws=draws,
         ),
     )  # fmt: skip
 
@@ -359,8 +373,9 @@ def _mixed(
     model: tuple[Floats, Floats, Sequence[str]],
     level: float,
     found: list[str],
-    df: float | None = None,
+    between: bool = False,
     profile: bool = False,
+    draws: Draws | None = None,
 ) -> tuple[ModelFit, bool]:
     design, y, terms = model
     codes = [group_codes(trials, column) for column in groups]
@@ -388,10 +403,25 @@ def _mixed(
         for column, deviation in zip(names, solution.sd, strict=True)
         if deviation < SINGULAR_SD
     ]
+    df: list[float | None] = [None] * len(terms)
+    if between and solution.converged:
+        owners = [group.partition(" x ")[0] for group in groups] + [one for _, one in slopes]
+        effects = [
+            Effect(owner == "scene", group_codes(trials, owner), code, values, float(sd))
+            for owner, code, values, sd in zip(owners, codes, times, solution.sd, strict=True)
+        ]
+        influence = back @ np.linalg.pinv(design)
+        df = [
+            between_df(own, effects, float(error) ** 2)
+            for own, error in zip(influence, errors, strict=True)
+        ]
     table = _table(terms, back @ solution.beta, errors, df, level)
     if solution.converged:
         table = tuple(
-            replace(row, ratio_p=_ratio_p(model, place, codes, times, response, solution, df))
+            replace(
+                row,
+                ratio_p=_ratio_p(model, place, codes, times, response, solution, row.df, draws),
+            )
             for place, row in enumerate(table)
         )
     deviations: tuple[Deviation, ...] = ()
@@ -418,6 +448,7 @@ def _mixed(
         level=level,
         warnings=tuple(found),
         deviations=deviations,
+        covariance=variance if solution.converged else None,
     )
     return fit, solution.converged
 
@@ -430,14 +461,35 @@ def _ratio_p(
     response: Response,
     solution: CrossedFit,
     df: float | None,
-) -> float:
-    """Return p of the likelihood ratio against the model without one coefficient."""
-    design, y, _ = model
-    less, _ = well_scaled(np.delete(design, place, axis=1))
+    draws: Draws | None,
+) -> float | None:
+    """Return p of the likelihood ratio against the model without one coefficient.
+
+    By bootstrap, answers are drawn from that model; the intercept has none.
+    """
+    design, y, terms = model
+    whole, less = well_scaled(design)[0], well_scaled(np.delete(design, place, axis=1))[0]
     one = np.eye(design.shape[1])[place]
-    ratio = reduced_ratio(solution, one, place, less, y, codes, times, response)
-    law = stats.norm() if df is None else stats.t(df)
-    return float(2.0 * law.sf(np.sqrt(ratio)))
+    ratio, without = reduced_ratio(solution, one, place, less, y, codes, times, response)
+    if draws is None:
+        law = stats.norm() if df is None else stats.t(df)
+        return float(2.0 * law.sf(np.sqrt(ratio)))
+    if terms[place] == "Intercept":
+        return None
+
+    def drawn(rng: np.random.Generator) -> float:
+        eta = less @ without.beta
+        for code, values, sd in zip(codes, times, without.sd, strict=True):
+            effect = sd * rng.standard_normal(int(code.max()) + 1)[code]
+            eta = eta + (effect if values is None else values * effect)
+        answers = (rng.random(y.size) < expit(eta)).astype(np.float64)
+        start = np.concatenate([np.insert(without.beta, place, 0.0), without.sd])
+        study = fit_crossed(whole, answers, codes, response=response, slopes=times, start=start)
+        if not study.converged:
+            return np.nan
+        return reduced_ratio(study, one, place, less, answers, codes, times, response)[0]
+
+    return draws.p(ratio, drawn)
 
 
 def _firth(
@@ -460,7 +512,7 @@ def _firth(
         " trials of one participant are not"
     )
     errors = np.sqrt(np.diag(back @ solution.covariance @ back.T))
-    table = _table(terms, back @ solution.beta, errors, None, level)
+    table = _table(terms, back @ solution.beta, errors, [None] * len(terms), level)
     # An intercept that was shifted has the limits of its standard error.
     shifted = np.any(back != np.diag(np.diag(back)), axis=1)
     limits = [
@@ -485,12 +537,16 @@ def _firth(
 
 
 def _table(
-    terms: Sequence[str], beta: Floats, errors: Floats, df: float | None, level: float
+    terms: Sequence[str],
+    beta: Floats,
+    errors: Floats,
+    degrees: Sequence[float | None],
+    level: float,
 ) -> tuple[Coefficient, ...]:
-    law = stats.norm() if df is None else stats.t(df)
-    reach = float(law.ppf(0.5 + 0.5 * level))
     rows = []
-    for term, estimate, error in zip(terms, beta, errors, strict=True):
+    for term, estimate, error, df in zip(terms, beta, errors, degrees, strict=True):
+        law = stats.norm() if df is None else stats.t(df)
+        reach = float(law.ppf(0.5 + 0.5 * level))
         ratio = float(estimate / max(error, 1e-12))
         rows.append(
             Coefficient(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -23,6 +23,7 @@ from analysis.models.contrasts import (
     ratio_p,
     unidentified,
     wald,
+    with_holm,
 )
 from analysis.models.deviations import (
     LATENT_VARIANCE,
@@ -34,7 +35,9 @@ from analysis.models.deviations import (
     profile_limits,
     with_shares,
 )
+from analysis.models.margins import NO_MARGINS, Asked, Margins, margins
 from analysis.models.numeric import numeric_hessian
+from analysis.models.parametric_bootstrap import Draws
 from analysis.models.rates import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
@@ -95,7 +98,7 @@ class RatingDifference:
 
     `superiority` is the chance that the same person rates the first higher at one showing of
     each, on the latent axis, where nothing ties. `ratio_p` is of the likelihood ratio against
-    equal conditions, by the same t. What the ratings do not identify is NaN.
+    equal conditions, by the same t or by bootstrap. What the ratings do not identify is NaN.
     """
 
     first: str
@@ -121,6 +124,8 @@ class RatingModel:
     ----------
     categories : tuple of str
         From the lowest; of a declared scale also those that nobody chose.
+    margins : Margins
+        Of places from the middle of all thresholds.
     thresholds : tuple of float
         Between neighbouring categories in use, on the latent axis of the first condition; NaN
         where the ratings do not identify them.
@@ -141,6 +146,7 @@ class RatingModel:
     participants: int
     warnings: tuple[str, ...]
     deviations: tuple[Deviation, ...] = ()
+    margins: Margins = NO_MARGINS
 
     @property
     def used(self) -> tuple[str, ...]:
@@ -312,6 +318,8 @@ def rating_model(
     link: OrdinalLink = "probit",
     level: float = 0.95,
     profile: bool = False,
+    asked: Asked | None = None,
+    draws: Draws | None = None,
 ) -> RatingModel:
     """Compare ordered ratings between conditions.
 
@@ -325,6 +333,10 @@ def rating_model(
         Condition that the others are compared with; left out, all pairs.
     profile : bool
         Whether deviations are given with profile limits, which take several times as long.
+    asked : mapping of name to weights of conditions, optional
+        Contrasts of places, in `RatingModel.margins`.
+    draws : Draws, optional
+        Likelihood ratios are judged by parametric bootstrap; left out, by t.
 
     Raises
     ------
@@ -376,7 +388,18 @@ def rating_model(
     crossed = Crossed.of(condition, groups, fit.sd)
     trials = _Trials(_indicator(condition, len(names)), y, effects)
     return _model(
-        parts, pairs, _codes(texts, known), known, fit, crossed, link, level, notes, trials
+        parts,
+        pairs,
+        _codes(texts, known),
+        known,
+        fit,
+        crossed,
+        link,
+        level,
+        notes,
+        trials,
+        asked,
+        draws,
     )
 
 
@@ -400,6 +423,8 @@ def paired_ratings(
     link: OrdinalLink = "probit",
     level: float = 0.95,
     profile: bool = False,
+    asked: Asked | None = None,
+    draws: Draws | None = None,
 ) -> RatingModel:
     """Place methods on one axis by graded comparisons of pairs, with ties.
 
@@ -446,7 +471,7 @@ def paired_ratings(
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
     notes = _notes(fit, people, [])
     trials = _Trials(gap, y, effects)
-    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, trials)
+    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, trials, asked, draws)
 
 
 @dataclass(frozen=True)
@@ -458,19 +483,59 @@ class _Trials:
     effects: Mapping[str, Floats]
 
 
-def _ratio(trials: _Trials, fit: CumulativeFit, pair: tuple[int, int], link: OrdinalLink) -> float:
-    """Return the likelihood ratio of a model and of the one where two conditions are one."""
+def _ratio(
+    trials: _Trials, fit: CumulativeFit, pair: tuple[int, int], link: OrdinalLink
+) -> tuple[float, CumulativeFit]:
+    """Return the likelihood ratio of two equal conditions, and the model where they are one."""
     places = np.concatenate([[0.0], fit.beta])
     first, second = sorted(pair)
+    sds = absorbing(fit.sd, float(places[second] - places[first]))
     # Together they lie halfway; the zero is the first condition's place.
     halfway = 0.5 * (places[first] + places[second])
-    places[first], theta = halfway, fit.theta - halfway * (first == 0)
-    rest = np.delete(places - halfway * (first == 0), second)[1:]
-    sds = absorbing(fit.sd, float(fit.beta[second - 1]) - (first > 0) * float(fit.beta[first - 1]))
-    starts = [np.concatenate([theta, rest, [sd[name] for name in trials.effects]]) for sd in sds]
-    design = equal(trials.conditions, pair)[:, 1:]
-    less = fit_cumulative(design, trials.y, trials.effects, link=link, starts=starts, errors=False)
-    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood))
+    moved = halfway * (first == 0)
+    places[first] = halfway
+    rest, theta = np.delete(places - moved, second)[1:], fit.theta - moved
+    less = fit_cumulative(
+        equal(trials.conditions, pair)[:, 1:],
+        trials.y,
+        trials.effects,
+        link=link,
+        starts=[np.concatenate([theta, rest, [*sd.values()]]) for sd in sds],
+        errors=False,
+    )
+    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood)), less
+
+
+def _ratio_p(
+    trials: _Trials,
+    fit: CumulativeFit,
+    pair: tuple[int, int],
+    link: OrdinalLink,
+    df: float,
+    draws: Draws | None,
+) -> float:
+    """Return p of that ratio, by t or by drawing ratings from the model where they are one."""
+    observed, less = _ratio(trials, fit, pair, link)
+    if draws is None:
+        return ratio_p(observed, df)
+    fixed = equal(trials.conditions, pair)[:, 1:] @ less.beta
+
+    def drawn(rng: np.random.Generator) -> float:
+        rows = trials.y.size
+        noise = rng.standard_normal(rows) if link == "probit" else rng.logistic(size=rows)
+        latent = fixed + noise
+        for name, block in trials.effects.items():
+            latent += block @ (less.sd[name] * rng.standard_normal(block.shape[1]))
+        steps, given = np.unique(np.digitize(latent, less.theta), return_inverse=True)
+        if steps.size < 2:
+            return math.nan
+        study = replace(trials, y=given.ravel())
+        whole = fit_cumulative(
+            trials.conditions[:, 1:], study.y, trials.effects, link=link, errors=False
+        )
+        return _ratio(study, whole, pair, link)[0]
+
+    return draws.p(observed, drawn)
 
 
 def _model(
@@ -484,14 +549,20 @@ def _model(
     level: float,
     notes: Sequence[str],
     trials: _Trials,
+    asked: Asked | None,
+    draws: Draws | None,
 ) -> RatingModel:
     names = [name for name, _ in parts]
     gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
-    tested = ratio_p(
-        [_ratio(trials, fit, (names.index(gap.first), names.index(gap.second)), link)
-         if fit.converged and math.isfinite(gap.difference) else math.nan for gap in gaps],
-        [gap.df for gap in gaps],
+    tested = with_holm(
+        [
+            _ratio_p(trials, fit, (names.index(gap.first), names.index(gap.second)), link, gap.df,
+                     draws)
+            if fit.converged and math.isfinite(gap.difference)
+            else math.nan
+            for gap in gaps
+        ]
     )  # fmt: skip
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
@@ -527,7 +598,22 @@ def _model(
         participants=len(crossed.shares["participant"]),
         warnings=tuple(notes),
         deviations=fit.deviations,
+        margins=margins(
+            names,
+            _from_middle(fit, len(names)),
+            np.concatenate([fit.theta, fit.beta]),
+            fit.covariance[: fit.theta.size + fit.beta.size, : fit.theta.size + fit.beta.size],
+            crossed.df,
+            level=level,
+            asked=asked or {},
+        ),
     )
+
+
+def _from_middle(fit: CumulativeFit, conditions: int) -> Floats:
+    """Return rows (conditions, coefficients) of places from the middle of all thresholds."""
+    thresholds = np.full((conditions, fit.theta.size), -1.0 / fit.theta.size)
+    return np.hstack([thresholds, np.eye(conditions)[:, 1:]])
 
 
 def _told(value: float, error: float) -> bool:

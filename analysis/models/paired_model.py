@@ -187,7 +187,8 @@ def _contrasts(
         contrast = np.eye(count)[i] - np.eye(count)[j]
         contrast[0] = 0.0  # the order's place; the first method is the zero
         reduced = np.hstack([order, equal[:, 1:]])
-        ratios.append(reduced_ratio(fit, contrast, j, reduced, y, groups, times, starts=starts))
+        ratio, _ = reduced_ratio(fit, contrast, j, reduced, y, groups, times, starts=starts)
+        ratios.append(ratio)
     p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
     return tuple(
         PairedContrast(

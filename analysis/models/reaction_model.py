@@ -18,9 +18,12 @@ from analysis.models.contrasts import (
     pairs_of,
     ratio_p,
     wald,
+    with_holm,
 )
 from analysis.models.deviations import Deviation
 from analysis.models.linear_mixed import LinearMixed, fit_linear_mixed
+from analysis.models.margins import NO_MARGINS, Asked, Margins, margins
+from analysis.models.parametric_bootstrap import Draws
 from analysis.models.rates import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
@@ -44,7 +47,7 @@ class ConditionTime:
 class TimeRatio:
     """How many times as long one condition's answers take as another's; p tests 1.
 
-    `ratio_p` is of the likelihood ratio against equal conditions, by the same t.
+    `ratio_p` is of the likelihood ratio against equal conditions, by the same t or by bootstrap.
     """
 
     first: str
@@ -94,6 +97,7 @@ class TimeModel:
     scenes: int
     warnings: tuple[str, ...]
     deviations: tuple[Deviation, ...] = ()
+    margins: Margins = NO_MARGINS
 
 
 def time_model(
@@ -103,6 +107,8 @@ def time_model(
     reference: str | None = None,
     level: float = 0.95,
     profile: bool = False,
+    asked: Asked | None = None,
+    draws: Draws | None = None,
 ) -> TimeModel:
     """Fit ln(rt) = condition, random over participants and scenes, and both in a condition.
 
@@ -115,6 +121,10 @@ def time_model(
         Condition that the others are compared with; left out, all pairs.
     profile : bool
         Whether deviations are given with profile limits, which take several times as long.
+    asked : mapping of name to weights of conditions, optional
+        Contrasts of mean logarithms, in `TimeModel.margins`.
+    draws : Draws, optional
+        Likelihood ratios are judged by parametric bootstrap; left out, by t.
 
     Raises
     ------
@@ -166,9 +176,13 @@ def time_model(
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
     gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
-    ratios = _ratios(design, y, effects, fit, [(names.index(one.first), names.index(one.second))
-                                              for one in gaps])  # fmt: skip
-    tested = ratio_p(ratios, [gap.df for gap in gaps])
+    tested = with_holm(
+        [
+            _ratio_p(design, y, effects, fit, (names.index(gap.first), names.index(gap.second)),
+                     gap.df, draws)
+            for gap in gaps
+        ]
+    )  # fmt: skip
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
@@ -213,28 +227,53 @@ def time_model(
         scenes=len(places.scenes),
         warnings=tuple(notes),
         deviations=fit.deviations,
+        margins=margins(
+            names, np.eye(len(names)), beta, covariance, crossed.df, level=level, asked=asked or {}
+        ),
     )
 
 
-def _ratios(
+def _ratio(
+    design: Floats,
+    y: Floats,
+    effects: Mapping[str, NDArray[np.int64]],
+    near: LinearMixed,
+    pair: tuple[int, int],
+) -> tuple[float, LinearMixed]:
+    """Return the likelihood ratio of two equal conditions, and the model where they are one.
+
+    `near`: where searches begin.
+    """
+
+    def best(design: Floats, contrast: float) -> LinearMixed:
+        sd = {name: near.sd[name] / near.residual_sd for name in effects}
+        starts = absorbing(sd, contrast / near.residual_sd)
+        return fit_linear_mixed(design, y, effects, restricted=False, starts=starts)
+
+    whole = best(design, 0.0)
+    less = best(equal(design, pair), float(whole.beta[pair[0]] - whole.beta[pair[1]]))
+    return max(0.0, 2.0 * (whole.log_likelihood - less.log_likelihood)), less
+
+
+def _ratio_p(
     design: Floats,
     y: Floats,
     effects: Mapping[str, NDArray[np.int64]],
     fit: LinearMixed,
-    pairs: Sequence[tuple[int, int]],
-) -> list[float]:
-    """Return likelihood ratios of the model and of those where two conditions are one."""
+    pair: tuple[int, int],
+    df: float,
+    draws: Draws | None,
+) -> float:
+    """Return p of that ratio, by t or by drawing times from the model where they are one."""
+    observed, less = _ratio(design, y, effects, fit, pair)
+    if draws is None:
+        return ratio_p(observed, df)
+    fixed = equal(design, pair) @ less.beta
 
-    def best(design: Floats, contrast: float) -> float:
-        sd = {name: fit.sd[name] / fit.residual_sd for name in effects}
-        starts = absorbing(sd, contrast / fit.residual_sd)
-        return fit_linear_mixed(design, y, effects, restricted=False, starts=starts).log_likelihood
+    def drawn(rng: np.random.Generator) -> float:
+        times = fixed + less.residual_sd * rng.standard_normal(y.size)
+        for name, code in effects.items():
+            times += less.sd[name] * rng.standard_normal(int(code.max()) + 1)[code]
+        return _ratio(design, times, effects, less, pair)[0]
 
-    whole = best(design, 0.0) if pairs else 0.0
-    return [
-        max(
-            0.0,
-            2.0 * (whole - best(equal(design, pair), float(fit.beta[pair[0]] - fit.beta[pair[1]]))),
-        )
-        for pair in pairs
-    ]
+    return draws.p(observed, drawn)

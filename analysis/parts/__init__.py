@@ -13,12 +13,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from pydantic import Field
 
 from analysis.answers import Answers
+from analysis.models.parametric_bootstrap import Draws
 from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
+from protocols.tasks.mixed import Weights
 
 T = TypeVar("T")
 
@@ -43,6 +46,15 @@ class Plan(Analysis):
     """Hash of the protocol; None for a plain table."""
     alternatives: int | None = None
     """How many answers there are, one of them right; None: not said, or none is right."""
+    contrasts: dict[str, Weights] = Field(default_factory=dict)
+    bootstrap_draws: int = 0
+    """As of `protocols.tasks.mixed.MixedAnalysis`."""
+
+    @property
+    def draws(self) -> Draws | None:
+        """Of the parametric bootstrap that is asked for, the same at every call."""
+        rng = np.random.default_rng(SEED)
+        return Draws(self.bootstrap_draws, rng) if self.bootstrap_draws else None
 
     @classmethod
     def of(cls, asked: Analysis, **facts: Any) -> Self:

@@ -141,7 +141,11 @@ def _mixed(decisions: Comparisons, cell: Preference) -> ModelFit:
     groups = [column for column in ("participant", "scene") if table[column].nunique() > 1]
     terms = "1 + shown_first" if table["shown_first"].nunique() > 1 else "1"
     return glmm_logit(
-        f"preferred ~ {terms}", table, groups=groups or ["participant"], level=cell.estimate.level
+        f"preferred ~ {terms}",
+        table,
+        groups=groups or ["participant"],
+        level=cell.estimate.level,
+        between=True,
     )
 
 
@@ -198,9 +202,9 @@ def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
     yield Paragraph(
         "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
         ' scene in the middle; "shown first": how far b rises where that method was shown first'
-        " instead of second. LR p: of the likelihood ratio without the term; where it and p of"
-        " z differ, LR p errs less often. Where a mixed model cannot be had, the row says what"
-        " stands in its place: clustered errors with t, or Firth's penalty, whose p and limits"
+        " instead of second. LR p: of the likelihood ratio without the term, its root by the same"
+        " t; where it and p of t differ, LR p errs less often. Where a mixed model cannot be had,"
+        " the row says what stands in its place: clustered errors with t, or Firth's penalty, whose p and limits"
         " are of its profile likelihood and take trials as independent. Random SD: how far"
         " participants, and scenes, differ on the scale of b.",
         muted=True,

@@ -18,7 +18,13 @@ from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import pairs_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart, Tests
-from analysis.parts.shared import RATIO_TOLD, RATIOS, TESTED, apa_test, compared, limits, sd_text
+from analysis.parts.margins import (
+    contrast_sentences,
+    contrasts_table,
+    margin_tables,
+    means_table,
+)
+from analysis.parts.shared import RATIOS, TESTED, apa_test, compared, limits, ratio_told, sd_text
 from analysis.plans.ratings import RatingPlan
 from analysis.plots.ratings import ratings_plot
 from analysis.repeat import lme4_effects, scripts
@@ -62,7 +68,12 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
     def of(self, table: pd.DataFrame, plan: RatingPlan) -> Ratings:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
-        how |= {"level": plan.confidence, "profile": True}
+        how |= {
+            "level": plan.confidence,
+            "profile": True,
+            "asked": plan.contrasts,
+            "draws": plan.draws,
+        }
         if not plan.by:
             model = paired_ratings(table, **how)
         else:
@@ -117,15 +128,18 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
             lead=(
                 Box(
                     "Clearest comparison",
-                    apa_rating(first, model),
+                    apa_rating(first, model, plan.bootstrap_draws),
                     f"{count} of {len(model.contrasts)} comparisons differ,"
                     f" two-sided{', Holm-adjusted' if several else ''}.",
                 ),
             ),
-            headline=apa_rating(first, model),
+            headline=apa_rating(first, model, plan.bootstrap_draws),
             blocks=_blocks(model, plan),
             further=(Section("people", "Participants", "Participants", _people(found)),),
-            sentences=tuple(apa_rating(one, model) for one in model.contrasts),
+            sentences=(
+                *(apa_rating(one, model, plan.bootstrap_draws) for one in model.contrasts),
+                *contrast_sentences(model.margins, plan, _unit(model)),
+            ),
             methods=_methods(found, plan),
             tables=_tables(model, pairs=pairs),
             scripts={} if pairs else _scripts(model, plan),
@@ -164,15 +178,15 @@ def category(value: object) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def apa_rating(one: RatingDifference, model: RatingModel) -> str:
+def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
     """Return how much higher one condition is rated as a sentence."""
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (
         f"{one.first} was rated {placed(one, one.difference)} {_unit(model)} above {one.second},"
         f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" {apa_test(one, f'cumulative {model.link} mixed model')}; one showing of it is rated"
-        f" higher with a chance of {leading(f'{one.superiority:.2f}')}."
+        f" {apa_test(one, f'cumulative {model.link} mixed model', draws)}; one showing of it"
+        f" is rated higher with a chance of {leading(f'{one.superiority:.2f}')}."
     )
 
 
@@ -195,8 +209,8 @@ def _methods(found: Ratings, plan: RatingPlan) -> str:
         f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
         f" {', '.join(model.sd)}. Differences have likelihood ratios, and Wald's statistics and"
-        f" limits, with {law} degrees of freedom, two-sided, alpha = {leading(f'{plan.alpha:g}')}, {corrected} over"
-        f" {len(model.contrasts)} comparisons."
+        f" limits, with {law} degrees of freedom, two-sided, alpha ="
+        f" {leading(f'{plan.alpha:g}')}, {corrected} over {len(model.contrasts)} comparisons."
     )
 
 
@@ -240,7 +254,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
         f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
         " showing of the first is rated above one of the second by the same person, on the axis,"
-        f" where nothing ties. {RATIO_TOLD}"
+        f" where nothing ties. {ratio_told(plan)}"
     )
     if pairs:
         told += (
@@ -252,10 +266,13 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
             " Mean: for orientation only, the steps of a scale have no unit; under the ratings"
             " their shares."
         )
+    middle = f"Means on the latent axis, {unit} from the middle of all thresholds"
     return (
         Picture("ratings"),
         places,
         differences,
+        *means_table(middle, model.margins, plan),
+        *contrasts_table(model.margins, plan, unit),
         Paragraph(told, muted=True),
         Cautions("When not to trust these ratings", model.warnings),
     )
@@ -299,6 +316,7 @@ def _tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]:
     return {
         "ratings.csv": pd.DataFrame(lines),
         "comparisons.csv": frame_of(RatingDifference, model.contrasts),
+        **margin_tables(model.margins, "ratings"),
         "thresholds.csv": pd.DataFrame(
             {
                 "below": model.used[:-1],

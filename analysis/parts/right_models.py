@@ -1,16 +1,27 @@
 """Logistic models of right answers: trials as independent, clustered, and mixed."""
 
+import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import expit
 
 from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
+from analysis.models.margins import NO_MARGINS, Margins, margins
 from analysis.parts import Shown, SimplePart
-from analysis.parts.shared import rows_of, sd_text
-from analysis.plans.rates import RatePlan, baseline_in
+from analysis.parts.margins import (
+    contrast_sentences,
+    contrasts_table,
+    margin_tables,
+    means_table,
+)
+from analysis.parts.shared import bootstrapped, law_of_mixed, rows_of, sd_text
+from analysis.plans.rates import RatePlan, baseline_in, shown_in
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import (
@@ -21,15 +32,23 @@ from analysis.report.wording import (
     number,
     p_number,
     p_text,
+    share,
+    share_range,
     t_text,
 )
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class RightModels(ModelsBeside):
-    """``logit(correct) ~ 1 + level + by``; `groups`: what its errors are clustered by."""
+    """``logit(correct) ~ 1 + level + by``; `groups`: what its errors are clustered by.
+
+    `margins` are logits of the mixed model, at the mean level.
+    """
 
     groups: tuple[str, ...]
+    margins: Margins
     notes: tuple[str, ...] = ()
 
     @property
@@ -65,9 +84,12 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         groups = [name for name in ("participant", "scene") if name in table]
         rows = table[["correct", *groups]].assign(**held)
         formula = "logit(correct) ~ 1 + " + " + ".join(held)
-        beside = models_beside(formula, rows, reference=reference or None, level=plan.confidence)
+        beside = models_beside(formula, rows, reference=reference or None, level=plan.confidence,
+                               draws=plan.draws)  # fmt: skip
         several = tuple(name for name in groups if rows[name].nunique() > 1)
-        return RightModels(**vars(beside), groups=several)
+        shown = shown_in(rows.assign(condition=table["condition"]), plan) if reference else []
+        margins = _margins(beside.mixed, rows, shown, plan)
+        return RightModels(**vars(beside), groups=several, margins=margins)
 
     def show(self, found: RightModels, plan: RatePlan) -> Shown:
         """Return the three beside each other, and the mixed one's terms as sentences."""
@@ -95,32 +117,86 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     " independent, as papers print it; the second clusters its errors by"
                     f" {' and '.join(groups)}; the third has"
                     f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
-                    " differ between them (t of participants - 1), and so speaks of the typical"
-                    f" {groups[0]}. LR p: of its likelihood ratio without the term, which errs"
-                    " less often than p of Wald's statistic.",
+                    f" differ between them ({law_of_mixed(scenes=len(groups) > 1)}), and so speaks"
+                    f" of the typical {groups[0]}. LR p: of its likelihood ratio without the term"
+                    f"{bootstrapped(plan.bootstrap_draws)}; it errs less often than p of Wald's"
+                    " statistic.",
                     muted=True,
                 ),
+                *means_table(
+                    f"Marginal means, logits{' at the mean level' * (plan.level is not None)}",
+                    found.margins,
+                    plan,
+                    ("Share right", "strong", lambda one: share(float(expit(one.value)))),
+                    (
+                        plan.limits,
+                        "n",
+                        lambda one: share_range(*map(float, expit([one.lower, one.upper]))),
+                    ),
+                ),
+                *contrasts_table(found.margins, plan, "logits"),
                 Cautions(
                     "When not to trust these models",
                     grouped([(name, fit.warnings) for name, fit in found.fits]),
                 ),
             ),
-            sentences=tuple(
-                apa_term(found.mixed, one.term)
-                for one in found.mixed.coefficients
-                if one.term != "Intercept"
+            sentences=(
+                *(
+                    apa_term(found.mixed, one.term, plan.bootstrap_draws)
+                    for one in found.mixed.coefficients
+                    if one.term != "Intercept"
+                ),
+                *contrast_sentences(found.margins, plan, "logits"),
             ),
             methods=(
                 f"Logistic models, {formula}, are given with trials as independent, with standard"
                 f" errors clustered by {' and '.join(groups)}, and with"
                 f" {'both ' * (len(groups) > 1)}{random} random intercepts and effects that differ"
-                " between them, by t of participants - 1."
+                f" between them, by {law_of_mixed(scenes=len(groups) > 1)}."
             ),
             tables={
-                "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms])
+                "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms]),
+                **margin_tables(found.margins, "models"),
             },
             scripts=_scripts(found, plan),
         )
+
+
+def _margins(
+    fit: ModelFit, rows: pd.DataFrame, conditions: Sequence[str], plan: RatePlan
+) -> Margins:
+    """Return means of conditions at the mean level; none where there is no mixed model."""
+    if fit.covariance is None or any(np.isnan(one.estimate) for one in fit.coefficients):
+        return NO_MARGINS
+    terms = [one.term for one in fit.coefficients]
+    design = np.zeros((len(conditions), len(terms)))
+    design[:, terms.index("Intercept")] = 1.0
+    if plan.level is not None:
+        column = _identifier(plan.level)
+        design[:, terms.index(column)] = rows[column].mean()
+    for row, name in zip(design, conditions, strict=True):
+        own = f"{_identifier(plan.by_name)}[T.{name}]"
+        if own in terms:
+            row[terms.index(own)] = 1.0
+
+    def df(weights: Floats, _variance: float) -> float:
+        """Return the least of those of the coefficients that are involved."""
+        row = weights @ design
+        return min(
+            math.inf if one.df is None else one.df
+            for one, own in zip(fit.coefficients, row, strict=True)
+            if abs(own) > 1e-9
+        )
+
+    return margins(
+        conditions,
+        design,
+        np.array([one.estimate for one in fit.coefficients]),
+        fit.covariance,
+        df,
+        level=fit.level,
+        asked=plan.contrasts,
+    )
 
 
 def _scripts(found: RightModels, plan: RatePlan) -> dict[str, str]:
@@ -150,12 +226,13 @@ def _identifier(name: str) -> str:
     return f"x_{plain}" if taken else plain
 
 
-def apa_term(fit: ModelFit, term: str) -> str:
+def apa_term(fit: ModelFit, term: str, draws: int = 0) -> str:
     """Return one coefficient of a model of right answers as a sentence."""
     row = fit[term]
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
-    ratio = "" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; "
+    law = bootstrapped(draws)
+    ratio = "" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}{law}; "
     return (
         f"{term}: b = {number(row.estimate, 3)}, {ratio}SE = {number(row.standard_error, 3)},"
         f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({fit.method})."

@@ -45,10 +45,6 @@ RATIOS: tuple[TableColumn, ...] = (
     ("LR p adj.", "n", lambda one: p_number(one.ratio_p_adjusted)),
 )
 """Likelihood ratios of a comparison by a mixed model, which stand before Wald's statistic."""
-RATIO_TOLD = (
-    "LR p: of the likelihood ratio against equal conditions, by the same t; it errs less often than"
-    " p of Wald's statistic, which goes with the limits."
-)
 
 
 Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
@@ -77,17 +73,32 @@ def limits(
     return title, "n", lambda one: text(one.lower, one.upper)
 
 
-def apa_test(one: Comparison, more: str = "") -> str:
+def ratio_told(plan: Plan) -> str:
+    """Return what likelihood ratios of a mixed model are, for a paragraph below a table."""
+    draws = plan.bootstrap_draws
+    law = f"by parametric bootstrap ({draws} draws)" if draws else "by the same t"
+    return (
+        f"LR p: of the likelihood ratio against equal conditions, {law}. p: of Wald's statistic,"
+        " which goes with the limits."
+    )
+
+
+def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
     """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``.
 
-    The likelihood ratio of a mixed model comes first.
+    The likelihood ratio of a mixed model comes first; `draws` are those of its bootstrap.
     """
     ratio = ""
     if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
-        together = p_number(one.ratio_p_adjusted)
-        ratio = f"likelihood ratio {p_text(one.ratio_p)} ({together} Holm-adjusted); "
+        law = f"{p_number(one.ratio_p_adjusted)} Holm-adjusted{bootstrapped(draws)}"
+        ratio = f"likelihood ratio {p_text(one.ratio_p)} ({law}); "
     also = f"{p_number(one.p_adjusted)} Holm-adjusted{more and f'; {more}'}"
     return f"{ratio}{t_text(one.t, one.df)}, {p_text(one.p)} ({also})"
+
+
+def bootstrapped(draws: int) -> str:
+    """Return how p of a likelihood ratio was had, after other words; nothing by t."""
+    return f"; parametric bootstrap, {draws} draws" if draws else ""
 
 
 def law_of_mixed(*, scenes: bool) -> str:

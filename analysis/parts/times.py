@@ -15,8 +15,13 @@ from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_c
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts.margins import (
+    contrast_sentences,
+    contrasts_table,
+    exponent,
+    margin_tables,
+)
 from analysis.parts.shared import (
-    RATIO_TOLD,
     RATIOS,
     TESTED,
     TableColumn,
@@ -25,6 +30,7 @@ from analysis.parts.shared import (
     deviations,
     law_of_mixed,
     limits,
+    ratio_told,
     sd_text,
 )
 from analysis.plots import reaction_plot
@@ -80,7 +86,13 @@ class TimesPart(SimplePart[Plan, Times]):
         if plan.reaction == "models":
             model = tried(
                 lambda: time_model(
-                    rows, plan.compared, reference=reference, level=level, profile=True
+                    rows,
+                    plan.compared,
+                    reference=reference,
+                    level=level,
+                    profile=True,
+                    asked=plan.contrasts,
+                    draws=plan.draws,
                 ),
                 "model of reaction times",
                 notes,
@@ -160,9 +172,10 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
             *RATIOS,
             *TESTED,
         )
+    yield from contrasts_table(model.margins, plan, "ratio of times", exponent)
     yield Paragraph(
         f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
-        f" Holm. {RATIO_TOLD}",
+        f" Holm. {ratio_told(plan)}",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)
@@ -235,8 +248,11 @@ def _sentences(found: Times, plan: Plan) -> Iterator[str]:
         yield (
             f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
             f" {second}, {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
-            f" {apa_test(ratio, 'log-normal mixed model')}."
+            f" {apa_test(ratio, 'log-normal mixed model', plan.bootstrap_draws)}."
         )
+    if found.model:
+        unit = "times as long"
+        yield from contrast_sentences(found.model.margins, plan, unit, exponent)
     for gap in found.diffusion.contrasts if found.diffusion else ():
         unit, ends = " s" * (gap.measure == "nondecision_s"), (gap.lower, gap.upper)
         yield (
@@ -290,6 +306,7 @@ def _tables(found: Times) -> dict[str, pd.DataFrame]:
     if found.model is not None:
         tables["times.csv"] = pd.DataFrame([vars(one) for one in found.model.times])
         tables["ratios.csv"] = frame_of(TimeRatio, found.model.ratios)
+        tables |= margin_tables(found.model.margins, "times")
     if found.diffusion is not None:
         tables["diffusion.csv"] = pd.DataFrame(
             [

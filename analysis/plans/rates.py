@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.parts import Plan
-from analysis.plans.told import RatesTold
+from analysis.plans.told import RatesTold, check_contrasts
 from protocols.adaptive.levels import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
@@ -248,6 +248,7 @@ def common_settings_of_table(
                 f"{did_you_mean(first, values)}"
             )
         values.sort(key=lambda value: value != first)
+    check_contrasts(told, values)
     made = plan.of(
         told,
         study=name,

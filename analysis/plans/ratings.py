@@ -6,7 +6,7 @@ from typing import Literal
 import pandas as pd
 
 from analysis.parts import Plan
-from analysis.plans.told import RatingsTold
+from analysis.plans.told import RatingsTold, check_contrasts
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
@@ -76,6 +76,7 @@ def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> Rating
     """
     settings = RatingPlan.of(told, study=name, title=name, reaction="models")
     known, baseline = conditions_of(decisions, settings), settings.reference_in(())
+    check_contrasts(told, known)
     if baseline is not None and baseline not in known:
         raise StudyError(
             f"--set baseline={baseline}: must be one of the conditions"

@@ -15,6 +15,7 @@ from protocols.suggest import did_you_mean
 from protocols.tasks.abx import AbxAnalysis
 from protocols.tasks.base import Analysis
 from protocols.tasks.identification import IdentificationAnalysis
+from protocols.tasks.mixed import MixedAnalysis
 from protocols.tasks.pairs import Preferences
 from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.rating import RatingsAnalysis
@@ -156,7 +157,7 @@ class RatingsTold(RatingsAnalysis):
     """Ratings from the lowest, if they are not numbers."""
 
 
-class TimesTold(Analysis):
+class TimesTold(MixedAnalysis):
     """What a table of reaction times may be told."""
 
     kind: Literal["reaction"] = "reaction"
@@ -164,6 +165,23 @@ class TimesTold(Analysis):
     """Column whose values are compared."""
     baseline: Scalar | None = None
     """The value of `by` that the others are compared with. Default: all pairs are compared."""
+
+
+def check_contrasts(told: MixedAnalysis, known: Sequence[str]) -> None:
+    """Refuse contrasts of what are no conditions of a table.
+
+    Raises
+    ------
+    StudyError
+        That says which.
+    """
+    wrong = list(told.contrast_problems(known))
+    if wrong:
+        raise StudyError(
+            "\n".join(
+                f"--set {one.place.removeprefix('analysis.')}: {one.message}" for one in wrong
+            )
+        )
 
 
 def keys_of(told: type[Analysis]) -> list[str]:

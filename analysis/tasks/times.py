@@ -10,7 +10,7 @@ from analysis.models.cells import conditions
 from analysis.parts import AnyPart, Plan
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
-from analysis.plans.told import TimesTold
+from analysis.plans.told import TimesTold, check_contrasts
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions, read_times
 from analysis.tasks.base import TaskAnalysis
@@ -56,6 +56,7 @@ class TableOfTimes(TaskAnalysis[TimesPlan]):
             told, study=name, title=name, alternatives=alternatives, reaction="models"
         )
         known = [one for one, _ in conditions(decisions, plan.compared)]
+        check_contrasts(told, known)
         baseline = plan.reference_in(())
         if baseline is not None and baseline not in known:
             raise StudyError(

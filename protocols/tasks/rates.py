@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, StringConstraints
 from protocols.errors import Problem
 from protocols.pool import Pool
 from protocols.suggest import did_you_mean
-from protocols.tasks.base import Analysis, Task
+from protocols.tasks.base import Task
+from protocols.tasks.mixed import MixedAnalysis
 from protocols.units import Condition, Name, Scalar
 
 BETWEEN = ", "
@@ -68,7 +69,7 @@ def value_of(condition: Condition, columns: Sequence[str]) -> str:
     return BETWEEN.join(name_of(condition.get(column, "")) for column in columns)
 
 
-class RatesAnalysis(Analysis):
+class RatesAnalysis(MixedAnalysis):
     """Right answers by condition and level: rates, psychometric functions, models, learning."""
 
     by: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = "method"
@@ -94,7 +95,7 @@ class RatesAnalysis(Analysis):
     """
 
     added_later: ClassVar[tuple[str, ...]] = (
-        *Analysis.added_later,
+        *MixedAnalysis.added_later,
         *("interaction", "threshold_at"),
     )
 
@@ -110,6 +111,8 @@ class RatesAnalysis(Analysis):
                 f"must be a value of {self.by_name!r} ({listed}) (got {self.baseline!r})"
                 f"{did_you_mean(str(self.baseline), map(str, known))}",
             )
+        if known:
+            yield from self.contrast_problems(list(map(name_of, known)))
         if self.interaction is not None:
             yield from task.check_shown(pool, "analysis.interaction", (self.interaction,))
             if self.interaction in self.by_columns:
@@ -205,7 +208,7 @@ class RatesAnalysis(Analysis):
                 f"Thresholds are given, and compared with correction holm, at"
                 f" {performance_in_words(self.threshold_at)}."
             )
-        return found
+        return found + self.mixed_sentences()
 
 
 def _reads_as_number(value: object) -> bool:

@@ -16,13 +16,14 @@ from protocols.pool import Pool
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Arrangement, Cell, Task, blank_phase, shown_phase
 from protocols.tasks.compared import Standards
+from protocols.tasks.mixed import MixedAnalysis
 from protocols.tasks.rates import name_of
 from protocols.units import Name, Scalar, Seconds
 
 RATING_COLUMNS = (Column("rating", "value", "", "The rating given", ("score", "response")),)
 
 
-class RatingsAnalysis(Analysis):
+class RatingsAnalysis(MixedAnalysis):
     """A cumulative-link mixed model: places of conditions on a latent axis, and differences."""
 
     kind: Literal["ratings"]
@@ -47,6 +48,8 @@ class RatingsAnalysis(Analysis):
                 f"must name a column with two values or more that are rated (got {self.by!r} with"
                 f" {', '.join(known) or 'none'})",
             )
+        elif not wrong:
+            yield from self.contrast_problems(known)
         if not wrong and self.baseline is not None and name_of(self.baseline) not in known:
             yield Problem(
                 "analysis.baseline",
@@ -60,7 +63,8 @@ class RatingsAnalysis(Analysis):
         return [
             f"Ratings are compared between values of {self.by}, {against}, by a cumulative"
             f" {self.link} mixed model, random over participants and scenes, two-sided, alpha"
-            f" {self.alpha:g}; correction {self.correction}."
+            f" {self.alpha:g}; correction {self.correction}.",
+            *self.mixed_sentences(),
         ]
 
 

@@ -103,16 +103,19 @@ def _question(
         confidence: LevelOption = 0.95,
         out: OutOption = None,
         replace: ReplaceOption = False,
-        **given: str | bool | None,
+        **given: str | bool | list[str] | None,
     ) -> None:
         said = {key: one for key, one in given.items() if one is not None and one is not False}
+        several = {key: said.pop(key) for key, one in given.items() if isinstance(one, list)}
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
+        for key, named in several.items():
+            texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
         texts |= {**also, "alpha": f"{1.0 - confidence:.12g}"}
         other = next((key for key in instead if key in texts), "")
         model = instead.get(other, told)
         kind, how = str(model.model_fields["kind"].default), (columns, where, answer)
         with user_errors():
-            for key in texts:
+            for key in said:
                 if key not in keys_of(model):
                     option = key.replace("_", "-")
                     raise StudyError(
@@ -149,6 +152,9 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
     default: Any = str(field.default) if field.default else None
     if needed:
         hint, default = str, inspect.Parameter.empty
+    if get_origin(field.annotation) is dict:
+        how["metavar"] = "NAME='CONDITION=WEIGHT,...'"
+        hint, default = list[str] | None, None
     flag = field.annotation is bool
     if flag:
         hint, default = bool, False
@@ -208,7 +214,7 @@ def confidence() -> None:
     """
 
 
-@_question(TimesTold, ("by", "baseline"))
+@_question(TimesTold, ("by", "baseline", "contrasts", "bootstrap_draws"))
 def reaction() -> None:
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
 
@@ -220,7 +226,11 @@ def reaction() -> None:
     """
 
 
-@_question(RatingsTold, ("by", "scale", "baseline", "link"), ("ratings", "random_ratings"))
+@_question(
+    RatingsTold,
+    ("by", "scale", "baseline", "link", "contrasts", "bootstrap_draws"),
+    ("ratings", "random_ratings"),
+)
 def ratings() -> None:
     """Compare ordered ratings, or graded comparisons of pairs with ties.
 

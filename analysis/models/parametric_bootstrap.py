@@ -1,0 +1,34 @@
+"""p of a likelihood ratio by parametric bootstrap: where people are few, its law is not known."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How many studies are drawn from the model without what is tested, and by which chance."""
+
+    count: int
+    rng: np.random.Generator
+
+    def p(self, observed: float, ratio: Callable[[np.random.Generator], float]) -> float:
+        """Return p of an observed ratio.
+
+        Parameters
+        ----------
+        ratio : callable
+            The ratio of a study that is drawn; NaN, where it has none, counts as larger.
+
+        Notes
+        -----
+        Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.3: (1 + those
+        at least as large) / (1 + draws).
+        """
+        if math.isnan(observed):
+            return math.nan
+        drawn = [ratio(self.rng) for _ in range(self.count)]
+        larger = sum(not one < observed for one in drawn)
+        return (1.0 + larger) / (1.0 + self.count)
