@@ -21,6 +21,7 @@ from analysis.models.consistency import (
     transitivity,
 )
 from analysis.models.observers import ObserverCheck, check_observers
+from analysis.models.order_effect import OrderEffect, order_effect
 from analysis.models.pairings import as_numbers, numbered
 from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Shown, SimplePart, tried
@@ -35,6 +36,7 @@ from analysis.report.wording import (
     number_range,
     p_number,
     p_text,
+    placed,
 )
 from analysis.seed import SEED
 from analysis.showable import hopeless
@@ -58,6 +60,7 @@ class SizeScale:
     transitivity: Transitivity
     observers: ObserverCheck
     warnings: tuple[str, ...]
+    order: OrderEffect | None = None
 
     def scores(self) -> pd.DataFrame:
         """Return methods with ``jod``, ``lower``, ``upper``, ``standard_error``; NaN: none."""
@@ -147,6 +150,18 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
                 f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
                 " Holm-adjusted; two-way bootstrap)."
             )
+        if size.order is not None:
+            one = size.order
+            yield (
+                "The one shown first had"
+                f"{plan.at(size.size, ' ({})')} {placed(one, one.value)} {size.scale.unit} more"
+                f" than the other, whatever they were, {level} {number_range(one.lower, one.upper)},"
+                f" {p_text(one.p)} (two-way bootstrap)."
+            )
+
+
+def _score(place: int, one: OrderEffect) -> str:
+    return number(one.scores[place])
 
 
 def _value(one: Mapping[Any, Any], name: str) -> str:
@@ -155,13 +170,20 @@ def _value(one: Mapping[Any, Any], name: str) -> str:
 
 def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
     """Count votes (participants, scenes, k, k) for i over j; also return the participants."""
+    votes, people = ordered_votes(decisions, methods)
+    return votes.sum(axis=2), people
+
+
+def ordered_votes(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
+    """Count votes (participants, scenes, 2, k, k) for i, shown first or second, over j."""
     person, people = numbered(decisions["participant"])
     scene, scenes = numbered(decisions["scene"])
     place = {name: index for index, name in enumerate(methods)}
     won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
     lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
-    votes = np.zeros((len(people), len(scenes), len(methods), len(methods)))
-    np.add.at(votes, (person, scene, won, lost), 1.0)
+    came = (decisions["chosen"].astype(str) != decisions["first"].astype(str)).to_numpy(np.int64)
+    votes = np.zeros((len(people), len(scenes), 2, len(methods), len(methods)))
+    np.add.at(votes, (person, scene, came, won, lost), 1.0)
     return votes, list(people)
 
 
@@ -169,7 +191,8 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
     rows, methods = plan.compared_at(decisions, size)
     if len(methods) < 2:
         raise ValueError("fewer than two methods were compared")
-    votes, people = vote_tensor(rows, methods)
+    ordered, people = ordered_votes(rows, methods)
+    votes = ordered.sum(axis=2)
     total = votes.sum(axis=(0, 1))
     fitted, found = scale(total, methods), list[str]()
     intervals = None
@@ -183,6 +206,17 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
             )
         except ValueError as problem:
             found.append(str(problem))
+    order = tried(
+        partial(
+            order_effect,
+            ordered,
+            rng=np.random.default_rng(SEED),
+            samples=BOOTSTRAP_SAMPLES,
+            level=plan.confidence,
+        ),
+        "order effect in JOD",
+        found,
+    )
     by_person = votes.sum(axis=1)
     upper = np.triu_indices(len(methods), 1)
     seen = (by_person + by_person.swapaxes(-1, -2))[:, upper[0], upper[1]]
@@ -210,6 +244,7 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
             by_person, people, rng=np.random.default_rng(SEED), alpha=plan.alpha
         ),
         warnings=tuple(found),
+        order=order,
     )
 
 
@@ -249,6 +284,18 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
             ("p", "n", lambda one: p_number(one["clustered_p"])),
             ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),
         )
+        if size.order is not None:
+            yield Table.each(
+                "Order effect: what the one shown first has more, and scores beside it, JOD",
+                [size.order],
+                ("First - second", "strong", lambda one: placed(one, one.value)),
+                (level, "n", lambda one: number_range(one.lower, one.upper)),
+                ("p", "n", lambda one: p_number(one.p)),
+                *(
+                    (label(name), "", partial(_score, place))
+                    for place, name in enumerate(size.scale.conditions)
+                ),
+            )
         yield Paragraph(" ".join(_checks(size, plan)), muted=True)
     notes = [
         (
