@@ -488,6 +488,8 @@ def _legend(
             f"a comparison: one{simulation.against} is significant, on average, after correction;"
             " every comparison: all are"
         )
+    if "interaction" in found:
+        said.append("interaction: that the primary preference differs between sizes is significant")
     if EQUIVALENCE in found:
         margin = simulation.plan.margin
         said.append(f"equivalence: were the share one half, it is shown within ±{margin:.2f} of it")

@@ -33,6 +33,7 @@ from protocols.schema import StudyProtocol
 Floats = NDArray[np.float64]
 C = TypeVar("C", bound=RatePlan | RatingPlan)
 
+INTERACTION = "interaction"
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
 OWN = "difference."
@@ -68,7 +69,8 @@ class Choices(Simulation[PreferencePlan]):
 
     They are drawn anew for every pairing. `size_correlation` is how alike the effects of one
     pairing are at two sizes: 1 where who prefers a method at one size prefers it as much at all.
-    Effects that sizes share do not average out over them, so 1 promises least.
+    Effects that sizes share do not average out over them, so 1 promises least, and most of an
+    interaction, whose differences they leave.
     """
 
     studies: ClassVar[int] = 10_000
@@ -85,14 +87,21 @@ class Choices(Simulation[PreferencePlan]):
         self._person = pairing, codes_of(pairing, frame["size"])
         self._scene = codes_of(pairing, frame["scene"]), np.arange(len(frame))
         one = "logit deviation between"
+        # What promises least of a preference over all sizes promises most of their difference.
+        alike_most = 1.0 if plan.interaction is None else COMMON
         alike = "how alike participants' and scenes' deviations are at two sizes"
         share = "true share in every comparison, averaged over people and scenes"
         self.assumptions = (
             Assumption("rate", 0.5 + plan.margin, share, 0.01, 0.99),
             Assumption("participant_sd", 0.6, f"{one} participants", 0.0, 5.0),
             Assumption("scene_sd", 0.4, f"{one} scenes", 0.0, 5.0),
-            Assumption("size_correlation", 1.0, alike, 0.0, 1.0),
+            Assumption("size_correlation", alike_most, alike, 0.0, 1.0),
         )
+        if plan.interaction is not None:
+            more = "what the true share has more at the last size than at the first, others between"
+            self.assumptions += (Assumption(INTERACTION, plan.margin, more, -0.98, 0.98),)
+        sizes = [size for size in plan.sizes if size in set(frame["size"])]
+        self._along = frame["size"].map(sizes.index).to_numpy() / max(len(sizes) - 1, 1) - 0.5
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
@@ -103,13 +112,20 @@ class Choices(Simulation[PreferencePlan]):
             np.float32(sd) * crossed_effects(rng, (studies, units), *codes, common)
             for sd, units, codes in zip(sds, (people, 1), (self._person, self._scene), strict=True)
         )
-        share = expit(logit + np.float32(mean_logit(assumed["rate"], float(np.hypot(*sds)))))
+        rates = assumed["rate"] + assumed.get(INTERACTION, 0.0) * self._along
+        if not (rates.min() > 0.0 and rates.max() < 1.0):
+            raise StudyError(
+                f"--set {INTERACTION}: must leave every size a share between 0 and 1 (got"
+                f" {rates.min():g} to {rates.max():g}); lower it, or bring the rate nearer to 0.5"
+            )
+        means = {rate: mean_logit(rate, float(np.hypot(*sds))) for rate in set(rates.tolist())}
+        share = expit(logit + np.array([means[rate] for rate in rates.tolist()], np.float32))
         shape = (self.repeats, studies, people, len(self.cells))
         return Answers(rng.random(shape, dtype=np.float32) < share, self.cells)
 
     def nothing(self, assumed: Mapping[str, float]) -> dict[str, float]:
         """Return a share of one half."""
-        return {**assumed, "rate": 0.5}
+        return {**assumed, "rate": 0.5, **dict.fromkeys({INTERACTION} & {*assumed}, 0.0)}
 
     def table(self, answers: Answers) -> pd.DataFrame:
         """Return decisions; each of a pair comes first in turn."""
@@ -131,7 +147,8 @@ class Choices(Simulation[PreferencePlan]):
         kept = tuple(
             one
             for one in self.plan.comparisons
-            if (one.method, one.against) == (method, against) and size in ("all", one.size)
+            if (one.method, one.against) == (method, against)
+            and (size in ("all", one.size) or self.plan.interaction is not None)
         )
         return Choices(self.plan.but(comparisons=kept), self.parts)
 
@@ -147,7 +164,20 @@ class Choices(Simulation[PreferencePlan]):
             f"true share {assumed['rate']:g}; deviations {assumed['participant_sd']:g}"
             f" (participants) and {assumed['scene_sd']:g} (scenes) logits, correlated"
             f" {assumed['size_correlation']:g} between sizes"
+            + (
+                f"; {assumed[INTERACTION]:g} more at the last size"
+                if INTERACTION in assumed
+                else ""
+            )
         )
+
+    def notes(self, assumed: Mapping[str, float]) -> list[str]:
+        """Say what the power of an interaction rests on."""
+        note = (
+            "interaction: its power rests on size_correlation, how alike people's and scenes'"
+            " deviations are at two sizes; 1 promises most"
+        )
+        return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
     def from_pilot(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> Found:
         """Return the deviations of a pilot's participants and scenes."""

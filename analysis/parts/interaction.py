@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -10,13 +11,14 @@ import pandas as pd
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from analysis.answers import Answers
 from analysis.models.cells import Grid, checked, grid
 from analysis.models.clustered import FEW_SCENES, holm
 from analysis.models.contrasts import Difference
 from analysis.models.interaction import jod_interactions, share_interactions
 from analysis.models.pairings import pairing_rows
-from analysis.models.rates import Rate, rate
-from analysis.parts import Part, PartFigure, Shown
+from analysis.models.rates import Rate, rate, share_influence
+from analysis.parts import Part, PartFigure, Shown, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
 from analysis.plans.preference import PreferencePlan
@@ -154,8 +156,9 @@ class InteractionPart(Part[P, Interactions]):
             sentences=[_apa(one, plan) for one in every],
             methods=(
                 f"Changes between values of {factor} were tested by t with errors clustered by"
-                f" participant and by scene{scale if found.jod else ''}. The power of this test was"
-                " not simulated."
+                f" participant and by scene{scale if found.jod else ''}."
+                + " The power of this test was not simulated."
+                * isinstance(plan, RatePlan)
             ),
             tables={
                 "interaction.csv": flat_table(every),
@@ -219,6 +222,28 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             jod=_family(jod),
             notes=tuple(notes),
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: PreferencePlan) -> Tests:
+        """Test whether shares of the primary comparison differ between sizes."""
+        if plan.interaction is None or plan.primary is None:
+            return {}
+        cells, (method, against, _) = answers.cells, plan.primary
+        pair = (cells["method"] == method) & (cells["against"] == against)
+        sizes = [size for size in plan.sizes if (pair & (cells["size"] == size)).any()]
+        if len(sizes) < 2:
+            return {}
+
+        def of(count: int) -> NDArray[np.float64]:
+            moved = {}
+            for size in sizes:
+                here = (pair & (cells["size"] == size)).to_numpy()
+                chosen, shown = answers.grid(here, by_scene=plan.test == "participant-scene")
+                chosen = chosen[:, :count]
+                moved[size] = share_influence(chosen, np.broadcast_to(shown, chosen.shape))
+            gaps = [moved[first].less(moved[second]) for first, second in combinations(sizes, 2)]
+            return holm(np.stack([gap.p_value() for gap in gaps], axis=-1))
+
+        return {self.name: lambda: np.stack([of(count) for count in people], axis=1)}
 
 
 class RateInteraction(InteractionPart[RatePlan]):

@@ -155,8 +155,8 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
             yield (
                 "The one shown first had"
                 f"{plan.at(size.size, ' ({})')} {placed(one, one.value)} {size.scale.unit} more"
-                f" than the other, whatever they were, {level} {number_range(one.lower, one.upper)},"
-                f" {p_text(one.p)} (two-way bootstrap)."
+                f" than the other, whatever they were, {level}"
+                f" {number_range(one.lower, one.upper)}, {p_text(one.p)} (two-way bootstrap)."
             )
 
 
