@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar
 from pydantic import BeforeValidator, Field
 
 from protocols.errors import Problem
+from protocols.prose import count_of
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis
 
@@ -72,7 +73,8 @@ class MixedAnalysis(Analysis):
         found = [
             f"Contrast {name} of the mixed model's means:"
             f" {', '.join(f'{own:g} x {one}' for one, own in weights.items())}; two-sided, alpha"
-            f" {self.alpha:g}, Holm-adjusted over {len(self.contrasts)} named contrasts."
+            f" {self.alpha:g}, Holm-adjusted over"
+            f" {count_of(len(self.contrasts), 'named contrast')}."
             for name, weights in self.contrasts.items()
         ]
         if self.bootstrap_draws:

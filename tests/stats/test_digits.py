@@ -1,10 +1,20 @@
 """Estimates are printed with as many digits as their limits need."""
 
+import json
+import re
+
 import numpy as np
 import pytest
+from fixed_studies import STORED
 
 from analysis.models.contrasts import Difference
+from analysis.models.detection import Measure
+from analysis.models.deviations import Deviation
+from analysis.parts.confidence import apa_measure, measured
+from analysis.parts.random_effects import OfModel, RandomEffects, TimeEffects
 from analysis.parts.shared import apa_difference
+from analysis.parts.times import TimesPart
+from analysis.plans.rates import RatePlan
 from analysis.plots import psychometric_plot
 from analysis.report.wording import number, number_range, size, size_range
 
@@ -20,6 +30,11 @@ from analysis.report.wording import number, number_range, size, size_range
         (1.2e-6, (1.1e-6, 1.35e-6), "1.2e-06 [1.1e-06, 1.35e-06]"),
         (2.1, (0.0, 5.2), "2.10 [0, 5.20]"),
         (7.0, (7.0, 7.0), "7 [7, 7]"),
+        (0.239, (0.1, 0.327), "0.239 [0.100, 0.327]"),
+        (-0.0388, (-0.0751, -0.00246), "-0.0388 [-0.0751, -0.0025]"),
+        (0.000638, (-0.0748, 0.0761), "0.0006 [-0.0748, 0.0761]"),
+        (175.0, (89.7, 347.0), "175 [90, 347]"),
+        (0.00213, (0.0001, 52.0), "0.00213 [0.0001, 52.0]"),
     ],
 )
 def test_levels_have_as_many_digits_as_their_limits_need(value, ends, said):
@@ -42,3 +57,43 @@ def test_two_ticks_of_near_levels_can_be_told_apart():
     ).axes[:1]  # fmt: skip
 
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["442.10", "442.90"]
+
+
+def ends_alike(text):
+    """Return whether the number before limits ends at the digit at which they do."""
+    before, ends = re.fullmatch(r"(.*)\[(.*)\].*", text).groups()
+    value = re.findall(r"-?\d*\.?\d+", re.sub(r"\d+% CI", "", before))[-1]
+    return len({len(one.partition(".")[2]) for one in (value, *ends.split(", "))}) == 1
+
+
+@pytest.mark.parametrize("ends", [(0.352, 0.399), (0.0, 0.065), (0.17, 0.49), (12.3, 12.31)])
+def test_sentences_print_value_and_limits_to_one_digit(ends):
+    middle = sum(ends) / 2
+    measure = Measure(middle, 0.1, 9.0, *ends, 0.95, 0.01)
+    level = Deviation("residual", middle, *ends, 0.1)
+    plan = RatePlan(kind="", study="", title="", values=(), answers=(), alternatives=2, labels={},
+                    guess=0.5)  # fmt: skip
+    effects = RandomEffects((OfModel("", (level,)),), ())
+    (deviation,) = TimeEffects(TimesPart()).show(effects, plan).sentences
+
+    for said in (apa_measure(measure).partition(", t(")[0], measured(measure),
+                 deviation.partition(" (ICC")[0]):  # fmt: skip
+        assert ends_alike(said), said
+
+
+def test_stored_sentences_print_value_and_limits_to_one_digit():
+    """Of every kind of fixed study; odds end by their size, shares' trials are counts."""
+    sentences = [
+        one
+        for file in sorted(STORED.glob("*.json"))
+        for one in json.loads(file.read_text(encoding="utf-8"))["sentences"]
+    ]
+    told = [
+        said
+        for one in sentences
+        for said in re.findall(r"[^;]*?\[-?[\d.]+, [\d.]+\]", re.sub(r"\[T\..*?\]", "", one))
+        if "odds" not in said and "trials, " not in said
+    ]
+
+    assert len(told) > 100
+    assert [said for said in told if not ends_alike(said)] == []

@@ -254,3 +254,28 @@ def test_the_command_simulates_a_new_study_of_ratings(tmp_path):
     assert "10 comparisons" in said
     # Two scenes are too few for the report's model, and it says so in place of a number.
     assert "do not plan by these numbers: in this design the test errs too often" in said
+
+
+def test_power_of_an_interaction_is_that_of_its_part_and_nothing_to_find_is_seldom_found(rng):
+    """Between sizes of the primary comparison; the null leaves people who differ by size."""
+    study = load_protocol(Path("inpainting-2afc"))
+    analysis = analysis_of("preference")
+    study = analysis.simulation(study).plan.but(interaction="size")
+    plan = Choices(study, analysis.parts)
+    assumed = {one.name: one.value for one in plan.assumptions} | {"interaction": 0.3}
+    answers = plan.draw(assumed, 2, 8, rng)
+    (part,) = [one for one in plan.parts if one.name == "interaction"]
+    p = part.planned_over(answers, [6, 8], plan.plan)["interaction"]()
+
+    for number in range(2):
+        for place, count in enumerate([6, 8]):
+            table = plan.table(answers.of(number, count))
+            found = part.compute(table, study, {}, np.random.default_rng(0))
+            shares = [one.gap.p_adjusted for one in found.planned if one.gap.measure != "JOD"]
+            assert p[number, place] == pytest.approx(shares)
+    found = power(plan, {"rate": 0.6, "interaction": 0.3}, rng=rng, studies=300, participants=[12])
+    assert found.curves["interaction"][0] > 0.5
+    assert found.wrong["interaction: false positives"][0] < 0.09
+    assert any("size_correlation" in note for note in found.warnings)
+    with pytest.raises(StudyError, match="every size a share between 0 and 1"):
+        power(plan, {"rate": 0.95, "interaction": 0.3}, rng=rng, studies=2, participants=[4])
