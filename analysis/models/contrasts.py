@@ -166,14 +166,14 @@ def between_df(influence: Floats, effects: Sequence[Effect], variance: float) ->
     influence : ndarray (trials,)
         What each trial adds to the coefficient.
     """
-    parts, degrees = {}, {}
+    parts: dict[bool, float] = {}
+    degrees: dict[bool, Floats] = {}
     for one in effects:
         own = influence if one.times is None else influence * one.times
         given = one.sd**2 * float(np.sum(np.bincount(one.level, weights=own) ** 2))
         parts[one.scene] = parts.get(one.scene, 0.0) + given
-        degrees[one.scene] = np.asarray(
-            weighted_df(np.bincount(one.group, weights=np.abs(influence)))[1]
-        )
+        share = np.asarray(np.bincount(one.group, weights=np.abs(influence)), dtype=np.float64)
+        degrees[one.scene] = np.asarray(weighted_df(share)[1])
     rest = max(variance - math.fsum(parts.values()), 0.0)
     weights = [own + (0.5 if scene and len(parts) > 1 else 1.0) * rest
                for scene, own in parts.items()]  # fmt: skip

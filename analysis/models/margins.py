@@ -83,7 +83,8 @@ def margins(
         value, variance = float(row @ estimate), float(row @ covariance @ row)
         error = math.sqrt(max(variance, 0.0))
         if not (math.isfinite(value) and error <= LARGEST_ERROR):
-            return Margin(name, *[math.nan] * 4, level, math.nan)
+            nan = math.nan
+            return Margin(name, nan, nan, nan, nan, level, nan)
         free = df(weights, variance)
         reach = float(stats.t.ppf(0.5 + 0.5 * level, free)) * error
         p = float(2.0 * stats.t.sf(abs(value) / max(error, 1e-12), free))

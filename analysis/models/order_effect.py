@@ -70,12 +70,15 @@ def order_effect(
     if not bool(has_maximum(total > 0)):
         raise ValueError("a method was always, or never, chosen")
     weight = [draws(size, samples, rng).astype(np.float64) for size in (people, scenes)]
-    each = [np.einsum("bp,bs,psv->bv", *weight, votes) for votes in (won, lost)]
-    whole = solve_pairs(design, *(v.sum(axis=(0, 1)) for v in (won, lost)), "thurstone")
+    drawn_won, drawn_lost = (
+        np.asarray(np.einsum("bp,bs,psv->bv", *weight, votes), dtype=np.float64)
+        for votes in (won, lost)
+    )
+    whole = solve_pairs(design, won.sum(axis=(0, 1)), lost.sum(axis=(0, 1)), "thurstone")
     if not bool(whole.converged):
         raise ValueError("the place in the pair decided all answers")
-    linked = _bounded(*each, count)
-    drawn = solve_pairs(design, *(votes[linked] for votes in each), "thurstone", tolerance=1e-6)
+    linked = _bounded(drawn_won, drawn_lost, count)
+    drawn = solve_pairs(design, drawn_won[linked], drawn_lost[linked], "thurstone", tolerance=1e-6)
     values = drawn.parameters[drawn.converged, -1]
     if values.size < LEAST_DRAWN:
         raise ValueError("too few bootstrap samples have a finite maximum")
