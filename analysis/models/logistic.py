@@ -435,12 +435,12 @@ def _mixed(
         )  # fmt: skip
     several = {group.partition(" x ")[0] for group in groups}
     crossed = "crossed random" if len(several) > 1 else "random"
-    effects = f"{crossed} intercepts ({', '.join(groups)})"
+    random = f"{crossed} intercepts ({', '.join(groups)})"
     if slopes:
-        effects += f", random slopes ({', '.join(names[len(groups) :])})"
+        random += f", random slopes ({', '.join(names[len(groups) :])})"
     fit = ModelFit(
         formula=formula,
-        method=f"{name}, {effects}, Laplace",
+        method=f"{name}, {random}, Laplace",
         coefficients=table,
         random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
         trials=int(y.size),

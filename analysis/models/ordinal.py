@@ -285,9 +285,9 @@ def fit_cumulative(
         return value, np.array(rise) / 1e-5
 
     found = []
-    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+    ends_at = np.cumsum(sizes).astype(int).tolist()
     for number, name in enumerate(effects) if level is not None and proper else ():
-        place, own = cut[1] + number, slice(starts[number], starts[number + 1])
+        place, own = cut[1] + number, slice(ends_at[number] - sizes[number], ends_at[number])
         ends = math.nan, math.nan
         if few and level is not None:
             held = partial(held_maximum, sloped, natural, covariance, place)
@@ -295,8 +295,8 @@ def fit_cumulative(
             ends = profile_limits(held, float(sd[number]), best_value, error, level)
         known: tuple[Level, ...] = ()
         if few and name in (names or {}):
-            errors = sd[number] * np.sqrt(spread[own])
-            known = levels_of((names or {})[name], modes[own], errors)
+            apart = sd[number] * np.sqrt(spread[own])
+            known = levels_of((names or {})[name], modes[own], apart)
         found.append(Deviation(name, float(sd[number]), *ends, math.nan, known))
     return CumulativeFit(
         theta=theta,
@@ -386,7 +386,7 @@ def rating_model(
     ]
     notes += _misfit(design, y, condition, link)
     crossed = Crossed.of(condition, groups, fit.sd)
-    trials = _Trials(_indicator(condition, len(names)), y, effects)
+    fitted = _Trials(_indicator(condition, len(names)), y, effects)
     return _model(
         parts,
         pairs,
@@ -397,7 +397,7 @@ def rating_model(
         link,
         level,
         notes,
-        trials,
+        fitted,
         asked,
         draws,
     )
@@ -470,8 +470,8 @@ def paired_ratings(
     crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
     parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
     notes = _notes(fit, people, [])
-    trials = _Trials(gap, y, effects)
-    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, trials, asked, draws)
+    fitted = _Trials(gap, y, effects)
+    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, fitted, asked, draws)
 
 
 @dataclass(frozen=True)

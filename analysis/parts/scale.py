@@ -150,13 +150,11 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
                 f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
                 " Holm-adjusted; two-way bootstrap)."
             )
-        if size.order is not None:
-            one = size.order
+        if (order := size.order) is not None:
             yield (
-                "The one shown first had"
-                f"{plan.at(size.size, ' ({})')} {placed(one, one.value)} {size.scale.unit} more"
-                f" than the other, whatever they were, {level}"
-                f" {number_range(one.lower, one.upper)}, {p_text(one.p)} (two-way bootstrap)."
+                f"Whatever they were, the one shown first had {placed(order, order.value)}"
+                f" {size.scale.unit} more than the other{plan.at(size.size, ' ({})')}, {level}"
+                f" {number_range(order.lower, order.upper)}, {p_text(order.p)} (two-way bootstrap)."
             )
 
 

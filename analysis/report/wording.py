@@ -144,7 +144,7 @@ def size(value: float | None, digits: int = 3, *, within: Ends | None = None) ->
     more, above = needed(within), math.floor(math.log10(abs(value)))
     ends = [abs(end) for end in within or () if end and math.isfinite(end)]
     largest = math.floor(math.log10(max([abs(value), *ends])))
-    if -5 < largest < 7 and (len({*ends}) > 1 or above >= digits):
+    if -5 < largest < 7 and (len({*(within or ())}) > 1 or above >= digits):
         text = number(value, max(digits - 1 - largest, more, 0))
         if float(text) != 0 or (within and (within[0] or 0.0) <= 0.0):
             return text

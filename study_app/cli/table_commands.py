@@ -105,11 +105,13 @@ def _question(
         replace: ReplaceOption = False,
         **given: str | bool | list[str] | None,
     ) -> None:
-        said = {key: one for key, one in given.items() if one is not None and one is not False}
-        several = {key: said.pop(key) for key, one in given.items() if isinstance(one, list)}
+        several = {key: one for key, one in given.items() if isinstance(one, list)}
+        said = {
+            key: one
+            for key, one in given.items()
+            if one is not None and one is not False and key not in several
+        }
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
-        for key, named in several.items():
-            texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
         texts |= {**also, "alpha": f"{1.0 - confidence:.12g}"}
         other = next((key for key in instead if key in texts), "")
         model = instead.get(other, told)
@@ -121,6 +123,8 @@ def _question(
                     raise StudyError(
                         f"--{option}: must be left out with --{other} (got {given[key]})"
                     )
+            for key, named in several.items():
+                texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
             ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:

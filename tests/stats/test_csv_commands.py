@@ -63,7 +63,7 @@ def test_what_a_command_asks_is_what_the_format_of_its_kind_says(kind):
     for name, option in own.items():
         assert option.help == " ".join(described[name]["description"].replace("`", "").split())
         assert option.required or str(option.default or "") == str(
-            told.model_fields[name].default or ""
+            told.model_fields[name].get_default(call_default_factory=True) or ""
         )
 
 
