@@ -12,7 +12,7 @@ from pathlib import Path
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from pipeline.gl.texture import create_texture
 from protocols.display import Display
@@ -142,7 +142,7 @@ class TrialDrawer:
         check_within("events", data.count(b"\n"), StudyError, path, "lines")
         with reading(path, "the flips of a trial, as they were recorded", StudyError):
             for row in csv.DictReader(io.StringIO(data.decode("ascii")), strict=True):
-                if row["drawn_sha256"]:
+                if row.get("drawn_sha256"):
                     yield row
 
     def _frame(
@@ -170,7 +170,9 @@ class TrialDrawer:
             stamp_s = float(row["t_s"]) - float(row["age_s"] or "nan")
             look = Look((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
             kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
-        except (LookupError, StopIteration, StudyError, ValidationError, ValueError) as error:
+            if not all(map(math.isfinite, (*look.gaze_px, *look.field_px))):
+                raise ValueError(f"gaze {look.gaze_px} must be finite")
+        except (LookupError, StopIteration, StudyError, TypeError, ValueError) as error:
             return _Found((0, 0), (f"must be a flip of this study ({error})",))
         problems = []
         said = described(live, source, entry, script.stimulus_px, self.display)
@@ -178,6 +180,7 @@ class TrialDrawer:
             problems.append(f"{name}: source, place and parameters must be the study's")
         if look.seed != live.seed:
             problems.append(f"{name}: must have seed {live.seed} (got {look.seed})")
+            return _Found((0, 0), tuple(problems))
         if row["eye"] == "found" and samples and not _is_of(look, corner, stamp_s, samples):
             problems.append(f"must have the gaze of the sample that is {row['age_s']} s old")
         if not kept and number not in captured:

@@ -308,7 +308,19 @@ def test_frames_of_another_study_s_parameters_seeds_or_pictures_are_named(
     file.write_text(file.read_text().replace(f",{seed},", f",{int(seed) + 1},"))
     found = again(gl_context, folder, study, display)
     assert all("must have seed" in text for text in found.problems[:SHOWN])
-    file.write_text(file.read_text().replace(f",{int(seed) + 1},", ",many,"))
+    whole = file.read_text().replace(f",{int(seed) + 1},", f",{seed},")
+    row = live_rows(folder)[0][-1]
+    gaze = row["gaze_x_px"]
+    for old, new in (
+        (f",{seed},", ",many,"), (f",{gaze},", ",nan,"), (row["grid"], row["grid"][:-4]),
+        (f"stimulus,0,{row['frame_sha256']},{gaze}", f"iti,0,{row['frame_sha256']},{gaze}"),
+        (f",{row['eye']},{seed},{row['drawn_sha256']},", f",,,{row['drawn_sha256']},"),
+    ):  # fmt: skip
+        assert old in whole
+        file.write_text(whole.replace(old, new))
+        said = again(gl_context, folder, study, display).problems
+        assert "must be a flip of this study" in said[-1] + said[0], (old, said)
+    file.write_text(whole.replace(",seed,", ",sead,"))
     assert "must be a flip of this study" in again(gl_context, folder, study, display).problems[0]
 
 
