@@ -60,7 +60,7 @@ class Survey:
 
 
 def take_survey(
-    ctx: moderngl.Context, scenery: Scenery, orders: Orders, clip: ClipName, folder: Path
+    ctx: moderngl.Context | None, scenery: Scenery, orders: Orders, clip: ClipName, folder: Path
 ) -> Survey:
     """Solve the path of `clip`'s scene and size and write its hole masks into `folder`."""
     key = orders.survey_key(clip)
@@ -122,7 +122,7 @@ def read_survey(folder: Path, key: str) -> Survey | None:
 
 
 def make_frames(
-    ctx: moderngl.Context,
+    ctx: moderngl.Context | None,
     scenery: Scenery,
     orders: Orders,
     clip: ClipName,
@@ -165,7 +165,7 @@ def read_mask(folder: Path, frame: int) -> NDArray[np.bool_]:
 
 
 def _frames(
-    ctx: moderngl.Context,
+    ctx: moderngl.Context | None,
     scenery: Scenery,
     orders: Orders,
     clip: ClipName,

@@ -60,8 +60,8 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         opened_s = time.perf_counter() - started
         path = make_path(orders.scene(first).camera, clips.frames, clips.fps)
         extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
-        renderer = describe(bench.ctx)
-        tried = _tried_px(orders, scenery, renderer.software)
+        slow = bench.ctx is None or describe(bench.ctx).software
+        tried = _tried_px(orders, scenery, slow)
         shot = Shot(path, tried, extent, clips.margin_share)
         footage = Footage(bench.ctx, scenery, shot, probe=[0])
         frame = min(1, shot.frames - 1)
@@ -106,7 +106,7 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         disk_bytes=round(1.05 * frames * frame_bytes),
         free_bytes=shutil.disk_usage(there).free,
         time_s=total_s / max(workers, 1),
-        renderer=renderer.name,
+        renderer=bench.renderer.renderer,
         measured=f"one frame of {first.scene} by every method, and opening it",
     )
 

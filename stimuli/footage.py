@@ -8,13 +8,15 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.camera import Camera
+from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.second_source.gpu import CompletePass
+from pipeline.second_source.reference import completed
 from pipeline.warp.gpu import WarpPass
+from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings, Window
 from stimuli.motion import MotionPass, border_gap_px
 from stimuli.paths import Path
@@ -46,7 +48,7 @@ class Shot:
         return len(self.path.poses)
 
 
-class _Source:
+class _SourceOnGpu:
     """A picture on the GPU, and what warps pictures of its size."""
 
     def __init__(
@@ -91,11 +93,44 @@ class _Source:
         return self._warped
 
 
+class _SourceInNumpy:
+    """The same where no GPU is. Twin: `_SourceOnGpu`."""
+
+    def __init__(self, size: tuple[int, int], window: Window, settings: WarpSettings) -> None:
+        self.size = size
+        self._window, self._settings = window, settings
+
+    def load(self, key: int, picture: SourceFrame, camera: Camera) -> None:
+        """Keep the picture taken at `key`."""
+        self.key, self.camera, self._picture = key, camera, picture
+
+    def warp_to(self, target: Camera) -> WarpedFrame:
+        """Warp to what another camera sees."""
+        return self.warp_along(*flow_between(self.camera, target, self._picture.depth_m))
+
+    def warp_along(
+        self, flow_px: NDArray[np.float32], target_depth_m: NDArray[np.float32]
+    ) -> WarpedFrame:
+        """Warp along a motion that is known."""
+        return warp(
+            self._picture, flow_px,
+            target_depth_m=target_depth_m, window=self._window, settings=self._settings,
+        )  # fmt: skip
+
+    def release(self) -> None:
+        """Free the GPU: nothing."""
+
+
+_Source = _SourceOnGpu | _SourceInNumpy
+
+
 class Footage:
     """Frames of one shot, any of them at any time: frame k alone is frame k in a row.
 
     Parameters
     ----------
+    ctx : moderngl.Context or None
+        Where it warps; None: in numpy.
     margin_px : int, optional
         As `margin_px` of an earlier footage of the same shot; left out: it is found, by making
         the margin wider until no shown frame of `probe` has a hole that comes from outside.
@@ -113,7 +148,7 @@ class Footage:
 
     def __init__(
         self,
-        ctx: moderngl.Context,
+        ctx: moderngl.Context | None,
         scenery: Scenery,
         shot: Shot,
         *,
@@ -137,26 +172,39 @@ class Footage:
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`; a real frame of temporal up-sampling has no holes."""
-        return replace(self.warped_textures(frame).read_back(), frame_index=frame)
+        seen = self._seen(frame)
+        warped = seen if isinstance(seen, WarpedFrame) else seen.read_back()
+        return replace(warped, frame_index=frame)
 
     def warped_textures(self, frame: int) -> FrameTextures:
-        """Warp the source to `frame`, on the GPU; the next call overwrites the textures.
-
-        Where the path has a second source, it completes what the first one did not see.
-        """
-        path = self.shot.path
-        self._first, result = self._warp(self._first, path.source(frame), frame)
-        second = path.second(frame)
-        if second is not None:
-            self._second, seen = self._warp(self._second, second, frame)
-            self._complete = self._complete or CompletePass(self._ctx)
-            self._complete(result, seen)
-        return result
+        """Warp the source to `frame`, on the GPU; the next call overwrites the textures."""
+        seen = self._seen(frame)
+        assert isinstance(seen, FrameTextures)  # who asks for textures has a context
+        return seen
 
     def holes(self, frame: int) -> NDArray[np.bool_]:
         """Return the hole mask of `frame`, shape (H, W)."""
-        colour: NDArray[np.float32] = read_back(self.warped_textures(frame).colour)
+        seen = self._seen(frame)
+        if isinstance(seen, WarpedFrame):
+            return seen.hole
+        colour: NDArray[np.float32] = read_back(seen.colour)
         return np.asarray(colour[..., 3] == 0)
+
+    def _seen(self, frame: int) -> FrameTextures | WarpedFrame:
+        """Warp to `frame`; a second source, where the path has one, completes the first."""
+        path = self.shot.path
+        self._first, result = self._warp(self._first, path.source(frame), frame)
+        if (second := path.second(frame)) is None:
+            return result
+        self._second, other = self._warp(self._second, second, frame)
+        if isinstance(result, WarpedFrame):
+            assert isinstance(other, WarpedFrame)
+            return completed(result, other)
+        assert isinstance(other, FrameTextures)
+        assert self._ctx is not None
+        self._complete = self._complete or CompletePass(self._ctx)
+        self._complete(result, other)
+        return result
 
     def truth(self, frame: int) -> NDArray[np.float32]:
         """Return what the camera of `frame` really sees."""
@@ -178,7 +226,9 @@ class Footage:
                 held.release()
         self._first = self._second = self._complete = None
 
-    def _warp(self, source: _Source | None, key: int, frame: int) -> tuple[_Source, FrameTextures]:
+    def _warp(
+        self, source: _Source | None, key: int, frame: int
+    ) -> tuple[_Source, FrameTextures | WarpedFrame]:
         """Warp the picture taken at `key` to `frame`, with the passes of `source` if they fit."""
         if source is None or source.key != key:
             picture, camera = self._picture(key)
@@ -186,7 +236,11 @@ class Footage:
                 if source is not None:
                     source.release()
                 window = Window.inside_margin(picture.size, self.margin_px)
-                source = _Source(self._ctx, picture.size, window, self._settings)
+                source = (
+                    _SourceInNumpy(picture.size, window, self._settings)
+                    if self._ctx is None
+                    else _SourceOnGpu(self._ctx, picture.size, window, self._settings)
+                )
             source.load(key, picture, camera)
         known = self._scenery.motion(self.shot.size_px, self.margin_px, key, frame)
         if known is not None:

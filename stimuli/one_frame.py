@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -14,6 +15,7 @@ from pipeline.methods.registry import create_method
 from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
+from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
 from stimuli import pictures
 from stimuli.choice import Choice
@@ -35,7 +37,7 @@ class Filled:
 
 
 def warp_and_fill(
-    ctx: moderngl.Context,
+    ctx: moderngl.Context | None,
     frame: WarpInput,
     choices: Sequence[Choice],
     *,
@@ -49,6 +51,8 @@ def warp_and_fill(
 
     Parameters
     ----------
+    ctx : moderngl.Context or None
+        Where it is drawn; None: numpy works.
     hole : ndarray of bool, shape (H, W), optional
         Further holes, in the new view.
     truth : ndarray of float32, shape (H, W, 3), optional
@@ -62,8 +66,7 @@ def warp_and_fill(
         If the input breaks a rule, everything is a hole, or a method cannot be made.
     """
     seed = check_seed(seed)
-    warped = warp_frame(
-        ctx,
+    warped = (warp if ctx is None else partial(warp_frame, ctx))(
         frame.source,
         frame.flow_px,
         target_depth_m=frame.target_depth_m,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import moderngl
 
-from pipeline.errors import InputError
+from pipeline.errors import GLUnavailableError, InputError
 from protocols.hashing import Json, sha256_file
 from protocols.recipes.warped_clips import (
     BuiltinScene,
@@ -26,17 +26,25 @@ from stimuli.world import Vector, Viewpoint, World
 BASE_MODULES = ("stimuli.clip", "stimuli.footage", "stimuli.open_scene", "stimuli.solve")
 
 
-def open_scenery(ctx: moderngl.Context, scene: Scene, folder: Path) -> Scenery:
+def open_scenery(ctx: moderngl.Context | None, scene: Scene, folder: Path) -> Scenery:
     """Make the scenery of `scene`; its files lie relative to `folder`.
 
     Raises
     ------
+    GLUnavailableError
+        If the scene has to be drawn, and there is no context.
     InputError, OSError
         If a file is missing or broken, or the scene shows nothing.
     """
     if isinstance(scene, (BuiltinScene, MeshScene)):
         from stimuli.render import Renderer
 
+        if ctx is None:
+            raise GLUnavailableError(
+                f"scene {scene.name!r} is drawn, for which OpenGL 4.3 is needed (there is none:"
+                " 'metamerlab doctor' says why); take photographs with depth (rgbd, a stereo pair"
+                " or exr), or build in the container or on another machine"
+            )
         return RenderedScenery(Renderer(ctx, open_world(scene, folder)), scene.name)
     from stimuli.scenes.photo import open_rgbd, open_stereo
     from stimuli.scenes.sequence import open_sequence

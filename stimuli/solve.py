@@ -26,7 +26,7 @@ def probe_frames(frames: int) -> list[int]:
 
 
 def solve_extent(
-    ctx: moderngl.Context, scenery: Scenery, shot: Shot, hole_share: float, name: str
+    ctx: moderngl.Context | None, scenery: Scenery, shot: Shot, hole_share: float, name: str
 ) -> float:
     """Return the extent in metres, of six digits, at which `hole_share` of the frame is hole.
 

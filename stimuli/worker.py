@@ -19,7 +19,7 @@ from typing import Generic, Protocol, TypeVar
 
 import moderngl
 
-from pipeline.errors import print_notes
+from pipeline.errors import GLUnavailableError, print_notes
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
@@ -39,6 +39,9 @@ class RendererInfo:
     vendor: str
     renderer: str
     version: str
+
+
+NUMPY = RendererInfo("", "none: numpy", "")
 
 
 class Held(Protocol):
@@ -85,11 +88,21 @@ class GpuThread(Generic[K, H]):
             self._held = None
 
 
+def context_or_numpy() -> tuple[moderngl.Context | None, RendererInfo]:
+    """Open a context where there is OpenGL 4.3; else numpy works."""
+    try:
+        ctx = create_context()
+    except GLUnavailableError:
+        return None, NUMPY
+    found = describe(ctx)
+    return ctx, RendererInfo(found.vendor, found.name, found.version)
+
+
 class SceneContext:
     """A context and the scene that was opened last: clips of one scene come together."""
 
     def __init__(self) -> None:
-        self.ctx: moderngl.Context = create_context()
+        self.ctx, self.renderer = context_or_numpy()
         self._key: tuple[str, str] | None = None
         self._scenery: Scenery | None = None
 
@@ -105,7 +118,8 @@ class SceneContext:
     def release(self) -> None:
         """Free everything."""
         self._drop()
-        release_context(self.ctx)
+        if self.ctx is not None:
+            release_context(self.ctx)
 
     def _drop(self) -> None:
         if self._scenery is not None:
@@ -127,14 +141,9 @@ def start_worker(threads_per_worker: int, parent: int) -> None:
     print_notes(lambda line: print(line, file=sys.stderr))
 
 
-def _info(scenes: SceneContext) -> RendererInfo:
-    found = describe(scenes.ctx)
-    return RendererInfo(found.vendor, found.name, found.version)
-
-
 def describe_renderer() -> RendererInfo:
     """Name this worker's renderer."""
-    return SCENES.do(None, _info)
+    return SCENES.do(None, lambda scenes: scenes.renderer)
 
 
 def survey_job(orders: Orders, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
@@ -142,7 +151,7 @@ def survey_job(orders: Orders, clip: ClipName, folder: Path) -> tuple[Survey, Re
 
     def job(scenes: SceneContext) -> tuple[Survey, RendererInfo]:
         scenery = scenes.scenery(orders, clip)
-        return take_survey(scenes.ctx, scenery, orders, clip, folder), _info(scenes)
+        return take_survey(scenes.ctx, scenery, orders, clip, folder), scenes.renderer
 
     return SCENES.do(None, job)
 
@@ -154,7 +163,7 @@ def clip_job(
 
     def job(scenes: SceneContext) -> tuple[list[str], RendererInfo]:
         scenery = scenes.scenery(orders, clip)
-        return make_frames(scenes.ctx, scenery, orders, clip, survey, folder), _info(scenes)
+        return make_frames(scenes.ctx, scenery, orders, clip, survey, folder), scenes.renderer
 
     return SCENES.do(None, job)
 

@@ -498,18 +498,16 @@ def test_unknown_and_impossible_parameters_are_refused(exr, tmp_path):
     assert not out.exists()
 
 
-def test_missing_opengl_is_one_message_with_the_cure(exr, tmp_path):
+def test_without_opengl_it_is_said_and_numpy_works(exr, tmp_path):
     """In a process of its own, where EGL finds no driver."""
     code = "from study_app.cli import main; main()"
     command = [sys.executable, "-c", code, "warp", exr, tmp_path / "out.png", "-m", "telea"]
     env = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=env)
 
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: OpenGL 4.3")
-    assert "install" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not (tmp_path / "out.png").exists()
+    assert done.returncode == 0, done.stderr
+    assert "'metamerlab doctor' says why" in done.stdout
+    assert (tmp_path / "out.png").stat().st_size > 0
 
 
 @pytest.mark.parametrize("name", ["nowhere.exr", "nowhere"])

@@ -18,6 +18,10 @@ import moderngl
 
 from pipeline.errors import GLUnavailableError
 
+NUMPY_INSTEAD = (
+    "no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead, up to 30 times slower"
+    " than Mesa's renderer"
+)
 REQUIRED_VERSION = 430  # compute shaders, image atomics
 SHOWING_VERSION = 330
 _OLDEST_VERSION = 300  # asked for only to learn the name of a driver that is too old

@@ -1,11 +1,17 @@
 """`coherence-transport`: edges of the background go on in its holes."""
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
+from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
+from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.on_gpu import Guided
 from pipeline.plate.gpu import PlatePass, PlateTextures
+from pipeline.plate.reference import KeptFills
 from pipeline.transport.gpu import TransportPass
+from pipeline.transport.reference import transport_fill
 from pipeline.transport.settings import TransportSettings
 
 
@@ -35,6 +41,20 @@ class CoherenceTransport(Guided[TransportPass]):
     def new_plate(self) -> PlateTextures:
         """Return what keeps the fills of one source frame from view to view."""
         return self._new_plate()
+
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        return InNumpy(
+            lambda warped, _seed: self._filled(warped),
+            lambda: KeptFills(
+                lambda known, _weight: self._filled(known).astype(np.float32),
+                self._settings.depth_threshold,
+            ),
+        )
+
+    def _filled(self, warped: WarpedFrame) -> NDArray[np.float64]:
+        nearest_m = self._nearest_m(warped)
+        return transport_fill(warped, self._settings, z_near_m=nearest_m).colour
 
     def _build(self, size: tuple[int, int]) -> TransportPass:
         return TransportPass(self._ctx, size, self._settings)

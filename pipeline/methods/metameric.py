@@ -1,14 +1,21 @@
 """`metameric`, `metameric-paper` and `push-pull-depth`: fills that depth guides."""
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
+from pipeline.inpaint.reference import guide_from_depth, guided_base
+from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.on_gpu import Guided
 from pipeline.printed.gpu import PrintedPass
+from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.gpu import MetamericPass
+from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings
 
 
@@ -48,6 +55,16 @@ class Metameric(Guided[MetamericPass]):
             skip_depth_edges=skip_depth_edges,
         )
 
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        return InNumpy(
+            lambda warped, seed: (
+                metameric_fill(
+                    warped, self._settings, seed=seed, z_near_m=self._nearest_m(warped)
+                ).colour
+            )
+        )
+
     def _build(self, size: tuple[int, int]) -> MetamericPass:
         return MetamericPass(self._ctx, size, self._settings)
 
@@ -73,6 +90,17 @@ class PushPullDepth(Guided[GuidedBasePass]):
         MetamericSettings(gamma=gamma, depth_threshold=depth_threshold)  # checks the ranges
         self._gamma = gamma
         self._depth_threshold = depth_threshold
+
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        return InNumpy(self._filled)
+
+    def _filled(self, warped: WarpedFrame, seed: int) -> NDArray[np.float64]:  # noqa: ARG002
+        guide = guide_from_depth(warped.depth_m, self._nearest_m(warped))
+        return guided_base(
+            warped.colour, warped.hole, guide,
+            levels=1, gamma=self._gamma, threshold=self._depth_threshold,
+        )[0].values  # fmt: skip
 
     def _build(self, size: tuple[int, int]) -> GuidedBasePass:
         return GuidedBasePass(
@@ -105,6 +133,16 @@ class MetamericPaper(Guided[PrintedPass]):
     ) -> None:
         super().__init__(ctx, z_near_m)
         self._settings = PrintedSettings(levels, gamma, depth_threshold)
+
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        return InNumpy(
+            lambda warped, seed: (
+                printed_fill(
+                    warped, self._settings, seed=seed, z_near_m=self._nearest_m(warped)
+                ).colour
+            )
+        )
 
     def _build(self, size: tuple[int, int]) -> PrintedPass:
         return PrintedPass(self._ctx, size, self._settings)

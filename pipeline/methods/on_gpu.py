@@ -12,6 +12,7 @@ from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back
 from pipeline.inpaint.reference import nearest_depth_m
+from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.method import check_finite, composite
 from pipeline.plate.gpu import PlatePass, PlateTextures
 
@@ -26,7 +27,10 @@ P = TypeVar("P", bound=FillPass)
 
 
 class OnGpu(ABC, Generic[P]):
-    """A method whose frame lies on the GPU; its pass is kept for the last frame size."""
+    """A method whose frame lies on the GPU; its pass is kept for the last frame size.
+
+    Without a context it only knows its numpy twin.
+    """
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
@@ -34,6 +38,10 @@ class OnGpu(ABC, Generic[P]):
         self._pass: P | None = None
         self._textures: FrameTextures | None = None  # of frames that come as arrays
         self._plate_pass: PlatePass | None = None
+
+    @abstractmethod
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
         """Fill the holes of arrays; known pixels are untouched."""
@@ -105,8 +113,12 @@ class Guided(OnGpu[P]):
             )
         self._z_near_m = z_near_m
 
-    def _nearest_m(self, frame: FrameTextures) -> float:
-        return self._z_near_m or nearest_depth_m(read_back(frame.depth_m))
+    def _nearest_m(self, frame: FrameTextures | WarpedFrame) -> float:
+        if self._z_near_m:
+            return self._z_near_m
+        if isinstance(frame, WarpedFrame):
+            return nearest_depth_m(frame.depth_m)
+        return nearest_depth_m(read_back(frame.depth_m))
 
 
 def filled_colour(frame: FrameTextures) -> NDArray[np.float32]:

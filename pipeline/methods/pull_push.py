@@ -1,16 +1,24 @@
 """`push-pull` and `weighted-pull-push`: known pixels weigh 1, holes 0, depth is not asked."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
+from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.on_gpu import OnGpu
 from pipeline.plate.gpu import PlatePass
 from pipeline.pushpull.gpu import PushPullPass, PyramidPass
+from pipeline.pushpull.reference import push_pull
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-from pipeline.weighted_pullpush.recirculation import SAME_SURFACE
+from pipeline.weighted_pullpush.recirculation import SAME_SURFACE, recirculating
+from pipeline.weighted_pullpush.reference import weighted_pull_push
 
 
 class _ColourOnly(OnGpu[PyramidPass]):
@@ -29,6 +37,10 @@ class PushPull(_ColourOnly):
     """Gortler et al. 1996, the naive rival of the paper; see `pipeline.pushpull`."""
 
     pass_type = PushPullPass
+
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        return InNumpy(_by(push_pull))
 
 
 class WeightedPullPush(_ColourOnly):
@@ -51,5 +63,16 @@ class WeightedPullPush(_ColourOnly):
         if recirculate:
             self.new_plate = self._new_plate  # what tells a `PlateMethod`
 
+    def in_numpy(self) -> InNumpy:
+        """Return the numpy twin of this method with its parameters."""
+        plate = partial(recirculating, self._weight) if self._weight else None
+        return InNumpy(_by(weighted_pull_push), plate)
+
     def _build_plate(self, size: tuple[int, int]) -> PlatePass:
         return PlatePass(self._ctx, size, SAME_SURFACE, weight=self._weight, overwrites=True)
+
+
+def _by(
+    twin: Callable[[NDArray[np.floating]], NDArray[np.float64]],
+) -> Callable[[WarpedFrame, int], NDArray[np.float64]]:
+    return lambda warped, _seed: twin(np.dstack([warped.colour, ~warped.hole]))

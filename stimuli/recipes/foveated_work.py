@@ -18,14 +18,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import GLUnavailableError, InputError
+from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.drawn import before_background, bisected, direction_at, draw_ring
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.look import Look
 from pipeline.foveation.view import flat_view
-from pipeline.gl.context import create_context, describe, release_context
+from pipeline.gl.context import release_context
 from protocols.recipes.foveated_images import (
     BUILTIN,
     REFERENCE,
@@ -39,9 +39,7 @@ from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
 from stimuli.foveated.looking import read_gaze
 from stimuli.png import encode_frame
-from stimuli.worker import GpuThread, RendererInfo
-
-NUMPY = RendererInfo("", "none: numpy", "")
+from stimuli.worker import GpuThread, RendererInfo, context_or_numpy
 
 Colour = NDArray[np.float32]
 
@@ -153,14 +151,7 @@ class StillMaker:
 
     def __init__(self, order: Order) -> None:
         self.order = order
-        self._ctx: moderngl.Context | None = None
-        try:
-            self._ctx = create_context()
-        except GLUnavailableError:
-            self.renderer = NUMPY
-        else:
-            found = describe(self._ctx)
-            self.renderer = RendererInfo(found.vendor, found.name, found.version)
+        self._ctx, self.renderer = context_or_numpy()
         self._foveators: dict[str, Foveator] = {}
         self._picture: tuple[str, Colour] | None = None
         self._last: tuple[tuple[str, str, str, int], Colour] | None = None

@@ -126,11 +126,16 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
 
 
 def _build(builder: Builder, out: Path, where: Where) -> None:
+    from pipeline.gl.context import NUMPY_INSTEAD
+    from stimuli.worker import NUMPY
+
     console = PlainConsole(soft_wrap=True)
     with going_on(), progress_line("starting") as report:
         outcome = builder.build(out.absolute(), where, report)
     heads, rows = builder.summary(outcome)
     console.print(table_of(heads, rows, right=1 if len(heads) > 2 else None, box=None))
+    if outcome.manifest.renderer.renderer == NUMPY.renderer:
+        console.print(f"note: {NUMPY_INSTEAD}")
     what = "clips" if builder.protocol.stimuli.clip_s is not None else "stills"
     console.print(
         f"{out}: {len(outcome.built)} {what} built, {len(outcome.kept)} kept; manifest"

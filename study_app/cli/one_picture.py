@@ -256,7 +256,7 @@ def check_file(path: Path, endings: Sequence[str]) -> None:
 def renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | None]:
     """A context where there is OpenGL; without it numpy works, and it is said."""
     from pipeline.errors import GLUnavailableError
-    from pipeline.gl.context import lent_context
+    from pipeline.gl.context import NUMPY_INSTEAD, lent_context
 
     with ExitStack() as lent:
         ctx = None
@@ -264,7 +264,5 @@ def renderer(console: Console, numpy_only: bool) -> Iterator[moderngl.Context | 
             try:
                 ctx = lent.enter_context(lent_context())
             except GLUnavailableError:
-                console.print(
-                    "note: no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead"
-                )
+                console.print(f"note: {NUMPY_INSTEAD}")
         yield ctx

@@ -22,6 +22,7 @@ from study_app.cli.one_picture import (
     look_option,
     method_option,
     print_methods,
+    renderer,
 )
 from study_app.cli.options import unknown_numbers
 from study_app.cli.settings import takes_settings
@@ -186,7 +187,7 @@ def _run(
     steps: Path | None,
     eye: Eye | None,
 ) -> None:
-    from pipeline.gl.context import describe, lent_context
+    from pipeline.gl.context import describe
     from pipeline.warp.speckle import mends
     from stimuli import pictures
     from stimuli.exr import save_colour
@@ -196,8 +197,9 @@ def _run(
 
     frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
     console = PlainConsole(soft_wrap=True)
-    with lent_context() as ctx:
-        console.print(f"renderer: {describe(ctx)}")
+    with renderer(console, False) as ctx:
+        if ctx is not None:
+            console.print(f"renderer: {describe(ctx)}")
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,

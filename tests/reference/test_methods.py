@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import GLUnavailableError, InputError
+from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.image_file import write_pixels
@@ -207,11 +207,6 @@ def test_an_unknown_method_suggests_the_nearest(name, hint):
 def test_wrong_parameters_are_refused(parameters, said):
     with pytest.raises(InputError, match=said):
         create_method("telea", None, parameters)
-
-
-def test_a_method_on_the_gpu_refuses_to_be_made_without_one():
-    with pytest.raises(GLUnavailableError, match="needs an OpenGL context"):
-        create_method("weighted-pull-push")
 
 
 def test_every_method_has_its_own_name_and_summary():
