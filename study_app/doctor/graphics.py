@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 
 from study_app.doctor.findings import FOR_SESSIONS, FOR_STIMULI, Finding, Needs, Status
@@ -21,6 +22,9 @@ def check_gl(answer: Answer, needs: Needs) -> Finding:
         # What the pipeline says ends with its own cure; a crash has none.
         found, install, cure = answer["error"].partition("; install")
         cure = f"install{cure}" if install else _CURE_GL
+        if sys.platform == "darwin":  # it never had compute shaders
+            found += "; numpy works on photographs, and scenes cannot be drawn"
+            return Finding(name, Status.WARN, found, cure, jobs, answer)
         return Finding(name, Status.FAIL, found, cure, jobs, answer)
     found = f"{answer['renderer']}, OpenGL {answer['version']}"
     limits = answer["limits"]

@@ -61,6 +61,16 @@ def named(findings: list[Finding], check: str) -> Finding:
     return finding
 
 
+def test_a_mac_without_compute_shaders_is_fit_for_photographs(monkeypatch):
+    assert check_gl({"error": "no OpenGL 4.3"}, Needs()).status is Status.FAIL
+    monkeypatch.setattr(sys, "platform", "darwin")
+
+    said = check_gl({"error": "no OpenGL 4.3"}, Needs())
+
+    assert said.status is Status.WARN
+    assert "numpy works on photographs" in said.found
+
+
 def test_a_good_machine_passes_every_question(tmp_path):
     answers = {"gl": GPU, "egl": {"devices": [{"renderer": "NVIDIA"}]}, "display": display()}
     findings = examine(tmp_path, needs=Needs(0, 0, 0, 0, 0, 9), probe=answers.__getitem__)
