@@ -378,6 +378,15 @@ def _own_scenes(
             release_context(ctx)
     of_all = clips_of(asked, screen, len(found) + len(photographed))
     longest = max((clips.frames for clips in asked), default=0)
+    for clips in asked:
+        assert of_all is not None
+        size_px, kept_px = ((c.width_px, c.height_px) for c in (clips, of_all))
+        if kept_px != size_px:
+            notes.append(
+                f"clips show the middle {kept_px[0]} x {kept_px[1]} px of frames of {size_px[0]} x"
+                f" {size_px[1]}: what the display, and the smallest sequence, has room for, in"
+                " whole pairs of pixels"
+            )
     if of_all is not None and of_all.frames < longest:
         notes.append(
             f"clips have {of_all.frames} of {longest} frames: as many as the shortest sequence has"

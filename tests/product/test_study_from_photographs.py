@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -128,6 +129,22 @@ def test_a_shell_may_write_the_frames_out_and_channels_are_named(metamerlab, tmp
     assert scene["file"] == "scenes/shot/shot_####.exr"
     assert scene["channels"] == {"depth": "far", "motion_x": "mx", "motion_y": "my"}
     assert len(list(Path("s/scenes/shot").iterdir())) == 3
+
+
+def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
+    metamerlab, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    frames(tmp_path / "frames", 2)
+    display = (Path(__file__).parents[2] / "protocols/displays/fhd27-60hz.toml").read_text()
+    small = re.sub(r"^((width|height)_(px|mm)) = .*", r"\1 = 33", display, flags=re.M)
+    (tmp_path / "small.toml").write_text(small)
+    words = ("new-study", "s", "--exr", "frames/shot_####.exr", "--display", "small.toml")
+    done = metamerlab(*words)
+    assert done.exit_code == 0, done.output
+    assert "clips show the middle 32 x 32 px of frames of 64 x 48" in " ".join(done.stdout.split())
+    clips = tomllib.loads(Path("s/study.toml").read_text(encoding="utf-8"))["stimuli"]["clips"]
+    assert (clips["width_px"], clips["height_px"]) == (32, 32)
 
 
 @pytest.mark.parametrize(
