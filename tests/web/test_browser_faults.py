@@ -12,6 +12,7 @@ from web_study import brought_home, built, for_browsers
 
 from protocols.journal import Note
 from protocols.journal_file import read_journal
+from study_app.web.import_lines import DISTURBANCES
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,11 @@ def test_whatever_comes_between_voids_the_attempt_and_is_named(chromium, site, o
     disturbed = [line["disturbed"][1] for line in said(site.lines, "attempt") if line["disturbed"]]
     assert disturbed == ["focus", "hidden", "full-screen", "size"]
     assert len(said(site.lines, "pause")) == 4
-    assert brought_home(of, site.lines, tmp_path)[0].reason == "completed"
+    (told,) = brought_home(of, site.lines, tmp_path)
+    assert told.reason == "completed"
+    journal = read_journal(tmp_path / "short" / told.participant / "journal.jsonl")
+    notes = [event.text for event in journal.events if isinstance(event, Note)]
+    assert notes == list(DISTURBANCES.values())
 
 
 @pytest.mark.slow

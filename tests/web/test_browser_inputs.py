@@ -8,6 +8,8 @@ import pytest
 from web_browser import CLOCK, OBSERVER, chromium_for_tests, said, served
 from web_study import brought_home, built, for_browsers
 
+from protocols.journal import Note
+from protocols.journal_file import read_journal
 from study_app.web.chromium import Chromium
 
 # How many attempts have begun, where the one that runs awaits an answer.
@@ -112,6 +114,9 @@ def test_a_session_by_real_keys_mouse_and_touch_comes_home(alone, pointed, tmp_p
             if button:
                 (touch, click)[turn % 2](chromium, *button)
                 turn += 1
+            elif asks and asks > len(given) == 3:
+                given.append(None)
+                chromium.evaluate("document.exitFullscreen()")
             elif asks and asks > len(given):
                 way = [*ways][len(given) % len(ways)]
                 given.append(wanted[way])
@@ -122,9 +127,15 @@ def test_a_session_by_real_keys_mouse_and_touch_comes_home(alone, pointed, tmp_p
         assert chromium.errors == []
     attempts = said(site.lines, "attempt")
     assert [one["answer"] for one in attempts] == given
+    disturbed = [one["disturbed"] and one["disturbed"][1] for one in attempts]
+    assert disturbed == [None] * 3 + ["full-screen"] + [None] * (len(given) - 4)
     pressed = [press for one in attempts for press in one["presses"]]
     assert {press["key"] for press in pressed} == {"pointer", "1", "2"}
     assert {round(press["x"], 1) for press in pressed if press["x"] is not None} == {0.4, 0.6}
-    assert brought_home(of, site.lines, tmp_path)[0].reason == "completed"
+    (told,) = brought_home(of, site.lines, tmp_path)
+    assert told.reason == "completed"
+    journal = read_journal(tmp_path / of.study.study.name / told.participant / "journal.jsonl")
+    notes = [event.text for event in journal.events if isinstance(event, Note)]
+    assert notes == ["the page left full screen"]
     (start,) = said(site.lines, "start")
     assert start["machine"]["full_screen"], "a real touch may ask for the full screen"

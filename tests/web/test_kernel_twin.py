@@ -336,7 +336,11 @@ def test_adaptive_trials_show_what_python_would(kernel, rule, seed, slot):
 @given(answers=st.lists(st.booleans(), min_size=20, max_size=60))
 @settings(SLOW, max_examples=15)
 def test_levels_are_python_s_after_any_answers(kernel, rule, more, answers):
-    study = adaptive(rule, **more)
+    check_levels(kernel, adaptive(rule, **more), answers)
+
+
+def check_levels(kernel: Kernel, study: StudyProtocol, answers: list[bool]) -> int:
+    """Compare the level after each of these answers; return how many were chosen."""
     section, design = study.task.adaptation, web_design(study)
     history: list[tuple[float, bool]] = []
     levels = []
@@ -345,6 +349,17 @@ def test_levels_are_python_s_after_any_answers(kernel, rule, more, answers):
         history.append((levels[-1], answer))
     said = design.adaptive.rule.model_dump(mode="json")
     assert kernel.ask("levels", rule=said, history=history[:-1]) == levels
+    return len(levels)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("shape", ["gauss", "logistic", "gumbel"])
+def test_a_thousand_choices_of_quest_plus_are_python_s(kernel, shape):
+    chance, chosen = random.Random(shape), 0
+    while chosen < 1000:
+        right = chance.uniform(0.3, 1)
+        answers = [chance.random() < right for _ in range(60)]
+        chosen += check_levels(kernel, adaptive("quest-plus", shape=shape), answers)
 
 
 def test_pairs_that_are_chosen_while_it_runs_are_refused_by_name():
@@ -373,6 +388,21 @@ def test_a_design_holds_no_secret():
 )
 @settings(SLOW, max_examples=60)
 def test_flips_are_judged_as_python_judges_them(kernel, refresh_hz, steps):
+    check_flips(kernel, refresh_hz, steps)
+
+
+@pytest.mark.full
+def test_a_hundred_thousand_flips_are_judged_as_python_judges_them(kernel):
+    chance, judged = random.Random(11), 0
+    while judged < 100_000:
+        steps = [
+            (chance.choice([1] * 40 + [2, 3, 50]), chance.uniform(-0.2, 0.7)) for _ in range(2000)
+        ]
+        judged += check_flips(kernel, chance.choice([59.94, 60.0, 72.0, 90.0, 144.0]), steps)
+
+
+def check_flips(kernel: Kernel, refresh_hz: float, steps: list[tuple[int, float]]) -> int:
+    """Compare what is said of flips so many refreshes apart, and so late; return their number."""
     stamps_s, line_s = [0.0], 0.0
     for refreshes, late_share in steps:
         line_s += refreshes / refresh_hz
@@ -386,6 +416,7 @@ def test_flips_are_judged_as_python_judges_them(kernel, refresh_hz, steps):
             stamps_s = stamps_s[: len(judged)]
             break
     assert kernel.ask("flips", refresh_hz=refresh_hz, stamps_s=stamps_s) == judged
+    return len(judged)
 
 
 def web_script(script: TrialScript) -> dict[str, Any]:
@@ -413,10 +444,13 @@ def states(script: TrialScript, observed: list[Observed]) -> list[dict[str, Any]
     return found
 
 
-def check_attempt(kernel: Kernel, script: TrialScript, observed: list[Observed]) -> None:
+def check_attempt(kernel: Kernel, script: TrialScript, observed: list[Observed]) -> int:
+    """Compare every state of a trial; return how many flips it took."""
     said = [seen._asdict() | {"gaze": seen.gaze.value} for seen in observed]
     told = kernel.ask("attempt", script=web_script(script), observed=said)
-    assert told == states(script, observed)
+    wanted = states(script, observed)
+    assert told == wanted
+    return len(wanted)
 
 
 @given(script=TIMELINES, observed=st.lists(OBSERVED, max_size=60))
@@ -427,13 +461,15 @@ def test_a_trial_goes_on_as_in_python_whatever_happens(kernel, script, observed)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
-def test_scripts_of_shipped_studies_run_as_in_python(kernel, name):
-    study = study_of(name)
+def test_scripts_of_shipped_studies_run_as_in_python(kernel, name, full):
+    """With `--full` each study has 12,500 flips, so that eight have a hundred thousand."""
+    study, least = study_of(name), 6250 if full else 1
     display = load_display(study.display.name) if hasattr(study.display, "name") else FHD
     chance = random.Random(7)
     for script in example_scripts(study, display):
         answers = [None, *study.task.answers()]
-        for _ in range(4):
+        flips = runs = 0
+        while runs < 4 or flips < least:
             observed = [
                 Observed(
                     refreshes=chance.choice([1] * 400 + [2, 3]),
@@ -442,4 +478,5 @@ def test_scripts_of_shipped_studies_run_as_in_python(kernel, name):
                 )
                 for _ in range(2500)
             ]
-            check_attempt(kernel, script, observed)
+            flips += check_attempt(kernel, script, observed)
+            runs += 1
