@@ -109,6 +109,7 @@ def opened(
     site.faults["lab.js"] = lambda _: (200, lab)
     page = '<!doctype html><link rel="stylesheet" href="metamerlab.css"><body><script src="lab.js">'
     site.faults["lab.html"] = lambda _: (200, f"{page}</script>".encode())
+    how.setdefault("size", of.exported["window_px"])
     browser.open(f"{site.url}lab.html", **how)
     width, height, kind = browser.evaluate(
         f"lab.open({json.dumps(held(of))}, {scale}, {json.dumps(flat)})"
