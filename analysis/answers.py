@@ -24,10 +24,13 @@ class Answers:
         scale, or an estimate.
     cells : DataFrame
         A row per cell: its ``scene``, and all else that a trial of it shows.
+    times : ndarray, optional
+        Logarithms of reaction times, s, as `given`; None: they are not drawn.
     """
 
     given: NDArray[Any]
     cells: pd.DataFrame
+    times: NDArray[np.float64] | None = None
 
     @cached_property
     def counts(self) -> Floats:
@@ -46,12 +49,15 @@ class Answers:
 
     def of(self, study: int, people: int) -> "Answers":
         """Return the first people of one study."""
-        return replace(self, given=self.given[:, study : study + 1, :people])
+        chosen = np.s_[:, study : study + 1, :people]
+        times = None if self.times is None else self.times[chosen]
+        return replace(self, given=self.given[chosen], times=times)
 
     def rows(self) -> tuple[pd.DataFrame, NDArray[Any]]:
         """Return a row per trial of the first study, and what was answered.
 
-        Columns are those of the cells and of decisions: participant, session, trial, order.
+        Columns are those of the cells and of decisions: participant, session, trial, order; and
+        rt_s where times were drawn.
         """
         repeats, _, people, cells = self.given.shape
         cell = np.repeat(np.arange(cells), repeats)
@@ -68,7 +74,13 @@ class Answers:
             included=1,
             exclusion="",
         )
-        return rows, self.given[:, 0].transpose(1, 2, 0).ravel()
+        if self.times is not None:
+            rows["rt_s"] = np.exp(_by_row(self.times))
+        return rows, _by_row(self.given)
+
+
+def _by_row(values: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(values[:, 0].transpose(1, 2, 0).ravel())
 
 
 def crossed_effects(

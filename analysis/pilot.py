@@ -10,10 +10,13 @@ from analysis.answers import codes_of
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.glmm import CrossedFit, fit_crossed
 from analysis.models.pairings import as_numbers
+from analysis.models.reaction_model import time_model
 from analysis.models.response import LOGIT, Response
 from analysis.models.thresholds import fit_thresholds
+from analysis.parts import Plan
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.sensitivity import with_shared_noise
+from analysis.parts.times import TimesPart
 from analysis.plans.rates import RatePlan, prepared
 from analysis.plans.ratings import RatingPlan
 from protocols.errors import StudyError
@@ -202,6 +205,27 @@ def rating_deviations(decisions: pd.DataFrame, settings: RatingPlan) -> Found:
     if not np.isfinite(list(values.values())).all():
         raise StudyError(NO_SPREAD)
     return values, rough_guesses(*_counted(decisions))
+
+
+def time_deviations(found: Found, decisions: pd.DataFrame, plan: Plan) -> Found:
+    """Add deviations of the logarithms of a pilot's reaction times to others; or a note why not."""
+    values, notes = found
+    times = TimesPart()
+    try:
+        if not times.wanted(decisions, plan):
+            raise ValueError("it holds none")
+        model = time_model(decisions[decisions["rt_s"] > 0], plan.compared)
+    except ValueError as problem:
+        why = (
+            f"--from: no deviations of reaction times could be had ({problem}); give them by --set"
+        )
+        return values, (*notes, why)
+    own = {
+        "rt_participant_sd": np.hypot(model.participant_sd, model.interaction_sd),
+        "rt_scene_sd": np.hypot(model.scene_sd, model.scene_interaction_sd),
+        "rt_sd": model.residual_sd,
+    }
+    return values | {name: float(sd) for name, sd in own.items()}, notes
 
 
 def rough_guesses(people: int, scenes: int) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise, product
 from typing import Any, ClassVar, Generic, TypeVar
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import optimize
 
-from analysis.answers import Answers
+from analysis.answers import Answers, codes_of, crossed_effects
 from analysis.parts import EQUIVALENCE, AnyPart, Part, Plan, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 Counted = Callable[[int, int], None]
 S = TypeVar("S", bound=Plan)
 
+COMMON = 0.5
+"""Share of the variance between participants, and scenes, that all conditions have in common."""
 FEW_SCENES = 5
 SIZES = 6
 """How many numbers of participants a curve shows where each costs as much as the others."""
@@ -52,11 +54,21 @@ class Assumption:
     highest: float = float("inf")
 
 
+TIMES = (
+    Assumption("rt_ratio", 1.1, "how many times as long answers take in {}", 0.01, 100.0),
+    Assumption("rt_participant_sd", 0.2, "deviation of ln s between participants"),
+    Assumption("rt_scene_sd", 0.1, "deviation of ln s between scenes"),
+    Assumption("rt_sd", 0.4, "deviation of ln s between a participant's answers", 1e-6),
+)
+"""What is taken for true of reaction times, where a study tests them."""
+
+
 class Simulation(ABC, Generic[S]):
     """A study's design, how participants answer in it, and the parts that test the answers.
 
-    `cells` has a row for each cell that a participant meets `repeats` times. `planned` is the
-    study's number of participants.
+    `cells` has a row for each cell that a participant meets `repeats` times; its ``condition``
+    names what is compared, of which `names` has the baseline first. `planned` is the study's
+    number of participants.
     """
 
     studies: ClassVar[int] = 400
@@ -80,6 +92,12 @@ class Simulation(ABC, Generic[S]):
     ) -> None:
         self.plan, self.parts, self.cells = plan, tuple(parts), cells
         self.repeats, self.planned = repeats, planned
+        known = plan.in_order(list(dict.fromkeys(cells.get("condition", ()))))
+        baseline = plan.reference_in(known)
+        self.names = sorted(known, key=lambda name: baseline not in (None, name))
+        number = self.cells.get("condition", pd.Series(dtype=object)).map(self.names.index)
+        self._number = number.to_numpy(dtype=np.int64)
+        self.timed: tuple[Assumption, ...] = ()
 
     @abstractmethod
     def draw(
@@ -117,6 +135,37 @@ class Simulation(ABC, Generic[S]):
         StudyError
             If they cannot be had from such decisions.
         """
+
+    def with_times(self) -> tuple[Assumption, ...]:
+        """Draw times too, whose differences between conditions are tested; return what is assumed.
+
+        Nothing where a single condition is shown.
+        """
+        if len(self.names) > 1:
+            first = self.plan.reference_in(self.names) is not None
+            which = "every other condition" if first else "each condition after the one before"
+            self.timed = tuple(replace(a, meaning=a.meaning.format(which)) for a in TIMES)
+        return self.timed
+
+    def drawn(
+        self, assumed: Mapping[str, float], studies: int, people: int, rng: np.random.Generator
+    ) -> Answers:
+        """Draw answers, and how long they took where the study tests that."""
+        answers = self.draw(assumed, studies, people, rng)
+        if not self.timed:
+            return answers
+        number, scene = self._number, codes_of(self.cells["scene"])
+        several = self.plan.reference_in(self.names) is None
+        times = np.log(assumed["rt_ratio"]) * (number if several else number > 0)
+        for name, units, whole in (
+            ("rt_participant_sd", (studies, people), np.zeros_like(number)),
+            ("rt_scene_sd", (studies, 1), scene),
+        ):
+            own = codes_of(whole, number)
+            times = times + assumed[name] * crossed_effects(rng, units, whole, own, COMMON)
+        shape = (self.repeats, studies, people, number.size)
+        noise = assumed["rt_sd"] * rng.standard_normal(shape, dtype=np.float32)
+        return replace(answers, times=times + noise)
 
     def participants(self) -> tuple[int, ...]:
         """Return the numbers of participants that a curve shows."""
@@ -247,10 +296,10 @@ def power(
         If an assumption is beyond its limits, or a number of participants below 2.
     """
     taken, plan, planned = _checked(simulation, assumed), simulation.plan, simulation.planned
-    nothing = simulation.nothing(taken)
+    nothing = _nothing(simulation, taken)
     # A statistic of a lab may be about all that is shown, not the planned test's part of it.
     lab = len(with_added(simulation.parts)) > len(simulation.parts)
-    deciding = simulation if lab else simulation.deciding()
+    deciding = simulation if lab or simulation.timed else simulation.deciding()
     tables, notes = _by_table(simulation, taken)
     people = tuple(participants or simulation.participants())
     people = thinned(people, planned) if tables and participants is None else people
@@ -291,8 +340,16 @@ def power(
         f"{f'{_title(name)}: ' * (name != first)}false positives": one
         for name, one in wrong.items()
     }
-    errs = _errs_too_often(people, wrong[first], plan.alpha, count)
-    notes = [*simulation.notes(taken), *errs, *notes]
+    errs = [
+        note
+        for name, one in wrong.items()
+        for note in _errs_too_often(people, one, plan.alpha, count, _title(name) * (name != first))
+    ]
+    by_means = (
+        "reaction times are compared by analysis of variance of ln s, not by the report's mixed"
+        " model, which takes longer"
+    )
+    notes = [*simulation.notes(taken), *([by_means] if simulation.timed else []), *errs, *notes]
     if EQUIVALENCE in each:
         equal = each[EQUIVALENCE]
         shown = equal[people.index(planned)] if planned in people else equal.max()
@@ -354,13 +411,18 @@ def planned_p_values(
     With `null` there is nothing to find. The first n people of a study are a study of n.
     """
     taken, deciding = _checked(simulation, assumed), simulation.deciding()
-    taken = simulation.nothing(taken) if null else taken
+    taken = _nothing(simulation, taken) if null else taken
     tables = _by_table(simulation, taken)[0]
     first = (
         next(iter(_tests(deciding, taken, batch, participants, rng, tables).values()))
         for batch in _batches(simulation, studies, progress)
     )
     return np.concatenate([test().min(axis=-1) for test in first])
+
+
+def _nothing(simulation: Simulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+    """Return the same assumptions with nothing to find, in answers and in times."""
+    return simulation.nothing(assumed) | ({"rt_ratio": 1.0} if simulation.timed else {})
 
 
 def default_participants(planned: int | None) -> tuple[int, ...]:
@@ -413,7 +475,7 @@ def _tests(
     tables: Sequence[AnyPart],
 ) -> Tests:
     """Draw studies; return their tests, the planned one first."""
-    answers = simulation.draw(assumed, studies, max(people), rng)
+    answers = simulation.drawn(assumed, studies, max(people), rng)
     found: dict[str, Callable[[], Floats]] = {}
     for part in with_added(simulation.parts):
         found |= part.planned_over(answers, people, simulation.plan)
@@ -452,13 +514,13 @@ def _by_table(
     """Return the parts that are asked about tables, and why others are not."""
     every, own = with_added(simulation.parts), {part.name for part in simulation.parts}
     asked = [part for part in every if _has(part, "planned_p") and not _has(part, "planned_over")]
-    if any(_has(part, "planned_over") for part in simulation.parts):
+    if any(_has(part, "planned_over") and not part.secondary for part in simulation.parts):
         asked = [part for part in asked if part.name not in own]
     kept, notes = [], []
     for part in asked:
         why = "answers are drawn without what it is about, such as reaction times"
         try:
-            drawn = simulation.draw(assumed, 1, 2, np.random.default_rng(SEED))
+            drawn = simulation.drawn(assumed, 1, 2, np.random.default_rng(SEED))
             if part.wanted(simulation.table(drawn), simulation.plan):
                 kept.append(part)
                 continue
@@ -499,14 +561,18 @@ def _legend(
 
 
 def _errs_too_often(
-    participants: Sequence[int], false_positives: Floats, alpha: float, studies: int
+    participants: Sequence[int], false_positives: Floats, alpha: float, studies: int, of: str
 ) -> list[str]:
-    """Say if the test errs more than twice as often as alpha allows, beyond chance of `studies`."""
+    """Say if the test errs more than twice as often as alpha allows, beyond chance of `studies`.
+
+    `of` says of what it is; empty: of what the study is about.
+    """
     worst, doubled = int(np.argmax(false_positives)), 2 * alpha
     if false_positives[worst] <= doubled + 3 * np.sqrt(doubled * (1 - doubled) / studies):
         return []
     return [
-        "do not plan by these numbers: in this design the test errs too often. With nothing to"
+        f"do not plan by these numbers: in this design the test{f' of {of}' * bool(of)} errs too"
+        " often. With nothing to"
         f" find, {false_positives[worst]:.2f} of studies of {participants[worst]} participants are"
         f" significant all the same, at alpha {alpha:g}. Add scenes"
     ]

@@ -21,11 +21,12 @@ from analysis.pilot import (
     rating_deviations,
     sensitivity_deviations,
     threshold_deviations,
+    time_deviations,
 )
 from analysis.plans.preference import PreferencePlan
 from analysis.plans.rates import RatePlan, combined, prepared
 from analysis.plans.ratings import RatingPlan
-from analysis.power import Assumption, Simulation, default_participants
+from analysis.power import COMMON, Assumption, Simulation, default_participants
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
@@ -34,8 +35,6 @@ Floats = NDArray[np.float64]
 C = TypeVar("C", bound=RatePlan | RatingPlan)
 
 INTERACTION = "interaction"
-COMMON = 0.5
-"""Share of the variance between participants, and scenes, that all conditions have in common."""
 OWN = "difference."
 """Before a condition: what it alone has more than the baseline."""
 OWN_CRITERION = "criterion."
@@ -82,6 +81,7 @@ class Choices(Simulation[PreferencePlan]):
         columns = ["method", "against", "size", "scene"]
         cells = [(c.method, c.against, c.size, s) for c in plan.comparisons for s in c.scenes]
         frame = pd.DataFrame(cells, columns=columns)
+        frame["condition"] = frame["size"]
         super().__init__(plan, parts, frame, plan.comparisons[0].repeats, plan.planned_participants)
         pairing = codes_of(frame["method"], frame["against"])
         self._person = pairing, codes_of(pairing, frame["size"])
@@ -96,6 +96,7 @@ class Choices(Simulation[PreferencePlan]):
             Assumption("participant_sd", 0.6, f"{one} participants", 0.0, 5.0),
             Assumption("scene_sd", 0.4, f"{one} scenes", 0.0, 5.0),
             Assumption("size_correlation", alike_most, alike, 0.0, 1.0),
+            *(self.with_times() if plan.reaction == "models" else ()),
         )
         if plan.interaction is not None:
             more = "what the true share has more at the last size than at the first, others between"
@@ -134,7 +135,7 @@ class Choices(Simulation[PreferencePlan]):
         sides = (("chosen", won), ("rejected", ~won), ("first", turned), ("second", ~turned))
         for name, ours in sides:
             rows[name] = np.where(ours, rows["method"], rows["against"])
-        return as_numbers(rows.drop(columns=["method", "against"]))
+        return as_numbers(rows.drop(columns=["method", "against", "condition"]))
 
     def participants(self) -> tuple[int, ...]:
         """Return all numbers: they cost little more than one."""
@@ -169,6 +170,7 @@ class Choices(Simulation[PreferencePlan]):
                 if INTERACTION in assumed
                 else ""
             )
+            + "".join(f", {one.name} {assumed[one.name]:g}" for one in self.timed)
         )
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
@@ -179,9 +181,10 @@ class Choices(Simulation[PreferencePlan]):
         )
         return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
-    def from_pilot(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, settings: PreferencePlan) -> Found:
         """Return the deviations of a pilot's participants and scenes."""
-        return preference_deviations(decisions)
+        found = preference_deviations(decisions)
+        return time_deviations(found, decisions, settings) if self.timed else found
 
 
 class _Conditions(Simulation[C]):
@@ -201,11 +204,9 @@ class _Conditions(Simulation[C]):
             condition=[combined(one.condition.get(name) for name in columns) for one in shown],
         )
         super().__init__(plan, parts, frame, study.design.repeats, study.study.participants)
-        names = plan.in_order(list(dict.fromkeys(frame["condition"])))
-        self.names = sorted(names, key=lambda name: baseline not in (None, name))
+        self._timed = study.analysis.reaction == "models"
         self.compared = self.names[1:]
         self.against = "" if baseline is None else " with the baseline"
-        self._number = frame["condition"].map(self.names.index).to_numpy(dtype=np.int64)
         scene = codes_of(frame["scene"])
         self._person = np.zeros_like(scene), self._number
         self._scene = scene, codes_of(scene, self._number)
@@ -291,7 +292,7 @@ class RightAnswers(_Conditions[RatePlan]):
                 found.append(Assumption(CRITERION_DIFFERENCE, -0.4, bias, -5.0))
                 found += self._each(OWN_CRITERION, own)
             found.append(Assumption("criterion_sd", 0.4, "of the criterion between participants"))
-        self.assumptions = tuple(found)
+        self.assumptions = (*found, *(self.with_times() if self._timed else ()))
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
@@ -335,7 +336,9 @@ class RightAnswers(_Conditions[RatePlan]):
     def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
         """Return how much d' of a pilot's participants and scenes differs."""
         _same_levels(self.plan, settings)
-        return sensitivity_deviations(decisions, settings, self.share)
+        found = sensitivity_deviations(decisions, settings, self.share)
+        rows = prepared(decisions, settings)
+        return time_deviations(found, rows, settings) if self.timed else found
 
 
 class Tracks(_Conditions[RatePlan]):
@@ -452,6 +455,7 @@ class RatedSteps(_Conditions[RatingPlan]):
             *self._each(OWN, "the same of {} alone"),
             Assumption("participant_sd", 0.5, "between participants, in the same unit"),
             Assumption("scene_sd", 0.3, "between scenes, in the same unit"),
+            *(self.with_times() if self._timed else ()),
         )
 
     def draw(
@@ -485,4 +489,5 @@ class RatedSteps(_Conditions[RatingPlan]):
 
     def from_pilot(self, decisions: pd.DataFrame, settings: RatingPlan) -> Found:
         """Return the deviations of the model of a pilot's ratings."""
-        return rating_deviations(decisions, settings)
+        found = rating_deviations(decisions, settings)
+        return time_deviations(found, decisions, settings) if self.timed else found

@@ -1,30 +1,37 @@
-"""Pages that stand alone: one HTML file each, of a template and the one style of all."""
+"""Pages that stand alone: one HTML file each, of blocks, in the one style of all."""
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 
 from markupsafe import Markup
 
 
-@cache
-def style() -> Markup:
-    """Return the style of all pages, for a `<style>`; a template adds what is its own."""
-    return Markup(files("protocols").joinpath("page.css").read_text(encoding="utf-8"))
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a page: its caption, and SVG as `Markup`; another for small screens."""
+
+    caption: str
+    wide: str = ""
+    narrow: str = ""
+    width_rem: float | None = None
+    """At most; None: that of all figures."""
 
 
-def html_page(package: str, template: str, **values: object) -> str:
+def html_page(title: str, template: str = "protocols/page.html", **values: object) -> str:
     """Return a page.
 
     Parameters
     ----------
-    package : str
-        The package beside whose modules the template lies: ``stimuli.score``.
+    title : str
+        Of the browser's window; the page's own where there is no `heading`.
     template : str
-        Its file. `style` stands for the style of all pages.
+        Package and file, which extends ``page.html``: ``stimuli/contact.html``.
     values : object
-        What the template names.
+        `heading`; `under` it a line; `stamp` on top of the page and over every printed one; `lead`
+        blocks; `sections`; `figures` by the names in `Picture`; and what the template names.
 
     Raises
     ------
@@ -32,14 +39,28 @@ def html_page(package: str, template: str, **values: object) -> str:
         If it names what is not given.
     """
     # Imported here: commands that only print their help need no templates.
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+    package, _, name = template.rpartition("/")
     environment = Environment(
-        loader=PackageLoader(package, "."),
+        loader=ChoiceLoader(
+            [PackageLoader(one, ".") for one in (package.replace("/", "."), "protocols")]
+        ),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template(template).render(style=style(), **values)
+    style = files("protocols").joinpath("page.css").read_text(encoding="utf-8")
+    usual: Mapping[str, object] = {
+        "heading": "",
+        "under": "",
+        "stamp": "",
+        "lead": (),
+        "sections": (),
+        "figures": {},
+    }
+    return environment.get_template(name).render(
+        {**usual, **values, "title": title, "style": Markup(style)}
+    )

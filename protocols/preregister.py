@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from typing import Any
 
+from protocols.blocks import Block, Section, Table
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.hashing import sha256_json
-from protocols.html_page import style
+from protocols.html_page import html_page
 from protocols.manifest import Manifest
 from protocols.outside import markdown
 from protocols.plan import make_plan
-from protocols.prose import Block, Section, Table
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Gaze
 
@@ -58,41 +57,39 @@ def preregistration(
         _procedure(protocol, display),
         _texts(protocol),
         _analysis(protocol),
-        Section(
+        Section.of(
             "Data",
-            (
-                [
-                    "Participants are known by pseudonymous codes only.",
-                    (
-                        "Consent is asked and recorded."
-                        if protocol.privacy.consent_required
-                        else "Consent is not asked by the program."
-                    ),
-                    _stored_gaze(protocol),
-                    (
-                        f"Data is deleted after {protocol.privacy.retention_months} months."
-                        if protocol.privacy.retention_months
-                        else "How long data is kept is not stated."
-                    ),
-                ],
-            ),
+            [
+                "Participants are known by pseudonymous codes only.",
+                (
+                    "Consent is asked and recorded."
+                    if protocol.privacy.consent_required
+                    else "Consent is not asked by the program."
+                ),
+                _stored_gaze(protocol),
+                (
+                    f"Data is deleted after {protocol.privacy.retention_months} months."
+                    if protocol.privacy.retention_months
+                    else "How long data is kept is not stated."
+                ),
+            ],
         ),
     ]
 
 
 def to_markdown(title: str, sections: list[Section]) -> str:
-    """Return the sections as Markdown."""
+    """Return sections of paragraphs, lists and tables as Markdown."""
     lines = [f"# {markdown(title)}", ""]
     for section in sections:
         lines += [f"## {section.title}", ""]
         for block in section.blocks:
             if isinstance(block, Table):
-                lines.append("| " + " | ".join(map(markdown, block.header)) + " |")
-                lines.append("| " + " | ".join("---" for _ in block.header) + " |")
-                lines += ["| " + " | ".join(map(markdown, row)) + " |" for row in block.rows]
+                heads = [column.title for column in block.columns]
+                rows = [heads, ["---" for _ in heads], *block.rows]
+                lines += ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
             elif isinstance(block, list):
                 lines += [f"- {markdown(entry)}" for entry in block]
-            else:
+            elif isinstance(block, str):
                 lines.append(markdown(block))
             lines.append("")
     return "\n".join(lines)
@@ -100,39 +97,7 @@ def to_markdown(title: str, sections: list[Section]) -> str:
 
 def to_html(title: str, sections: list[Section]) -> str:
     """Return the sections as one self-contained HTML page."""
-    body = [f"<h1>{html.escape(title)}</h1>"]
-    for section in sections:
-        body.append(f"<h2>{html.escape(section.title)}</h2>")
-        for block in section.blocks:
-            if isinstance(block, Table):
-                head = "".join(f"<th>{html.escape(cell)}</th>" for cell in block.header)
-                body.append(f"<table><tr>{head}</tr>")
-                for row in block.rows:
-                    cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
-                    body.append(f"<tr>{cells}</tr>")
-                body.append("</table>")
-            elif isinstance(block, list):
-                entries = "".join(f"<li>{html.escape(entry)}</li>" for entry in block)
-                body.append(f"<ul>{entries}</ul>")
-            else:
-                body.append(f"<p>{html.escape(block)}</p>")
-    return _PAGE.format(title=html.escape(title), style=style(), body="\n".join(body))
-
-
-_PAGE = """<!doctype html>
-<html lang="en">
-<head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{title}</title>
-<style>
-{style}
-table {{ display: block; overflow-x: auto; }}
-th, td {{ text-align: left; }}
-td {{ overflow-wrap: anywhere; }}
-</style></head>
-<body><main>
-{body}
-</main></body></html>
-"""
+    return html_page(title, sections=sections)
 
 
 def _overview(protocol: StudyProtocol) -> Section:
@@ -141,7 +106,7 @@ def _overview(protocol: StudyProtocol) -> Section:
     if info.source:
         blocks.append(f"Follows: {info.source}.")
     blocks.append(f"Study version {info.version}.")
-    return Section("Study", tuple(blocks))
+    return Section.of("Study", *blocks)
 
 
 def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
@@ -152,19 +117,17 @@ def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] |
         else "The planned test is run once, after the last participant; no earlier looks are"
         " planned."
     )
-    return Section(
+    return Section.of(
         "Participants",
-        (
-            [
-                f"Planned participants: {protocol.study.participants}. Collection ends when this"
-                " many have completed their session.",
-                looks,
-                f"Reason for this number: {why}"
-                if why
-                else "The reason for this number is not stated.",
-                "Power is not stated." if power is None else _power(power),
-            ],
-        ),
+        [
+            f"Planned participants: {protocol.study.participants}. Collection ends when this"
+            " many have completed their session.",
+            looks,
+            f"Reason for this number: {why}"
+            if why
+            else "The reason for this number is not stated.",
+            "Power is not stated." if power is None else _power(power),
+        ],
     )
 
 
@@ -181,6 +144,11 @@ def _power(found: Mapping[str, Any]) -> str:
                 ("every", "for all of them"),
             )
             if name in found
+        ]
+        chances += [
+            f"{float(values[at]):.2f} for reaction {name}"
+            for name, values in dict(found.get("also", {})).items()
+            if name.startswith("times") and "false" not in name
         ]
         assumed = ", ".join(
             f"{name.replace('_', ' ')} {value:g}" for name, value in found["assumptions"].items()
@@ -209,7 +177,9 @@ def _texts(protocol: StudyProtocol) -> Section:
     pages += [(f"answer {name}", texts.answers[name]) for name in protocol.task.answers()]
     pages += [(f"at the end: {entry.name}", entry.text) for entry in texts.questions]
     rows = tuple((name, " ".join(text.split())) for name, text in pages)
-    return Section("What participants read", (said, Table(("page", "text"), rows)))
+    return Section.of(
+        "What participants read", said, Table.of("", [("page", "l"), ("text", "l")], rows)
+    )
 
 
 def _hashes(
@@ -222,18 +192,16 @@ def _hashes(
         ("clips (manifest)", manifest.sha256 if manifest else "not built yet"),
         ("metamerlab", revision),
     ]
-    return Section(
+    return Section.of(
         "Hashes",
-        (
-            "SHA-256 of the canonical JSON of each part. Every session's journal repeats them, so"
-            " that data can be traced to this text.",
-            Table(("part", "SHA-256 or revision"), tuple(rows)),
-        ),
+        "SHA-256 of the canonical JSON of each part. Every session's journal repeats them, so"
+        " that data can be traced to this text.",
+        Table.of("", [("part", "l"), ("SHA-256 or revision", "l hash")], rows),
     )
 
 
 def _stimuli(protocol: StudyProtocol, display: Display) -> Section:
-    return Section("Stimuli", protocol.stimuli.described(display, protocol.main_scenes()))
+    return Section.of("Stimuli", *protocol.stimuli.described(display, protocol.main_scenes()))
 
 
 def _question(protocol: StudyProtocol) -> str:
@@ -290,7 +258,7 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         entries.append(f"{practice.trials} practice trials{rounds}, never analysed.")
     if task.catch_trials:
         entries.append(f"{task.catch_trials} catch trials ({task.catch_sentence()}).")
-    return Section("Procedure", (entries,))
+    return Section.of("Procedure", entries)
 
 
 def _stored_gaze(protocol: StudyProtocol) -> str:
@@ -325,8 +293,10 @@ def _times(protocol: StudyProtocol) -> list[str]:
     if protocol.analysis.reaction == "summary":
         return []
     return [
-        "Reaction times are modelled beside: a log-normal mixed model and, where answers are two"
-        " and right or wrong, EZ diffusion. They decide nothing."
+        "Reaction times are a question of their own: a log-normal mixed model compares conditions"
+        f" (two-sided, alpha = {protocol.analysis.alpha:g}, Holm-adjusted over its comparisons)."
+        " Where answers are two and right or wrong, EZ diffusion is fitted too. Times decide"
+        " nothing about the tests above."
     ]
 
 
@@ -334,28 +304,26 @@ def _analysis(protocol: StudyProtocol) -> Section:
     analysis = protocol.analysis
     rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
-    return Section(
+    return Section.of(
         "Analysis",
-        (
-            [
-                *analysis.plain_sentences(protocol.task, protocol.pool),
-                *_looks(protocol),
-                *_times(protocol),
-            ],
-            "Exclusions, fixed before the data:",
-            [
-                f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",
-                f"sessions with less than {100 * rules.catch_min_share:g} % of the catch trials"
-                " right (where there are any);",
-                *(
-                    [
-                        f"sessions with more than {100 * rules.same_side_max_share:g} % of the"
-                        " answers with one key;"
-                    ]
-                    if rules.same_side_max_share < 1
-                    else []
-                ),
-                f"answers faster than {rules.rt_min_s:g} s{slow}.",
-            ],
-        ),
+        [
+            *analysis.plain_sentences(protocol.task, protocol.pool),
+            *_looks(protocol),
+            *_times(protocol),
+        ],
+        "Exclusions, fixed before the data:",
+        [
+            f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",
+            f"sessions with less than {100 * rules.catch_min_share:g} % of the catch trials"
+            " right (where there are any);",
+            *(
+                [
+                    f"sessions with more than {100 * rules.same_side_max_share:g} % of the"
+                    " answers with one key;"
+                ]
+                if rules.same_side_max_share < 1
+                else []
+            ),
+            f"answers faster than {rules.rt_min_s:g} s{slow}.",
+        ],
     )

@@ -1,29 +1,8 @@
-"""Blocks of a text about a study: paragraphs, lists and tables."""
+"""Words of texts about a study: names with labels, numbers, counts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows under a header."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-Block: TypeAlias = "str | list[str] | Table"
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with paragraphs, lists and tables."""
-
-    title: str
-    blocks: tuple[Block, ...]
 
 
 def labelled(name: str, label: str | None) -> str:

@@ -40,16 +40,24 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
         entries.append({"label": label, "method": caption, "folder": clip.name})
         group = groups.setdefault(title, {"title": title, "facts": facts, "members": []})
         group["members"].append(index)
+    size = f"{first.width_px} x {first.height_px} px"
+    counted, small = (
+        (f"{len(clips)} stills, {size}.", "made small")
+        if count == 1
+        else (
+            f"{len(clips)} clips of {count} frames, {size} at {first.fps:g} frames a second.",
+            f"{len(shown)} of the frames, made small",
+        )
+    )
     text = html_page(
-        "stimuli",
-        "contact.html",
-        title=protocol.study.title,
+        f"{protocol.study.title}: clips",
+        "stimuli/contact.html",
+        heading=protocol.study.title,
+        under=f"{counted} Shown here: {small}; what participants see are the PNG files.",
         clips=entries,
         groups=list(groups.values()),
         columns=min(COLUMNS, max(len(group["members"]) for group in groups.values())),
         frames=count,
-        width=first.width_px,
-        height=first.height_px,
         fps=f"{first.fps:g}",
         shown=shown,
         strips=[_strip(out, clip, shown, tile) for clip in clips],

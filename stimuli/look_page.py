@@ -129,9 +129,9 @@ class LookServer:
         self._key = secrets.token_urlsafe(16)
         self._asked: queue.Queue[_Job | None] = queue.Queue()
         self._page = html_page(
-            "stimuli",
-            "look_page.html",
-            scene=scene,
+            f"{scene}: choose a view",
+            "stimuli/look_page.html",
+            heading=scene,
             width=VIEW_PX[0],
             height=VIEW_PX[1],
             start=vars(Standing.of(start)),

@@ -15,6 +15,7 @@ from typing import Any, Final, assert_never
 import cv2
 import numpy as np
 
+from protocols.blocks import Table
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.html_page import html_page
@@ -110,14 +111,14 @@ def preview_page(
         "window": maker.window(),
     }
     html = html_page(
-        "study_app",
-        "preview.html",
+        f"{study.study.title}: preview",
+        "study_app/preview.html",
+        heading=study.study.title,
         mark=MARK,
-        title=study.study.title,
         study=study,
         display=display,
         data=data,
-        trials=played,
+        trials=[{**one, "table": maker.phase_table(one["phases"])} for one in played],
         languages={
             language: [
                 {"name": name, "says": says, "text": text, "image": image}
@@ -145,6 +146,10 @@ def _one_of_each(trials: tuple[PlannedTrial, ...]) -> list[PlannedTrial]:
         rest = tuple(item for item in trial.condition.items() if item[0] != SCENE)
         found.setdefault((trial.role, *rest), trial)
     return sorted(found.values(), key=lambda trial: list(ROLES).index(trial.role))
+
+
+def _digits(ms: float) -> str:
+    return f"{ms:.4g}" if ms < 1000 else f"{ms:.0f}"
 
 
 class _Maker:
@@ -190,6 +195,31 @@ class _Maker:
             "stimuli": list(trial.stimuli),
             "correct": trial.correct,
         }
+
+    def phase_table(self, phases: list[dict[str, Any]]) -> Table:
+        """Return the phases of a trial as a table."""
+        return Table.each(
+            "",
+            list(enumerate(phases, 1)),
+            ("#", "l", lambda one: str(one[0])),
+            ("phase", "l", lambda one: one[1]["name"]),
+            ("ms", "n", lambda one: "open" if one[1]["ms"] is None else _digits(one[1]["ms"])),
+            ("refreshes", "n", lambda one: str(one[1]["refreshes"] or "")),
+            ("shows", "l c", lambda one: one[1]["says"]),
+            ("ends, gaze", "l c", lambda one: self._ends(one[1])),
+        )
+
+    def _ends(self, phase: dict[str, Any]) -> str:
+        """Return what ends a phase, and whether gaze is watched in it."""
+        gaze, late_ms, waits_ms = self._study.gaze, phase["late_ms"], phase["waits_ms"]
+        ends = ""
+        if phase["answers"]:
+            late = "" if late_ms is None else f", or void after {late_ms / 1000:g} s"
+            ends = f"with an answer{late}"
+        elif waits_ms is not None and gaze.mode == "enforce":
+            ends = f"when gaze was held so long; waits up to {waits_ms / 1000:g} s"
+        watched = "gaze watched" if phase["watched"] and gaze.mode != "none" else ""
+        return "; ".join(filter(None, (ends, watched)))
 
     def stimuli(self) -> dict[str, dict[str, Any]]:
         """Return the pictures of everything that the trials show, by name."""

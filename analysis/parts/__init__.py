@@ -6,7 +6,8 @@ plug-in) shows all of a part: section, sentences, methods, tables, figures.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -17,8 +18,8 @@ from pydantic import Field
 
 from analysis.answers import Answers
 from analysis.models.parametric_bootstrap import Draws
-from analysis.report.blocks import Block, ReportFigure, Section
 from analysis.seed import SEED
+from protocols.blocks import Block, Section
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 from protocols.tasks.mixed import Weights
@@ -143,13 +144,9 @@ class PartFigure:
     caption: str
     draw: Callable[..., Figure]
 
-    def marked(self, *, simulated: bool) -> ReportFigure:
+    def marked(self, *, simulated: bool) -> Self:
         """Return the figure of data that are simulated, or not."""
-        return ReportFigure(
-            self.name,
-            self.caption,
-            lambda width_in: self.draw(width_in=width_in, simulated=simulated),
-        )
+        return replace(self, draw=partial(self.draw, simulated=simulated))
 
 
 @dataclass(frozen=True)
@@ -205,6 +202,8 @@ class Part(ABC, Generic[P, R]):
     """Parts whose numbers it reads, such as the comparisons of a Holm family."""
     essential: ClassVar[bool] = False
     """What a report is about: where nothing can be said of it, there is no report."""
+    secondary: ClassVar[bool] = False
+    """Its test is a question of its own, beside that of the task."""
 
     def wanted(self, _table: pd.DataFrame, _plan: P) -> bool:
         """Return whether such a table holds what this is about, and the plan asks for it."""

@@ -23,8 +23,8 @@ from analysis.plots.style import (
     share_axis,
     style,
 )
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
-from analysis.report.wording import NONE, NOT_IDENTIFIED, grouped, leading, share, share_range
+from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
+from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, limits
 from analysis.plans.preference import PreferencePlan
 from analysis.plots import bias_bars
-from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import level_text, p_number, p_text, share, share_range
+from protocols.blocks import Cautions, Picture, Table
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from analysis.parts.preferences import Preferences
 from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference import PreferencePlan
 from analysis.repeat import scripts
-from analysis.report.blocks import Block, Cautions, Paragraph, Table
-from analysis.report.wording import NOT_IDENTIFIED, big, grouped, number, p_number, p_text, t_text
+from analysis.report.wording import NOT_IDENTIFIED, big, number, p_number, p_text, t_text
+from protocols.blocks import Block, Cautions, Paragraph, Table, grouped
 
 LARGEST_LOG = 700.0
 """Of odds that a number can hold."""

@@ -12,7 +12,6 @@ from analysis.models.rates import Rate
 from analysis.parts import Part, Shown
 from analysis.parts.shared import apa_difference
 from analysis.plans.rates import RatePlan
-from analysis.report.blocks import Box
 from analysis.report.wording import (
     leading,
     level_text,
@@ -23,6 +22,7 @@ from analysis.report.wording import (
     share_range,
 )
 from analysis.showable import hopeless
+from protocols.blocks import Box
 
 
 @dataclass(frozen=True)

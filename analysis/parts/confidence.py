@@ -30,10 +30,8 @@ from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import condition, limits
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.confidence import calibration_plot, pairs_plot, roc_plot
-from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
-    grouped,
     level_text,
     number,
     number_range,
@@ -43,6 +41,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
+from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped
 from protocols.prose import count_of
 from protocols.tasks.confidence import CONFIDENCE
 

@@ -14,7 +14,6 @@ from analysis.parts import PartFigure, Plan, Shown, SimplePart
 from analysis.parts.shared import P, condition, in_order, limits
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     level_text,
@@ -23,6 +22,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
+from protocols.blocks import Cautions, Paragraph, Picture, Table
 from protocols.prose import count_of
 
 

@@ -15,7 +15,6 @@ from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.parts.shared import difference_tables, in_order
 from analysis.plans.rates import RatePlan
 from analysis.plots import scaling_plot
-from analysis.report.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     NONE,
@@ -27,6 +26,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
+from protocols.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
 from protocols.prose import count_of
 
 

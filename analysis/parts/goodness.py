@@ -15,7 +15,6 @@ from analysis.parts.levels import SECTION, figure_axes, section_title
 from analysis.parts.shared import condition, in_order
 from analysis.plans.rates import RatePlan
 from analysis.plots.levels import misfit_plot
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     df_text,
     level_text,
@@ -27,6 +26,7 @@ from analysis.report.wording import (
     size,
     t_text,
 )
+from protocols.blocks import Cautions, Paragraph, Picture, Table
 
 
 @dataclass(frozen=True)

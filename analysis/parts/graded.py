@@ -48,17 +48,9 @@ from analysis.parts.sensitivity import with_shared_noise
 from analysis.parts.shared import condition
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.confidence import metacognition_plot, roc_plot
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
-from analysis.report.wording import (
-    grouped,
-    level_text,
-    number,
-    number_range,
-    p_number,
-    p_text,
-    placed,
-)
+from analysis.report.wording import level_text, number, number_range, p_number, p_text, placed
+from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

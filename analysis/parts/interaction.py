@@ -24,7 +24,6 @@ from analysis.parts.shared import apa_difference
 from analysis.plans.preference import PreferencePlan
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.interaction import interaction_plot
-from analysis.report.blocks import Box, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     column_in_words,
@@ -35,6 +34,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
+from protocols.blocks import Box, Cautions, Paragraph, Picture, Table
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
 

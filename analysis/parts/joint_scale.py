@@ -13,8 +13,8 @@ from analysis.models.pairings import as_numbers
 from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference import PreferencePlan
-from analysis.report.blocks import Cautions, Table
-from analysis.report.wording import NONE, grouped, number, p_number, p_text
+from analysis.report.wording import NONE, number, p_number, p_text
+from protocols.blocks import Cautions, Table, grouped
 
 
 @dataclass(frozen=True)

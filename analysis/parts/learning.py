@@ -19,7 +19,6 @@ from analysis.plans.preference import PreferencePlan
 from analysis.plans.rates import RatePlan
 from analysis.plans.ratings import RatingPlan
 from analysis.plots import learning_plot
-from analysis.report.blocks import Cautions, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -30,6 +29,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
+from protocols.blocks import Cautions, Picture, Table
 
 
 @dataclass(frozen=True)

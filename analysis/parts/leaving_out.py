@@ -15,8 +15,8 @@ from analysis.models.pairings import Comparisons, counts
 from analysis.parts import Part, PartFigure, Shown
 from analysis.plans.preference import PreferencePlan
 from analysis.plots.interaction import interaction_plot
-from analysis.report.blocks import Heading, Paragraph, Picture
 from analysis.report.wording import leading, level_text, number, number_range, p_number, share
+from protocols.blocks import Heading, Paragraph, Picture
 from protocols.prose import count_of
 
 JOD = float(stats.norm.ppf(0.75))

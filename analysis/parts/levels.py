@@ -37,13 +37,11 @@ from analysis.parts.shared import (
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots.levels import PANELS, DrawnCurve, people_plot, psychometric_plot
 from analysis.repeat import scripts
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
     Ends,
     column_in_words,
-    grouped,
     leading,
     level_text,
     p_number,
@@ -53,6 +51,7 @@ from analysis.report.wording import (
     size_range,
 )
 from protocols.adaptive.levels import Shape
+from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.random import Generator
 from analysis.models.sequential import SequentialPlan, Standing, plan_of, standing
 from analysis.parts import AnyPart, Estimate, Part, PartFigure, Plan, Shown, estimates_of
 from analysis.plots.sequential import bounds_plot
-from analysis.report.blocks import Block, Box, Paragraph, Picture, Table
 from analysis.report.wording import NONE, number_range, placed
+from protocols.blocks import Block, Box, Paragraph, Picture, Table
 from protocols.sequential import Sequential
 
 LEAST = 1e-9

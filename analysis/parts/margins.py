@@ -10,7 +10,6 @@ from analysis.columns import frame_of
 from analysis.models.margins import Margin, Margins
 from analysis.parts import Plan
 from analysis.parts.shared import TableColumn
-from analysis.report.blocks import Block, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     df_text,
@@ -21,6 +20,7 @@ from analysis.report.wording import (
     p_text,
     t_text,
 )
+from protocols.blocks import Block, Table
 
 
 def means_table(title: str, found: Margins, plan: Plan, *more: TableColumn) -> Iterator[Block]:

@@ -11,8 +11,8 @@ import pandas as pd
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.plans.rates import RatePlan, shown_in
 from analysis.plots import heat_map
-from analysis.report.blocks import Picture
 from analysis.report.wording import share
+from protocols.blocks import Picture
 
 Pairs = tuple[tuple[str, float], ...]
 Shares = Mapping[str, Pairs]

@@ -30,9 +30,9 @@ from analysis.parts.confidence import (
 )
 from analysis.plans.preference import PreferencePlan
 from analysis.plots.confidence import pairs_plot
-from analysis.report.blocks import Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import p_number, share
+from protocols.blocks import Paragraph, Picture, Table
 from protocols.tasks.confidence import CONFIDENCE
 
 CELL = ["pair", "scene", "size"]

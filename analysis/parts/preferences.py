@@ -19,7 +19,6 @@ from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart,
 from analysis.parts.people import shares_figure
 from analysis.plans.preference import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
-from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 from analysis.report.wording import (
     NONE,
     big,
@@ -33,6 +32,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from protocols.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
 
 TESTS = {
     "participant-scene": (

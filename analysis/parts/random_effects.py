@@ -13,8 +13,8 @@ from numpy.random import Generator
 from analysis.models.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnyPart, Part, PartFigure, Plan, Shown
 from analysis.plots.caterpillar import caterpillar_plot
-from analysis.report.blocks import Paragraph, Picture, Table
 from analysis.report.wording import level_text, number_range, placed, share
+from protocols.blocks import Paragraph, Picture, Table
 
 P = TypeVar("P", bound=Plan, contravariant=True)
 

@@ -8,14 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy import stats
 from scipy.special import ndtri
 
 from analysis.answers import Answers
 from analysis.columns import frame_of
-from analysis.models.clustered import holm, two_way_df
-from analysis.models.contrasts import pairs_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import PartFigure, Shown, SimplePart, Tests
 from analysis.parts.margins import (
@@ -24,11 +20,19 @@ from analysis.parts.margins import (
     margin_tables,
     means_table,
 )
-from analysis.parts.shared import RATIOS, TESTED, apa_test, compared, limits, ratio_told, sd_text
+from analysis.parts.shared import (
+    RATIOS,
+    TESTED,
+    apa_test,
+    compared,
+    limits,
+    mean_differences_p,
+    ratio_told,
+    sd_text,
+)
 from analysis.plans.ratings import RatingPlan
 from analysis.plots.ratings import ratings_plot
 from analysis.repeat import lme4_effects, scripts
-from analysis.report.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     df_text,
@@ -39,6 +43,7 @@ from analysis.report.wording import (
     placed,
     share,
 )
+from protocols.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
 
 
 @dataclass(frozen=True)
@@ -97,22 +102,9 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
         scores -= np.average(scores, weights=counts)
         scores /= np.sqrt(np.average(scores**2, weights=counts))
         scored = replace(answers, given=scores[np.searchsorted(steps, answers.given)])
-        names = answers.cells["condition"]
-        means = {}
-        for name in dict.fromkeys(names):
-            total, shown = scored.grid((names == name).to_numpy(), by_scene=True)
-            means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
-        pairs = pairs_of(means, plan.reference_in(()))
-
-        def family() -> NDArray[np.float64]:
-            each = [
-                [_difference_p((means[one] - means[other])[:, :count]) for one, other in pairs]
-                for count in people
-            ]
-            p = np.moveaxis(np.array(each), -1, 0)
-            return holm(p) if plan.correction == "holm" else p
-
-        return {"": family}
+        return {
+            "": partial(mean_differences_p, scored, people, plan, holms=plan.correction == "holm")
+        }
 
     def show(self, found: Ratings, plan: RatingPlan) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
@@ -147,30 +139,6 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
             ),
         )
-
-
-def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return p of mean differences (studies, participants, scenes), both of them random.
-
-    Variances as maximum likelihood has them, so as the mixed model, in closed form; degrees of
-    freedom as `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
-    """
-    both = ~np.isnan(gap).any(axis=(0, 1))
-    gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
-    people, scenes = gap.shape[1:]
-    mean = gap.mean(axis=(1, 2), keepdims=True)
-    person, scene = gap.mean(axis=2, keepdims=True) - mean, gap.mean(axis=1, keepdims=True) - mean
-    free = people - 1.0, max(scenes - 1.0, 1.0)
-    rest = ((gap - mean - person - scene) ** 2).mean(axis=(1, 2)) / np.prod(free)
-    own = [
-        np.maximum((one**2).mean(axis=(1, 2)) / count - rest, 0.0)
-        for one, count in zip((person, scene), (people, scenes), strict=True)
-    ]
-    df = two_way_df(
-        [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
-    )
-    error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
-    return np.asarray(2.0 * stats.t.sf(np.abs(mean[:, 0, 0]) / error, df))
 
 
 def category(value: object) -> str:

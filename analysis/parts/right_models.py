@@ -23,11 +23,9 @@ from analysis.parts.margins import (
 from analysis.parts.shared import bootstrapped, law_of_mixed, rows_of, sd_text
 from analysis.plans.rates import RatePlan, baseline_in, shown_in
 from analysis.repeat import lme4_effects, scripts
-from analysis.report.blocks import Cautions, Paragraph, Table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     big,
-    grouped,
     law,
     number,
     p_number,
@@ -36,6 +34,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from protocols.blocks import Cautions, Paragraph, Table, grouped
 
 Floats = NDArray[np.float64]
 

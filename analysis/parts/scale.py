@@ -27,19 +27,10 @@ from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.plans.preference import PreferencePlan
 from analysis.plots import jod_plot
-from analysis.report.blocks import Block, Cautions, Heading, Paragraph, Picture, Table
-from analysis.report.wording import (
-    df_text,
-    grouped,
-    leading,
-    number,
-    number_range,
-    p_number,
-    p_text,
-    placed,
-)
+from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
 from analysis.seed import SEED
 from analysis.showable import hopeless
+from protocols.blocks import Block, Cautions, Heading, Paragraph, Picture, Table, grouped
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

@@ -44,11 +44,9 @@ from analysis.parts.shared import (
 )
 from analysis.plans.rates import RatePlan, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     NONE,
-    grouped,
     level_text,
     number,
     number_range,
@@ -59,6 +57,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
 
 Floats = NDArray[np.float64]
 TRUST = "When not to trust these sensitivities"

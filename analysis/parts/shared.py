@@ -6,19 +6,21 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
 
-from analysis.models.contrasts import Difference
+from analysis.answers import Answers
+from analysis.models.clustered import holm, two_way_df
+from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
 from analysis.models.ordinal import RatingDifference
 from analysis.models.rates import Rate
 from analysis.models.reaction_model import TimeModel, TimeRatio
 from analysis.models.thresholds import ThresholdModel
 from analysis.parts import Estimate, Plan
-from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import (
     NONE,
     df_text,
-    grouped,
     level_text,
     number,
     number_range,
@@ -27,11 +29,12 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
+from protocols.blocks import Cautions, Table, grouped
 
 G = TypeVar("G")
 T = TypeVar("T")
 TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
-"""As `analysis.report.blocks.Table.each` takes them."""
+"""As `protocols.blocks.Table.each` takes them."""
 
 P: TableColumn = ("p", "n", lambda one: p_number(one.p))
 TESTED: tuple[TableColumn, ...] = (
@@ -205,3 +208,48 @@ def difference_estimates(
         )
         for one in several
     ]
+
+
+def mean_differences_p(
+    scored: Answers, people: Sequence[int], plan: Plan, *, holms: bool = True
+) -> NDArray[np.float64]:
+    """Return p of differences between conditions (studies, numbers of participants, pairs).
+
+    Of simulated numbers; near the tests of a mixed model.
+    """
+    names = scored.cells["condition"]
+    means = {}
+    for name in dict.fromkeys(names):
+        total, shown = scored.grid((names == name).to_numpy(), by_scene=True)
+        means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
+    pairs = pairs_of(means, plan.reference_in(list(means)))
+    each = [
+        [_difference_p((means[one] - means[other])[:, :count]) for one, other in pairs]
+        for count in people
+    ]
+    p = np.moveaxis(np.array(each), -1, 0)
+    return holm(p) if holms else p
+
+
+def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return p of mean differences (studies, participants, scenes), both of them random.
+
+    Variances as maximum likelihood has them, so as the mixed model, in closed form; degrees of
+    freedom as `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
+    """
+    both = ~np.isnan(gap).any(axis=(0, 1))
+    gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
+    people, scenes = gap.shape[1:]
+    mean = gap.mean(axis=(1, 2), keepdims=True)
+    person, scene = gap.mean(axis=2, keepdims=True) - mean, gap.mean(axis=1, keepdims=True) - mean
+    free = people - 1.0, max(scenes - 1.0, 1.0)
+    rest = ((gap - mean - person - scene) ** 2).mean(axis=(1, 2)) / np.prod(free)
+    own = [
+        np.maximum((one**2).mean(axis=(1, 2)) / count - rest, 0.0)
+        for one, count in zip((person, scene), (people, scenes), strict=True)
+    ]
+    df = two_way_df(
+        [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
+    )
+    error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
+    return np.asarray(2.0 * stats.t.sf(np.abs(mean[:, 0, 0]) / error, df))

@@ -13,8 +13,8 @@ from analysis.parts import Shown
 from analysis.parts.levels import LevelsPart, population_model, threshold_cells, width_title
 from analysis.parts.shared import TESTED, apa_test, compared, in_order
 from analysis.plans.rates import RatePlan, shown_in
-from analysis.report.blocks import Cautions, Table
 from analysis.report.wording import level_text, number, number_range
+from protocols.blocks import Cautions, Table
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from analysis.parts.levels import (
 from analysis.parts.shared import apa_difference, difference_tables, in_order, law_of_mixed
 from analysis.plans.rates import RatePlan
 from analysis.plots.levels import DrawnCurve
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import NOT_IDENTIFIED, level_text, share, size, size_range
+from protocols.blocks import Cautions, Paragraph, Picture, Table
 from protocols.tasks.rates import performance_in_words
 
 

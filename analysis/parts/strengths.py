@@ -17,8 +17,8 @@ from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
 from analysis.plans.preference import PreferencePlan
 from analysis.plots import jod_plot
-from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
-from analysis.report.wording import big, grouped, number, number_range, p_number, p_text
+from analysis.report.wording import big, number, number_range, p_number, p_text
+from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,21 @@
 """Reaction times: summaries, a log-normal mixed model, and EZ diffusion."""
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
+from analysis.answers import Answers
 from analysis.columns import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
-from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts import PartFigure, Plan, Shown, SimplePart, Tests, tried
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -30,12 +31,12 @@ from analysis.parts.shared import (
     deviations,
     law_of_mixed,
     limits,
+    mean_differences_p,
     ratio_told,
     sd_text,
 )
 from analysis.plots import reaction_plot
 from analysis.repeat import scripts
-from analysis.report.blocks import Block, Cautions, Paragraph, Picture, Table
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -46,6 +47,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
+from protocols.blocks import Block, Cautions, Paragraph, Picture, Table
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
 
@@ -69,6 +71,7 @@ class TimesPart(SimplePart[Plan, Times]):
 
     name: ClassVar[str] = "times"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
+    secondary: ClassVar[bool] = True
 
     def wanted(self, table: pd.DataFrame, _plan: Plan) -> bool:
         """Return whether there are times above 0."""
@@ -112,6 +115,13 @@ class TimesPart(SimplePart[Plan, Times]):
             diffusion=diffusion,
             notes=tuple(notes),
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: Plan) -> Tests:
+        """Test differences of mean logarithms, near those of the model, where times are drawn."""
+        if answers.times is None:
+            return {}
+        times = replace(answers, given=answers.times)
+        return {self.name: partial(mean_differences_p, times, people, plan)}
 
     def show(self, found: Times, plan: Plan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""

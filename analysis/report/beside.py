@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
-from analysis.report.blocks import Block, Paragraph, Table
 from analysis.report.source import Source
 from analysis.report.wording import number_range, p_number, placed
+from protocols.blocks import Block, Paragraph, Table
 from protocols.errors import StudyError
 
 

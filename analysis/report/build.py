@@ -9,19 +9,21 @@ from importlib import metadata
 from pathlib import Path
 
 import pandas as pd
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from analysis.columns import dictionary
+from analysis.parts import PartFigure
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
-from analysis.report.blocks import Paragraph, ReportFigure
 from analysis.report.content import Content, content_of
 from analysis.report.page import report_page
 from analysis.report.source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write import write_table
 from analysis.tidy import write_tables
+from protocols.blocks import Paragraph
 from protocols.hashing import Json
+from protocols.html_page import Figure
 from protocols.latency import LatencySummary
 from protocols.outside import inline_svg, json_bytes, page_bytes
 from protocols.result_folder import check_result, whole_folder
@@ -126,7 +128,9 @@ def write_report(
         }
         with python_warnings.catch_warnings(record=True) as caught:
             python_warnings.simplefilter("always")
-            drawn = _draw(content.figures, work, files=figure_files, say=say)
+            drawn = _draw(
+                content.figures, work, simulated=source.simulated, files=figure_files, say=say
+            )
         content = dataclasses.replace(content, warnings=(*content.warnings, *_font_notes(caught)))
         say("writing", 0, 0)
         tables = work / "tables"
@@ -171,27 +175,30 @@ def _latency(source: Source) -> tuple[Paragraph, ...]:
 
 
 def _draw(
-    figures: Sequence[ReportFigure],
+    figures: Sequence[PartFigure],
     work: Path,
     *,
+    simulated: bool,
     files: bool,
     say: Progress,
-) -> list[dict[str, str | Markup]]:
+) -> dict[str, Figure]:
     folder = work / "figures"
     if files:
         folder.mkdir()
-    drawn: list[dict[str, str | Markup]] = []
+    mark = Markup(" <strong>Simulated data.</strong>") * simulated
+    drawn = {}
     for number, figure in enumerate(figures):
         say("drawing figures", number, len(figures))
-        entry: dict[str, str | Markup] = {"name": figure.name, "caption": figure.caption}
+        svgs = {}
         for key, (width_in, columns) in _WIDTHS.items():
-            made = figure.draw(width_in)
+            made = figure.draw(width_in=width_in)
             if files:
                 svg = save_figure(made, folder, f"{figure.name}-{columns}")[0].read_bytes()
             else:
                 svg = figure_bytes(made, "svg")
-            entry[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
-        drawn.append(entry)
+            svgs[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
+        caption = escape(figure.caption) + mark
+        drawn[figure.name] = Figure(caption, svgs.get("wide", ""), svgs.get("narrow", ""))
     say("drawing figures", len(figures), len(figures))
     return drawn
 

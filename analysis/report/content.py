@@ -6,14 +6,14 @@ from functools import partial
 
 import pandas as pd
 
-from analysis.parts import Shown, computed
+from analysis.parts import PartFigure, Shown, computed
 from analysis.parts.added import with_added
 from analysis.parts.looks import LooksPart
-from analysis.report.blocks import Block, Paragraph, ReportFigure, Section
 from analysis.report.participants import participant_sentence
 from analysis.report.source import Source
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
+from protocols.blocks import Block, Paragraph, Section
 from protocols.errors import StudyError
 from protocols.hashing import Json
 from protocols.prose import count_of
@@ -44,7 +44,7 @@ class Content:
     counted: str
     lead: tuple[Block, ...]
     sections: tuple[Section, ...]
-    figures: tuple[ReportFigure, ...]
+    figures: tuple[PartFigure, ...]
     methods: str
     sentences: tuple[str, ...]
     headline: str
@@ -74,7 +74,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     left_out = left_out_sentence(source.tidy.flow) if source.tidy else ""
     said = Shown(methods=f"We analysed {counted}. {left_out}".strip())
     sections: list[Section] = []
-    figures: list[ReportFigure] = []
+    figures: list[PartFigure] = []
     for part, one in shown:
         name, title = part.section
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):

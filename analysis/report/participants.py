@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from analysis.report.blocks import Block, Paragraph, Table
 from analysis.tidy import Tidy
+from protocols.blocks import Block, Paragraph, Table
 from protocols.prose import count_of
 
 

@@ -170,21 +170,6 @@ def column_in_words(column: str) -> str:
     return column.replace("_", " ")
 
 
-def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
-    """Merge equal warnings: each once, with the names of what it is about."""
-    names: dict[str, list[str]] = {}
-    for name, texts in notes:
-        for text in texts:
-            names.setdefault(text, []).append(name)
-    everywhere = len(notes)
-    return tuple(
-        text
-        if (len(found) == everywhere and everywhere > 1) or not any(found)
-        else f"{'; '.join(found)}: {text}"
-        for text, found in names.items()
-    )
-
-
 def printable(text: str) -> str:
     """Return free text without characters that break or reorder a page, each as a mark."""
     return "".join(

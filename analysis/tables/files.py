@@ -141,7 +141,15 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
         if [cell.strip("\ufeff \t") for cell in row] == found.header:
             again.append(line)
             continue
-        found.rows.append([original_cell(" ".join(cell.splitlines())) for cell in row])
+        found.rows.append(
+            # Most cells are plain, and need not be looked at twice.
+            [
+                cell
+                if cell.isprintable() and not cell.startswith("'")
+                else original_cell(" ".join(cell.splitlines()))
+                for cell in row
+            ]
+        )
         found.lines.append((path, line))
     if again:
         found.notes.append(f"left out, the header again: {counted_lines(again)}")

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
+from protocols.blocks import Block
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.prose import Block
 from protocols.units import Condition, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"

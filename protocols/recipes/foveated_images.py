@@ -12,11 +12,12 @@ from typing import Annotated, ClassVar, Literal, Required, TypedDict
 
 from pydantic import Field, model_validator
 
+from protocols.blocks import Block
 from protocols.chance import Chance
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.prose import Block, count_of
+from protocols.prose import count_of
 from protocols.recipes.base import Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (
     Degrees,

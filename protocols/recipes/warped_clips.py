@@ -15,10 +15,11 @@ from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, StringConstraints, model_validator
 
+from protocols.blocks import Block, Table
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.prose import Block, Table, labelled, shortest
+from protocols.prose import labelled, shortest
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Condition,
@@ -584,7 +585,7 @@ class WarpedClips(Recipe):
             f" {display.description or 'no description'}.",
             "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
             "Sizes: " + "; ".join(sizes) + ".",
-            Table(("method", "registry name", "parameters"), methods),
+            Table.of("", [("method", "l"), ("registry name", "l"), ("parameters", "l")], methods),
         )
 
     def _angles(self, display: Display) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Plot
 
-from protocols.html_page import html_page
+from protocols.blocks import Block, Cautions, Heading, Paragraph, Picture, Section, Shot, Shots
+from protocols.blocks import Table as Rows
+from protocols.html_page import Figure, html_page
+from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.score import plots
@@ -34,14 +36,9 @@ from stimuli.score.write import (
     write_text,
 )
 
+_WIDTHS_REM = {"scenes": 50.0, "bands": 50.0, "time": 36.0, "scale": 22.0}
+"""Groups of figures, and how wide each is on the page."""
 _AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    name: str
-    caption: str
-    svg: Markup
 
 
 def write_report(
@@ -95,13 +92,13 @@ def duels_markdown(found: tuple[Duel, ...]) -> str:
 
 def _draw(
     results: Results, tables: tuple[Table, ...], times_ms: dict[str, float], out: Path
-) -> dict[str, list[_Drawn]]:
-    drawn: dict[str, list[_Drawn]] = {"scenes": [], "bands": [], "time": [], "scale": []}
+) -> dict[str, dict[str, Figure]]:
+    """Draw all figures into `out`, and return them by group and name."""
+    drawn: dict[str, dict[str, Figure]] = {name: {} for name in _WIDTHS_REM}
 
-    def keep(group: str, name: str, caption: str, figure: Figure) -> None:
-        drawn[group].append(
-            _Drawn(name, caption, Markup(plots.figure_element(figure, name, caption)))
-        )
+    def keep(group: str, name: str, caption: str, figure: Plot) -> None:
+        svg = Markup(plots.figure_element(figure, name, caption))
+        drawn[group][name] = Figure(caption, svg, width_rem=_WIDTHS_REM[group])
         folder = out / "figures"
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / f"{name}.png", plots.png_bytes(figure))
@@ -144,39 +141,156 @@ def _page(
     results: Results,
     tables: tuple[Table, ...],
     found: tuple[Duel, ...],
-    drawn: dict[str, list[_Drawn]],
+    drawn: dict[str, dict[str, Figure]],
     times_ms: dict[str, float],
     renderer: str,
 ) -> str:
-    first = results.subjects.items[0].pair
-    return html_page(
-        "stimuli.score",
-        "scores.html",
-        title=results.subjects.origin.get("study") or results.subjects.items[0].name,
-        tables=tables,
-        verdicts=[
-            (against, [duel for duel in found if duel.against == against])
-            for against in dict.fromkeys(duel.against for duel in found)
-        ],
-        drawn=drawn,
-        pictures=plots.middle_frames(results),
-        maps=plots.error_maps(results)[1],
-        map_metric=results.map_metric,
-        holes=bool(first.masks),
-        map_inside=bool(first.masks) and results.map_metric == "FLIP",
-        metrics=results.metrics,
-        missing=results.missing,
-        notes=results.notes,
-        origin=results.subjects.origin,
-        viewing=results.settings.viewing,
-        gaze=results.settings.gaze.points_px,
-        versions=versions(results.metrics),
-        made_with=f"{package_version()}, revision {code_revision()}",
-        frames=first.frames,
-        size=(first.width_px, first.height_px),
-        fps=first.fps,
-        clips=len(results.subjects.items),
-        times_ms=times_ms,
-        labels=results.subjects.labels,
-        renderer=renderer,
+    first, subjects = results.subjects.items[0].pair, results.subjects
+    size = f"{first.width_px} x {first.height_px} px"
+    rate = f", {first.fps:g} frames per second" if first.fps else ""
+    viewing, gaze = results.settings.viewing, results.settings.gaze.points_px
+    looks = (
+        "not given (FovVideoVDP not foveated, statistics pooled around the middle)"
+        if not gaze
+        else "at {:g}, {:g} px".format(*gaze[0])
+        if len(gaze) == 1
+        else "given for every frame"
     )
+    missing = tuple(
+        Markup("<b>{}</b> not computed: {}.").format(", ".join(one.metrics), one.reason)
+        for one in results.missing
+    )
+    timed = (
+        f"Wall time of one fill of {size} with the copies to and from the GPU, median of 5, on"
+        f" {renderer}."
+    )
+    sections = (
+        *_verdicts(found),
+        Section.of(
+            "Tables", "A star marks the best of a row, by the digits shown.", *map(_rows, tables)
+        ),
+        Section.of("Pictures", *_pictures(results)),
+        Section.of("Bands by eccentricity", *map(Picture, drawn["bands"]), name="bands"),
+        Section.of("Scene by scene", *map(Picture, drawn["scenes"]), name="scenes"),
+        Section.of(
+            "Time against quality",
+            *([Paragraph(timed, muted=True)] if drawn["time"] else []),
+            *map(Picture, drawn["time"]),
+            name="time",
+        ),
+        Section.of("Where methods err", *_maps(results, drawn), name="maps"),
+        Section.of("Metrics", *_metrics(results, masks=bool(first.masks))),
+        Section.of("Provenance", _provenance(results, times_ms)),
+    )
+    counted = f"{count_of(len(subjects.items), 'clip')} of {count_of(first.frames, 'frame')}"
+    return html_page(
+        f"Scores: {subjects.origin.get('study') or subjects.items[0].name}",
+        under=f"{counted}, {size}{rate}; display {viewing.name}, {viewing.px_per_deg:.1f} px per"
+        f" degree; gaze {looks}.",
+        lead=(
+            Cautions("What is not here, and why", (*missing, *(f"{n}." for n in results.notes))),
+        ),
+        sections=[one for one in sections if one.blocks],
+        figures={name: one for group in drawn.values() for name, one in group.items()},
+    )
+
+
+def _verdicts(found: tuple[Duel, ...]) -> Iterator[Section]:
+    """Yield what each metric says of the method against each rival."""
+    for number, against in enumerate(dict.fromkeys(duel.against for duel in found)):
+        duels = [duel for duel in found if duel.against == against]
+        shown = duels[0].table.shown
+        yield Section(
+            f"verdict-{number}" if number else "verdict",
+            f"{shown(duels[0].method)} against {shown(against)}",
+            "" if number else "Verdict",
+            ([_verdict(duel) for duel in duels],),
+        )
+
+
+def _verdict(duel: Duel) -> str:
+    said = '<span class="lost">{}.</span>' if duel.loses_on_average else "{}."
+    lost = ", ".join(map(duel.table.shown, duel.lost))
+    more = Markup(' <span class="muted">Worse in: {}.</span>').format(lost) if lost else ""
+    return Markup(said).format(duel.sentence) + more
+
+
+def _rows(table: Table) -> Rows:
+    """Return the table of a page; the best of a row, as it is printed, bears a star."""
+    rows = []
+    for scene, values in table.rows:
+        best = table.best(values)
+        cells = [
+            Markup('<b class="best">{}</b>').format(table.text(value))
+            if value is not None and table.printed_badness(value) == best
+            else table.text(value)
+            for value in values
+        ]
+        rows.append([table.shown(scene), *cells])
+    totals = len(rows) > 1 and table.rows[-1][0] == "mean"
+    heads = [("scene", "l"), *((head, "") for head in table.heads)]
+    return Rows.of(table.title, heads, rows, totals=totals)
+
+
+def _pictures(results: Results) -> Iterator[Block]:
+    shown = plots.middle_frames(results)
+    if shown:
+        yield (
+            "Middle frames as they are seen, the gaze in the small ring. Look at the ring, and"
+            " compare what is around it."
+        )
+    for scene, pictures in shown:
+        yield Heading(scene)
+        yield _shots(scene, pictures, 20.0)
+
+
+def _shots(scene: str, pictures: list[tuple[str, str]], least_rem: float) -> Shots:
+    return Shots(
+        tuple(Shot(address, label, f"{scene}: {label}") for label, address in pictures), least_rem
+    )
+
+
+def _maps(results: Results, drawn: dict[str, dict[str, Figure]]) -> Iterator[Block]:
+    maps = plots.error_maps(results)[1]
+    inside = bool(results.subjects.items[0].pair.masks) and results.map_metric == "FLIP"
+    if maps:
+        where = "the frames in which it is a hole" if inside else "all frames"
+        yield (
+            f"{results.map_metric} of every pixel, averaged over {where}; black is no error. One"
+            " scale for all pictures:"
+        )
+        yield from map(Picture, drawn["scale"])
+    for scene, size, ((truth, address), *others) in maps:
+        yield Heading(", ".join(filter(None, (scene, size))))
+        yield _shots(scene, [(f"{truth}, middle frame", address), *others], 11.0)
+
+
+def _metrics(results: Results, *, masks: bool) -> Iterator[Block]:
+    yield Rows.each(
+        "",
+        results.metrics,
+        ("metric", "l", lambda one: one.label + (f" ({one.unit})" if one.unit else "")),
+        ("what", "l", lambda one: one.what),
+        ("what it is blind to", "l", lambda one: one.blind),
+        ("better", "l", lambda one: one.arrow),
+        ("identical", "l", lambda one: f"{one.perfect:g}"),
+        ("from", "l", lambda one: one.licence),
+    )
+    if masks:
+        yield Paragraph(
+            "Inside the disocclusions, every other pixel is set to the reference before anything"
+            " is measured. Maps of errors (PSNR, SSIM, FLIP, statistics) are then averaged inside"
+            " the holes; LPIPS and the video metrics give one number for the frame or clip.",
+            muted=True,
+        )
+
+
+def _provenance(results: Results, times_ms: dict[str, float]) -> Rows:
+    labels = results.subjects.labels
+    rows = [
+        ("scored with", f"metamerlab {package_version()}, revision {code_revision()}"),
+        *results.subjects.origin.items(),
+        *versions(results.metrics).items(),
+        *((f"time of {labels.get(k, k)}", f"{value:.2f} ms") for k, value in times_ms.items()),
+    ]
+    return Rows.of("", [("", "l"), ("", "l")], [(key, str(value)) for key, value in rows])

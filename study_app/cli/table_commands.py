@@ -33,11 +33,11 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
-    from analysis.report.blocks import Block
-    from analysis.report.blocks import Table as Rows
     from analysis.report.content import Content
     from analysis.tables.counts import Counted
     from analysis.tables.table import Table as AnyTable
+    from protocols.blocks import Block
+    from protocols.blocks import Table as Rows
 
 TrialsArgument = Annotated[
     Path,
@@ -363,8 +363,8 @@ def print_blocks(
     title: str, blocks: Iterable[Block], sentences: Iterable[str], notes: Iterable[str]
 ) -> None:
     """Print a title, tables and their texts, sentences, and each note once."""
-    from analysis.report.blocks import Cautions, Heading, Paragraph
-    from analysis.report.blocks import Table as Rows
+    from protocols.blocks import Cautions, Heading, Paragraph
+    from protocols.blocks import Table as Rows
 
     console = PlainConsole()
     console.print(title)
@@ -374,7 +374,7 @@ def print_blocks(
             case Rows():
                 console.print(_plain(block.caption))
                 console.print(_printed(block))
-            case Heading(text=text) | Paragraph(text=text):
+            case str(text) | Heading(text=text) | Paragraph(text=text):
                 console.print(_plain(text))
             case Cautions(notes=found):
                 notes += found

@@ -8,32 +8,29 @@ from contextlib import contextmanager
 import pytest
 
 from analysis.report import build
+from protocols.html_page import Figure
 
 
 @contextmanager
 def undrawn() -> Iterator[None]:
     """Leave every figure out of the reports that are written meanwhile."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_draw", lambda *_, **__: [])
+        patch.setattr(build, "_draw", lambda *_, **__: {})
         yield
 
 
 @contextmanager
 def drawn_narrow() -> Iterator[None]:
     """Draw each figure for one column of text alone, where others look at the wide ones."""
-    draw, widths = build._draw, {"narrow": build._WIDTHS["narrow"]}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_WIDTHS", widths)
-        patch.setattr(
-            build, "_draw", lambda *args, **how: [{"wide": "", **one} for one in draw(*args, **how)]
-        )
+        patch.setattr(build, "_WIDTHS", {"narrow": build._WIDTHS["narrow"]})
         yield
 
 
 @contextmanager
 def undrawn_scores() -> Iterator[None]:
     """Leave every figure out of the reports of scores that are written meanwhile."""
-    nothing = {"scenes": [], "bands": [], "time": [], "scale": []}
+    nothing: dict[str, dict[str, Figure]] = {"scenes": {}, "bands": {}, "time": {}, "scale": {}}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stimuli.score.report._draw", lambda *_: nothing)
         yield

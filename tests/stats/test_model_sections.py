@@ -10,7 +10,7 @@ from analysis.parts import computed
 from analysis.parts.choice_models import ChoiceModels, ChoiceModelsPart
 from analysis.parts.preferences import PreferencesPart
 from analysis.plans.preference import from_decisions
-from analysis.report.blocks import Table
+from protocols.blocks import Table
 
 
 @pytest.fixture(scope="module")

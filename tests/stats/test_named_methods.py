@@ -16,10 +16,10 @@ from analysis.parts import computed
 from analysis.plans.preference import from_decisions
 from analysis.plans.told import PreferencesTold
 from analysis.plots.preference import forest_plot
-from analysis.report.wording import grouped
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from analysis.tasks.preference import PreferenceOfPairs
+from protocols.blocks import grouped
 from protocols.errors import StudyError
 
 METHODS = {"blur": 0.0, "dithered": 0.2, "none": 0.5, "ours": 1.2}

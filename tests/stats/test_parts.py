@@ -18,14 +18,14 @@ from undrawn_reports import drawn_narrow, undrawn
 from analysis.models import bayesian
 from analysis.parts import Estimate, Part, Shown, added, computed, estimates_of
 from analysis.parts.looks import LooksPart
-from analysis.report.blocks import Cautions, Paragraph
-from analysis.report.blocks import Table as Rows
 from analysis.report.build import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
 from analysis.tasks import ANALYSES, analysis_of
 from analysis.tasks.note import write_note
 from analysis.tasks.times import TimesPlan
+from protocols.blocks import Cautions, Paragraph
+from protocols.blocks import Table as Rows
 from protocols.errors import StudyError
 from protocols.results import read_results
 from study_app.cli import app

@@ -10,8 +10,9 @@ from pydantic import ValidationError
 
 from analysis.tables.table import Table as AnyTable
 from analysis.tables.write import write_table
+from protocols.blocks import Section, Table
 from protocols.outside import json_bytes, markdown, page_bytes, visible
-from protocols.preregister import Section, Table, to_markdown
+from protocols.preregister import to_markdown
 from protocols.session_schema import Privacy
 
 HOSTILE = "a\x1b[31m\udcff\x00\ufffe"
@@ -43,7 +44,7 @@ def test_json_with_half_characters_reads_back():
 )
 def test_markdown_shows_a_text_as_it_is(text, there):
     assert markdown(text) == there
-    section = Section("t", [text, [text], Table((text,), ((text,),))])
+    section = Section.of("t", text, [text], Table.of("", [(text, "")], [(text,)]))
     assert to_markdown("t", [section]).count(there) == 4
 
 

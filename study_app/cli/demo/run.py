@@ -15,8 +15,10 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
 from rich.console import Console
 
+from protocols.blocks import Shot, Shots, Table
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.html_page import html_page
@@ -92,23 +94,48 @@ class _Demo:
         steps = steps_of(self.options, self.protocol.study.name)
         for number, step in enumerate(steps, 1):
             self._run(step, f"{number}/{len(steps)} {step.title}")
+        version = f"{package_version()}, revision {code_revision()}"
+        study = Markup("metamerlab {} · study <code>{}</code>").format(version, self.options.study)
         text = html_page(
-            "study_app.cli.demo",
-            "page.html",
+            "SIMULATED: metamerlab, the demonstration",
+            "study_app/cli/demo/page.html",
+            heading="From pictures to a report",
+            under=study,
+            stamp="DEMONSTRATION: ALL OBSERVERS ARE SIMULATED. NO PERSON TOOK PART.",
             steps=steps,
             record=self.record,
             shown={step.name: self._shown(step) for step in steps},
-            longest_s=max(self.record[step.name]["seconds"] for step in steps) or 1.0,
-            version=f"{package_version()}, revision {code_revision()}",
+            done=self._done(steps),
             options=self.options,
             out=os.path.relpath(self.out),
         )
         write_whole(self.out / PAGE_NAME, page_bytes(text))
         return self.out / PAGE_NAME
 
-    def _shown(self, step: Step) -> list[str]:
+    def _done(self, steps: list[Step]) -> Table:
+        """Return the table of steps with their times, in numbers and as bars."""
+        seconds = {step.name: self.record[step.name]["seconds"] for step in steps}
+        longest_s = max(seconds.values()) or 1.0
+        link = Markup('<a href="#{}">{}</a>').format
+        bar = Markup('<i style="width: {:.1f}%"></i>').format
+        return Table.each(
+            "",
+            steps,
+            ("Step", "l strong", lambda step: link(step.name, step.title)),
+            ("Time", "n", lambda step: f"{seconds[step.name]:.1f} s"),
+            ("", "bar", lambda step: bar(100 * seconds[step.name] / longest_s)),
+        )
+
+    def _shown(self, step: Step) -> Shots:
+        """Return the pictures, videos and pages that the page shows of a step."""
         paths = [path for pattern in step.shows for path in sorted(self.out.glob(pattern))]
-        return [path.relative_to(self.out).as_posix() for path in paths]
+        shots = []
+        for path in paths:
+            address = path.relative_to(self.out).as_posix()
+            name = path.name.partition(".")[0].replace("__", ", ") if path.suffix == ".webm" else ""
+            alt = step.title if path.suffix == ".html" else f"{step.title}: {address}"
+            shots.append(Shot(address, name, alt, link=address))
+        return Shots(tuple(shots), least_rem=20.0 if len(shots) > 1 else 60.0)
 
     def _run(self, step: Step, label: str) -> None:
         key = self.keys[step.name] = sha256_json(

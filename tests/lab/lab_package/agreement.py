@@ -6,7 +6,7 @@ import pandas as pd
 from scipy import stats
 
 from analysis.parts import Part, Shown
-from analysis.report.blocks import Paragraph
+from protocols.blocks import Paragraph
 
 
 @dataclass(frozen=True)

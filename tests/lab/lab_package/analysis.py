@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.times import TimesPart
-from analysis.report.blocks import Paragraph
 from analysis.tasks.preference import PreferenceOfPairs
+from protocols.blocks import Paragraph
 
 
 class LabPreferences(PreferencesPart):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.parts import Part, Shown
-from analysis.report.blocks import Paragraph
+from protocols.blocks import Paragraph
 
 
 @dataclass(frozen=True)

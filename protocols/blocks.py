@@ -1,6 +1,6 @@
-"""What a page is made of: headings, paragraphs, tables and figures, whichever task they are of.
+"""Blocks of which every page is made: headings, paragraphs, tables, figures, pictures.
 
-A text is escaped on the page unless it is `Markup`.
+A text is escaped on the page unless it is `Markup`. ``blocks.html`` draws each kind.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias, TypeVar
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
-
-from analysis.report.wording import grouped
 
 T = TypeVar("T")
 
@@ -43,9 +40,10 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class TableColumn:
-    """Head of a column, and the classes of its cells in `report.css`.
+    """Head of a column, and the classes of its cells in ``page.css``.
 
-    ``l``: text, on the left; ``c``: wide; ``n``: never broken; ``strong``: what to read first.
+    ``l``: text, on the left; ``c``: wide; ``n``: never broken; ``strong``: what to read first;
+    ``hash``: long codes; ``free``: as people typed it.
     """
 
     title: str
@@ -59,21 +57,28 @@ class TableColumn:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: each row has a cell for every column."""
+    """A table: each row has a cell for every column; a last row of totals stands apart."""
 
     caption: str
     columns: tuple[TableColumn, ...]
     rows: tuple[tuple[str, ...], ...]
+    totals: bool = False
 
     @classmethod
     def of(
-        cls, caption: str, columns: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]
+        cls,
+        caption: str,
+        columns: Sequence[tuple[str, str]],
+        rows: Iterable[Sequence[str]],
+        *,
+        totals: bool = False,
     ) -> "Table":
         """Return a table of columns (title, style) and rows of texts."""
         return cls(
             caption,
             tuple(TableColumn(title, style) for title, style in columns),
             tuple(tuple(row) for row in rows),
+            totals,
         )
 
     @classmethod
@@ -114,7 +119,43 @@ class Box:
     text: str = ""
 
 
-Block: TypeAlias = Heading | Paragraph | Table | Picture | Cautions | Box
+@dataclass(frozen=True)
+class Shot:
+    """A picture, video (.webm) or page (.html) by its address, with its caption."""
+
+    address: str
+    caption: str = ""
+    alt: str = ""
+    link: str = ""
+    """Where a click on a picture leads."""
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Pictures side by side, none narrower than this."""
+
+    shots: tuple[Shot, ...]
+    least_rem: float = 20.0
+
+
+@dataclass(frozen=True)
+class Pasted:
+    """Paragraphs that readers copy."""
+
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Code:
+    """Lines of a terminal."""
+
+    text: str
+
+
+Block: TypeAlias = (
+    str | list[str] | Heading | Paragraph | Table | Picture | Cautions | Box | Shots | Pasted | Code
+)
+"""A text alone is a paragraph, and a list one with bullets."""
 
 
 @dataclass(frozen=True)
@@ -126,16 +167,27 @@ class Section:
     link: str
     blocks: tuple[Block, ...]
 
-
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure by name, its caption, and how to draw it at a width in inches."""
-
-    name: str
-    caption: str
-    draw: Callable[[float], Figure]
+    @classmethod
+    def of(cls, title: str, *blocks: Block, name: str = "") -> "Section":
+        """Return a section that its title names, and links to it."""
+        return cls(name or title.lower().replace(" ", "-"), title, title, blocks)
 
 
 def strong(text: str) -> Markup:
     """Return a text, escaped, that stands out."""
     return Markup("<strong>{}</strong>").format(text)
+
+
+def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
+    """Merge equal warnings: each once, with the names of what it is about."""
+    names: dict[str, list[str]] = {}
+    for name, texts in notes:
+        for text in texts:
+            names.setdefault(text, []).append(name)
+    everywhere = len(notes)
+    return tuple(
+        text
+        if (len(found) == everywhere and everywhere > 1) or not any(found)
+        else f"{'; '.join(found)}: {text}"
+        for text, found in names.items()
+    )
