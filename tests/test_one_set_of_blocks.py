@@ -35,9 +35,13 @@ def test_every_page_is_of_the_one_template_and_draws_no_block_itself(repository)
     assert own == {"protocols/blocks.html", "protocols/page.html"}
     assert len(templates) > len(own)
     for name in templates.keys() - own:
+        assert not name.endswith(("/page.html", "/blocks.html")), f"{name} would extend itself"
         text = templates[name].read_text(encoding="utf-8")
         assert text.startswith('{% extends "page.html" %}'), name
         assert not re.search(r"<(table|h1|style|html|body|main)\b", text), name
+        style = text.partition("{% block css %}")[2].partition("{% endblock %}")[0]
+        assert not re.search(r"font:|font-family|button|:focus-visible", style), name
+        assert not re.search(r"<link|<script[^>]+src=|@import|url\(http", text), name
 
 
 def test_no_code_writes_a_table_of_its_own(repository):

@@ -9,11 +9,11 @@ import math
 import re
 import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from protocols.html_page import html_page
 from protocols.load import load_display
 from protocols.new_study import study_files
 from stimuli.score import plots, report, run
@@ -276,8 +276,13 @@ def test_dots_lie_to_the_right_when_better_whatever_the_metric(better):
 
 
 def test_the_best_of_a_row_has_a_star():
-    page = (Path(report.__file__).parent / "scores.html").read_text(encoding="utf-8")
-    assert r'td.best::after { content: " \2605";' in page
+    rows = report._rows(table_of("higher", (0.2, 0.9, 0.5))).rows
+    assert [str(cell).startswith('<b class="best">') for cell in rows[0][1:]] == [
+        False,
+        True,
+        False,
+    ]
+    assert r'.best::after { content: "°5";' in html_page("any")
 
 
 def test_a_line_stands_at_one_where_one_is_right():

@@ -195,6 +195,7 @@ def rated():
         task=SimpleNamespace(cells=lambda _pool: cells),
         pool=None,
         design=SimpleNamespace(repeats=1),
+        analysis=study.analysis,
         study=study.study,
     )
     scale = ("bad", "poor", "fair", "good")

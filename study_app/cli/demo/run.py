@@ -98,7 +98,7 @@ class _Demo:
         study = Markup("metamerlab {} · study <code>{}</code>").format(version, self.options.study)
         text = html_page(
             "SIMULATED: metamerlab, the demonstration",
-            "study_app/cli/demo/page.html",
+            "study_app/cli/demo/demo.html",
             heading="From pictures to a report",
             under=study,
             stamp="DEMONSTRATION: ALL OBSERVERS ARE SIMULATED. NO PERSON TOOK PART.",
@@ -123,7 +123,7 @@ class _Demo:
             steps,
             ("Step", "l strong", lambda step: link(step.name, step.title)),
             ("Time", "n", lambda step: f"{seconds[step.name]:.1f} s"),
-            ("", "bar", lambda step: bar(100 * seconds[step.name] / longest_s)),
+            ("", "lasts", lambda step: bar(100 * seconds[step.name] / longest_s)),
         )
 
     def _shown(self, step: Step) -> Shots:
