@@ -115,3 +115,12 @@ def test_what_the_style_adds_to_texts_is_a_star():
     added = re.findall(r'content: "([^"]+)"', html_page("t"))
     assert added
     assert all(text in (r"\2605", " / ") for text in added)
+
+
+def test_every_table_of_a_page_can_scroll_and_shows_that_it_does(repository):
+    blocks = (repository / "protocols/blocks.html").read_text(encoding="utf-8")
+    assert blocks.count("<table") == blocks.count('<div class="scroll"><table') == 1
+    style = (repository / "protocols/page.css").read_text(encoding="utf-8")
+    (scrolling,) = re.findall(r"^\.scroll \{(.*?)\}", style, flags=re.M | re.S)
+    assert scrolling.count("no-repeat local") == scrolling.count("no-repeat scroll") == 2
+    assert style.count("--shade:") == 2, "one shade for paper, one for the dark"

@@ -282,7 +282,7 @@ def test_the_best_of_a_row_has_a_star():
         True,
         False,
     ]
-    assert r'.best::after { content: "°5";' in html_page("any")
+    assert r'.best::after { content: "\2605";' in html_page("any")
 
 
 def test_a_line_stands_at_one_where_one_is_right():
