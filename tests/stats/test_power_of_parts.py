@@ -149,7 +149,7 @@ class Never(Sides):
 
 def test_a_part_that_knows_tables_only_has_the_power_that_can_be_counted(rng):
     """One decision each: a sign test of people whose power is a sum of binomial chances."""
-    study = preferences_of(pairs=1, scenes=2, repeats=1, people=12)
+    study = preferences_of(pairs=1, scenes=2, repeats=1, participants=12)
     plan = analysis_of("preference").settings(study)
     one_scene = replace(plan.comparisons[0], scenes=("a",))
     simulation = Choices(plan.but(comparisons=(one_scene,)), (Sides(),))
