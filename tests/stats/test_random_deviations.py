@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from analysis.models.logistic import ModelFit, glmm_logit, models_beside
 from analysis.models.ordinal import fit_cumulative, rating_model
 from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import apa_term
+from analysis.parts.shared import apa_test
 
 FOLDER = Path(__file__).parent / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
@@ -111,4 +113,6 @@ def test_the_likelihood_ratio_stands_before_walds_statistic(times):
     rows = times.rename(columns={"hit": "correct"}).drop(columns="rating")
     rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
     said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
-    assert said.index("likelihood ratio p") < said.index("SE =") < said.index("t(8) =")
+    assert said.index("likelihood ratio p") < said.index("SE =") < said.index(" t(")
+    (ratio, *_) = time_model(times, ("cond",), reference="a").ratios
+    assert re.fullmatch(r"likelihood ratio p = .* Holm-adjusted\); t\(.*", apa_test(ratio))
