@@ -30,10 +30,11 @@ xdotool             cmd:xdotool
 openbox             cmd:openbox
 "
 
-# What tests of the web part and of the statistics need beside these, and which commands do as well.
+# What tests of the web part, of desktops and of the statistics need beside these, and which commands do as well.
 TOOLS="
 chromium            chromium google-chrome chromium-browser
 firefox-esr         firefox-esr firefox
+xcompmgr            xcompmgr
 r-cran-lme4         -
 r-cran-ordinal      -
 "
