@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr
-from scipy.stats import norm
+from scipy.special import expit, ndtr, ndtri
 
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way
+from analysis.models.goodness import misfits
 from analysis.models.interaction import jod_interactions, share_interactions
 from analysis.models.joint_scale import joint_tests
 from analysis.models.logistic import glmm_logit, models_beside
@@ -164,7 +164,7 @@ def stated(design: Design, rng: np.random.Generator) -> Outcome:
     )  # fmt: skip
     lapse = design.lapse + design.lapse_more
     rise = (STATED - design.guess) / (1.0 - design.guess - lapse)
-    truth = norm.ppf(rise) * design.width / (2.0 * norm.ppf(0.95))
+    truth = ndtri(rise) * design.width / (2.0 * ndtri(0.95))
     found, contrasts = model.population.thresholds(STATED)
     one = found[0]
     if one.lower is None or one.upper is None or not contrasts:
@@ -181,6 +181,19 @@ def slopes(design: Design, rng: np.random.Generator) -> Outcome:
         return None
     ratios = model.population.slope_ratios()
     return (ratios[0].p, ratios[0].lower <= 0.0 <= ratios[0].upper) if ratios else None
+
+
+def goodness(of_levels: bool) -> Callable[..., Outcome]:
+    """Return what simulates a study that the model fits, and judges its goodness of fit."""
+
+    def judged(design: Design, rng: np.random.Generator) -> Outcome:
+        table = _answered(design, rng)
+        model = fit_thresholds(table, "level", ("method",), guess=design.guess)
+        found, _ = misfits(table, "level", table["method"], model.population, rng)
+        each = [one.level_p_adjusted if of_levels else one.p_adjusted for one in found]
+        return min(each), None
+
+    return judged
 
 
 def times(design: Design, rng: np.random.Generator) -> Outcome:
@@ -367,6 +380,12 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
             ]
     for judge in (stated, slopes):
         found += [(judge.__name__, name, design, judge) for name, design in AT_PERFORMANCE.items()]
+    for told, of_levels in (("deviance", False), ("by level", True)):
+        found += [
+            ("goodness", f"{name}, {told}", design, goodness(of_levels))
+            for name, design in AT_PERFORMANCE.items()
+            if design.slope_sd == 0.0 and design.scenes == 1
+        ]
     return found
 
 

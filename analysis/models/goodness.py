@@ -1,5 +1,6 @@
 """Goodness of fit of psychometric functions: what studies of the model itself look like."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,9 @@ from scipy.special import xlogy
 
 from analysis.models.clustered import holm
 from analysis.models.contrasts import IN_CONDITION
-from analysis.models.population import Population
+from analysis.models.population import Population, span
+from analysis.models.psychometric import LAPSE_MAX, LINKS, SKEWED, Psychometric
+from analysis.models.response import Response
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -21,6 +24,7 @@ MOST_COUNTS = 3_000_000
 MOST_LEVELS = 10
 """Of more levels, neighbours are looked at together."""
 STEPS = 15
+REFITS = 25
 LONGEST_STEP = 1.5
 
 
@@ -101,37 +105,130 @@ def misfits(
     found = []
     for k, name in enumerate(population.names):
         own = counts.condition[counts.row_of_cell] == k
-        place, middles = _neighbours(counts.level[counts.row_of_cell][own])
-        shown = counts.shown_in_cells[own]
-        (deviance, residual), (deviances, residuals) = (
-            _distances(hits[:, own], shares[:, own], shown, place)
-            for hits, shares in ((right, predicted), (drawn, expected))
-        )
-        centre, sd = residuals.mean(axis=0), residuals.std(axis=0).clip(min=1e-12)
-        largest, largests = (
-            np.abs((one - centre) / sd).max(axis=1) for one in (residual, residuals)
-        )
-        lower, upper = np.quantile(residuals, (0.025, 0.975), axis=0)
-        found.append(
-            Misfit(
-                condition=name,
-                deviance=float(deviance[0]),
-                expected=float(deviances.mean()),
-                p=_as_large(deviances, deviance),
-                cells=int(own.sum()),
-                levels=tuple(middles.tolist()),
-                residuals=tuple(residual[0].tolist()),
-                lower=tuple(lower.tolist()),
-                upper=tuple(upper.tolist()),
-                level_p=_as_large(largests, largest),
-            )
-        )
+        levels, shown = counts.level[counts.row_of_cell][own], counts.shown_in_cells[own]
+        told = [one[:, own] for one in (right, predicted, drawn, expected)]
+        found.append(_misfit(name, levels, shown, *told))
+    return _adjusted(found), predicted[0][counts.cell][counts.row]
+
+
+def curve_misfits(
+    fits: Mapping[str, Psychometric],
+    counts: Mapping[str, tuple[Floats, Floats, Floats]],
+    guess: float | None,
+    rng: np.random.Generator,
+) -> tuple[Misfit, ...]:
+    """Compare counts at levels with those that fitted curves simulate.
+
+    Parameters
+    ----------
+    fits, counts : mapping of condition to a curve, and to levels, right answers and trials
+    guess : float or None
+        Known rate of guessing; None: fitted.
+
+    Notes
+    -----
+    Each simulated set is fitted anew.
+    """
+    found = []
+    for name, fit in fits.items():
+        levels, right, shown = counts[name]
+        share = np.broadcast_to(np.clip(fit(levels), 1e-9, 1.0 - 1e-9), (STUDIES[1], levels.size))
+        drawn = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
+        expected = _refitted(fit, levels, drawn, shown, guess)
+        found.append(_misfit(name, levels, shown, right[None], share[:1], drawn, expected))
+    return _adjusted(found)
+
+
+def _refitted(
+    fit: Psychometric, levels: Floats, right: Floats, shown: Floats, guess: float | None
+) -> Floats:
+    """Return the shares of the curves that fit each set of right answers best (sets, levels)."""
+    falling = fit.width < 0
+    response = Response(LINKS[fit.shape], mirrored=falling and fit.shape in SKEWED)
+    x = np.log(np.maximum(levels, 1e-12)) if fit.shape == "weibull" else levels
+    count, most = (4 if guess is None else 3), np.array([LAPSE_MAX, 0.5])
+
+    def shares(theta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return shares (sets, levels), rises and their slopes."""
+        rise, steep, _ = response.rise(theta[:, :1] + theta[:, 1:2] * x)
+        share = theta[:, 3:] + (1.0 - theta[:, 3:] - theta[:, 2:3]) * rise
+        return np.clip(share, 1e-9, 1.0 - 1e-9), rise, steep
+
+    # The best of a grid of curves, and from there Levenberg's and Marquardt's steps.
+    slopes = (-1.0 if falling else 1.0) * span(response) / (np.ptp(x) * np.geomspace(0.1, 3.0, 12))
+    places = np.linspace(x.min() - 0.2 * np.ptp(x), x.max() + 0.2 * np.ptp(x), 29)
+    grid = np.array(
+        [(-k * at, k, lapse, fit.guess) for k in slopes for at in places for lapse in (0.01, 0.07)]
+    )
+    logs = np.log(shares(grid)[0]), np.log1p(-shares(grid)[0])
+    theta = grid[np.argmax(right @ logs[0].T + (shown - right) @ logs[1].T, axis=1)]
+    damping = np.full(len(right), 1e-2)
+    share, rise, steep = shares(theta)
+    least = _deviances(right, share, shown)
+    for _ in range(REFITS):
+        whole = 1.0 - theta[:, 3:] - theta[:, 2:3]
+        along = np.stack([whole * steep, whole * steep * x, -rise, 1.0 - rise], axis=1)[:, :count]
+        weight = shown / (share * (1.0 - share))
+        known = np.einsum("sij,sj,skj->sik", along, weight, along)
+        force = np.einsum("sij,sj->si", along, weight * (right / shown - share))
+        # A rate at its bound stays there, unless answers pull it back.
+        rates, pull = theta[:, 2:count], force[:, 2:]
+        held = np.zeros(force.shape)
+        held[:, 2:] = ((rates <= 0.0) & (pull < 0)) | ((rates >= most[: count - 2]) & (pull > 0))
+        free = 1.0 - held
+        force = force * free
+        known = known * free[:, :, None] * free[:, None, :] + held[:, None, :] * np.eye(count)
+        scale = np.einsum("sii->si", known) + 1e-6
+        known += damping[:, None, None] * scale[:, None, :] * np.eye(count)
+        tried = theta.copy()
+        tried[:, :count] += np.linalg.solve(known, force[..., None])[..., 0]
+        tried[:, 2:] = np.clip(tried[:, 2:], 0.0, most)
+        found = _deviances(right, shares(tried)[0], shown)
+        better = found < least
+        theta[better], least = tried[better], np.minimum(found, least)
+        damping = np.clip(np.where(better, 0.2 * damping, 5.0 * damping), 1e-6, 1e6)
+        share, rise, steep = shares(theta)
+    return share
+
+
+def _misfit(
+    name: str,
+    levels: Floats,
+    shown: Floats,
+    right: Floats,
+    predicted: Floats,
+    drawn: Floats,
+    expected: Floats,
+) -> Misfit:
+    """Judge counts (1, cells) by simulated ones (studies, cells), each with its curves' shares."""
+    place, middles = _neighbours(levels)
+    deviance, deviances = _deviances(right, predicted, shown), _deviances(drawn, expected, shown)
+    residual, residuals = (
+        _residuals(*one, shown, place) for one in ((right, predicted), (drawn, expected))
+    )
+    centre, sd = residuals.mean(axis=0), residuals.std(axis=0).clip(min=1e-12)
+    largest, largests = (np.abs((one - centre) / sd).max(axis=1) for one in (residual, residuals))
+    lower, upper = np.quantile(residuals, (0.025, 0.975), axis=0)
+    return Misfit(
+        condition=name,
+        deviance=float(deviance[0]),
+        expected=float(deviances.mean()),
+        p=_as_large(deviances, deviance),
+        cells=shown.size,
+        levels=tuple(middles.tolist()),
+        residuals=tuple(residual[0].tolist()),
+        lower=tuple(lower.tolist()),
+        upper=tuple(upper.tolist()),
+        level_p=_as_large(largests, largest),
+    )
+
+
+def _adjusted(found: Sequence[Misfit]) -> tuple[Misfit, ...]:
     p = holm(np.array([[one.p for one in found], [one.level_p for one in found]]))
-    adjusted = tuple(
+    return tuple(
         replace(one, p_adjusted=float(whole), level_p_adjusted=float(by_level))
         for one, whole, by_level in zip(found, *p, strict=True)
     )
-    return adjusted, predicted[0][counts.cell][counts.row]
 
 
 @dataclass(frozen=True)
@@ -238,7 +335,7 @@ class _Counts:
             if float(np.abs(step).max()) < 1e-4:
                 break
         share = response.share(eta + own[:, self.unit_of_cell], rates)
-        return np.clip(share, 1e-9, 1.0 - 1e-9)
+        return np.asarray(np.clip(share, 1e-9, 1.0 - 1e-9))
 
 
 def _numbered(keys: Floats | Codes, *, ordered: bool = True) -> Codes:
@@ -263,12 +360,17 @@ def _neighbours(levels: Floats) -> tuple[Codes, Floats]:
     return place.astype(np.int64), np.bincount(place, weights=levels) / size
 
 
-def _distances(right: Floats, share: Floats, shown: Floats, place: Codes) -> tuple[Floats, Floats]:
-    """Return deviances (studies,), and residuals of shares at each level (studies, levels)."""
+def _deviances(right: Floats, share: Floats, shown: Floats) -> Floats:
+    """Return deviances (studies,) of right answers (studies, cells) from shares."""
     wrong = shown - right
     cells = xlogy(right, right / (shown * share)) + xlogy(wrong, wrong / (shown * (1.0 - share)))
+    return np.asarray(2.0 * cells.sum(axis=1))
+
+
+def _residuals(right: Floats, share: Floats, shown: Floats, place: Codes) -> Floats:
+    """Return residuals of shares at each level (studies, levels)."""
     at = (place[:, None] == np.arange(int(place.max()) + 1)).astype(np.float64)
-    return 2.0 * cells.sum(axis=1), (right - shown * share) @ at / (shown @ at)
+    return np.asarray((right - shown * share) @ at / (shown @ at))
 
 
 def _as_large(simulated: Floats, found: Floats) -> float:

@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 OPEN_RANGES = 5.0
 """A limit outside the levels shown by more than so many of their ranges bounds nothing."""
 
+NEAR_GAP = 1.25
+"""Gaps of two levels: answers at these hardly tell a narrower curve from a step."""
+
 _NODES = np.linspace(-4.5, 4.5, 91)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 """Of a standard normal."""
@@ -116,6 +119,13 @@ class Population:
         return guess, mean_lapse(*free[-2:]) if lapse is None else float(np.mean(lapse))
 
     @property
+    def narrow(self) -> tuple[str, ...]:
+        """Conditions whose width is so near the gap of two levels that these do not tell it."""
+        gap = float(np.diff(np.unique(axis_of(np.array(self.levels), self.logarithmic))).min())
+        widths = np.abs(span(self.response) * self.spread / self._slopes(self.theta))
+        return tuple(np.array(self.names)[widths < NEAR_GAP * gap].tolist())
+
+    @property
     def sd(self) -> dict[str, float]:
         """Deviations of eta by name."""
         return dict(zip(self.kinds, self._split(self.theta)[0].tolist(), strict=True))
@@ -197,8 +207,8 @@ class Population:
         """Return differences of logarithms of slopes at the threshold, of conditions compared.
 
         Limits are the wider of two: the model's, in which people have one slope in each condition,
-        and those from how participants' scores differ. Conditions of which one rises and the other
-        falls are not compared.
+        and those from how participants' scores differ. Not compared are conditions of which one
+        rises and the other falls, and `narrow` ones.
 
         Raises
         ------
@@ -210,7 +220,11 @@ class Population:
         slopes = self._slopes(self.theta)
         place = {name: k for k, name in enumerate(self.names)}
         sign = {name: np.sign(slopes[k]) for name, k in place.items()}
-        pairs = [pair for pair in self.pairs if sign[pair[0]] == sign[pair[1]]]
+        pairs = [
+            pair
+            for pair in self.pairs
+            if sign[pair[0]] == sign[pair[1]] and not {*pair} & {*self.narrow}
+        ]
         size, of_model = delta_method(
             lambda theta: np.log(np.abs(self._slopes(theta))), self.theta, self.covariance
         )

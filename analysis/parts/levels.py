@@ -1,4 +1,4 @@
-"""Psychometric functions along a level: of all answers, of the population, of each person."""
+"""Psychometric functions along a level: of all answers, and of the population."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,17 +13,10 @@ from scipy import stats
 
 from analysis.answers import Answers
 from analysis.columns import frame_of
-from analysis.models.cells import conditions
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.population import Threshold
 from analysis.models.psychometric import Psychometric, fit_psychometric
-from analysis.models.psychometric_posterior import (
-    PsychometricPosterior,
-    ThresholdDifference,
-    compare_thresholds,
-    psychometric_posterior,
-)
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
@@ -57,8 +50,6 @@ Floats = NDArray[np.float64]
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
-MOST_PEOPLE = 12
-"""Thresholds of people are compared, all pairs of them, in so small a group at most."""
 SECTION = ("levels", "Levels")
 TRUST = "When not to trust these levels"
 SHAPES: Mapping[Shape, str] = {
@@ -550,177 +541,3 @@ def _spread(model: ThresholdModel, form: str) -> str:
         return ""
     text = ", ".join(f"{name} SD = {sd_digits(sd)}" for name, sd in _deviations(model).items())
     return form.format(text + " of ln threshold" * model.logarithmic)
-
-
-@dataclass(frozen=True)
-class PersonFit:
-    """One participant's curve in one condition."""
-
-    participant: str
-    condition: str
-    fit: PsychometricPosterior
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """When not to trust it."""
-        return self.fit.warnings
-
-    @property
-    def known(self) -> bool:
-        """Whether the answers, and not the prior, place the threshold."""
-        return not self.fit.unidentified
-
-
-@dataclass(frozen=True)
-class OwnCurves:
-    """Every number.
-
-    Attributes
-    ----------
-    people : tuple of PersonFit
-        Each from that person's answers alone.
-    within : mapping of participant to tuple of ThresholdDifference
-        Between conditions of one person.
-    between : mapping of condition to tuple of ThresholdDifference
-        Between people in one condition.
-    """
-
-    people: tuple[PersonFit, ...]
-    within: Mapping[str, tuple[ThresholdDifference, ...]]
-    between: Mapping[str, tuple[ThresholdDifference, ...]]
-    notes: tuple[str, ...]
-    counts: Mapping[str, Mapping[str, Counts]] = field(repr=False)
-
-
-class OwnCurvesPart(LevelsPart[OwnCurves]):
-    """Psychometric functions of each person, by their posterior; thresholds compared."""
-
-    name: ClassVar[str] = "psychometric"
-
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> OwnCurves:
-        """Fit each person in each condition, and compare what the answers place."""
-        notes, people = list[str](), list[PersonFit]()
-        for name, rows in conditions(table, plan.compared):
-            for who, part in rows.groupby("participant", sort=True):
-                ((_, counts),) = counts_in(part, plan).items()
-                if len(counts.levels) < 2:
-                    notes.append(f"{who}, {name}: shown at one level only; no curve")
-                    continue
-                fit = psychometric_posterior(
-                    *counts.arrays,
-                    guess=plan.guess,
-                    shape="gumbel" if plan.shape == "weibull" else plan.shape,
-                    falling=plan.falling,
-                    logarithmic=plan.logarithmic,
-                    level=plan.confidence,
-                )
-                people.append(PersonFit(str(who), name, fit))
-        within: dict[str, dict[str, PsychometricPosterior]] = {}
-        between: dict[str, dict[str, PsychometricPosterior]] = {}
-        for one in people:
-            if one.known:
-                within.setdefault(one.participant, {})[one.condition] = one.fit
-                between.setdefault(one.condition, {})[one.participant] = one.fit
-        for name, fits in between.items():
-            if len(fits) > MOST_PEOPLE:
-                notes.append(f"{len(fits)} people: not compared with each other, one by one")
-                between[name] = {}
-        compared = _compared(within), _compared(between)
-        return OwnCurves(tuple(people), *compared, tuple(notes), counts_of_people(table, plan))
-
-    def show(self, found: OwnCurves, plan: RatePlan) -> Shown:
-        """Return each person's curve in a row, and what differs within people."""
-        label = plan.label
-        compared = [
-            {"within": kind, "of": who} | vars(one)
-            for kind, groups in (("participant", found.within), ("condition", found.between))
-            for who, several in groups.items()
-            for one in several
-        ]
-        curves = {
-            (one.participant, one.condition): DrawnCurve(
-                one.fit, threshold=(place.value, place.lower, place.upper)
-            )
-            for one in found.people
-            if one.known
-            for place in [one.fit.threshold]
-        }
-        return Shown(
-            title=self.title(plan),
-            blocks=(
-                Picture("own_curves"),
-                Table.of(
-                    "Each participant's curve, from these answers alone",
-                    (
-                        *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
-                        *(("Limits", "n"), (width_title(plan.logarithmic), "")),
-                        *(("Lapse rate", ""), ("Spread", "")),
-                    ),
-                    [
-                        (
-                            one.participant,
-                            label(one.condition),
-                            *threshold_cells(
-                                one.known, place.value, (place.lower, place.upper), fit.width.value
-                            ),
-                            size(fit.lapse.value, 2),
-                            size(fit.spread.value, 2),
-                        )
-                        for one in found.people
-                        for fit, place in [(one.fit, one.fit.threshold)]
-                    ],
-                ),
-                Paragraph(
-                    "Medians of a posterior with priors on lapses, guesses and on answers that vary"
-                    " more than chance (Schütt et al., 2016). Spread: how far the true share at a"
-                    " level strays.",
-                    muted=True,
-                ),
-                Cautions.each(
-                    TRUST, found.people, lambda one: f"{one.participant}, {label(one.condition)}"
-                ),
-            ),
-            sentences=tuple(
-                f"{who}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
-                f" {100 * one.level:g}% limits {size_range((one.lower, one.upper))}, posterior p"
-                f" {p_number(one.p_adjusted)} Holm-adjusted."
-                for who, several in found.within.items()
-                for one in several
-            ),
-            methods=(
-                "Each participant's psychometric function is the median of a posterior with priors"
-                " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"
-                " 2016); thresholds are compared by their posteriors, Holm-adjusted."
-            ),
-            figures=(
-                people_figure(
-                    "own_curves", "curves from these answers alone", found.counts, curves, plan
-                ),
-            ),
-            tables={
-                "people.csv": pd.DataFrame(map(_line, found.people)),
-                "comparisons_of_people.csv": pd.DataFrame(
-                    compared, columns=["within", "of", *ThresholdDifference.__dataclass_fields__]
-                ),
-            },
-        )
-
-
-def _gap(one: ThresholdDifference) -> str:
-    return size(one.difference, within=(one.lower, one.upper))
-
-
-def _compared(
-    groups: Mapping[str, Mapping[str, PsychometricPosterior]],
-) -> dict[str, tuple[ThresholdDifference, ...]]:
-    return {name: compare_thresholds(fits) for name, fits in groups.items() if len(fits) > 1}
-
-
-def _line(one: PersonFit) -> dict[str, object]:
-    line: dict[str, object] = {"participant": one.participant, "condition": one.condition}
-    for name in ("threshold", "width", "guess", "lapse", "spread"):
-        known = name not in one.fit.unidentified
-        for part in ("value", "lower", "upper"):
-            column = name if part == "value" else f"{name}_{part}"
-            line[column] = getattr(getattr(one.fit, name), part) if known else None
-    return line | {"trials": one.fit.trials, "warnings": "; ".join(one.fit.warnings)}

@@ -57,6 +57,7 @@ class SlopesPart(LevelsPart[Slopes]):
             ratios=in_order(model.population.slope_ratios(), plan, lambda one: one.first),
             log_likelihood=model.log_likelihood,
             population=model.population,
+            notes=_notes(model.population, plan),
         )
 
     def show(self, found: Slopes, plan: RatePlan) -> Shown:
@@ -108,6 +109,18 @@ class SlopesPart(LevelsPart[Slopes]):
             ),
             tables={"slopes.csv": lines},
         )
+
+
+def _notes(population: Population, plan: RatePlan) -> tuple[str, ...]:
+    """Return of which conditions the levels do not tell the slope, and how levels were chosen."""
+    notes = [
+        f"{plan.label(name)}: the width is near the gap between two levels, which do not tell how"
+        " steep the curve is: its slope is not compared"
+        for name in population.narrow
+    ]
+    if plan.adaptive:
+        notes.append("levels were chosen from the answers: curves come out steeper than they are")
+    return tuple(notes)
 
 
 def _ratio(one: Difference) -> tuple[str, str]:

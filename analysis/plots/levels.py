@@ -293,12 +293,16 @@ def misfit_plot(
         _level_ticks(axes, levels, width_in / shape[1], logarithmic=logarithmic)
         axes.set_xlabel(x_label)
         axes.set_ylabel("Residual, share right")
-        said = "Bands: 95 % of studies that the model simulates"
+        said = "Bands: 95 % of simulated residuals"
         if course is not None:
-            said += f"; session: mean of participants, {limits_text(level)}"
+            said += f"; session: mean of participants, {limits_text(level)}" * (
+                len(course.people) > 1
+            )
             mean, count = np.nanmean(course.people, axis=0), np.isfinite(course.people).sum(axis=0)
-            sd = np.nanstd(course.people, axis=0, ddof=1)
-            reach = sd / np.sqrt(count) * stats.t.ppf(0.5 + 0.5 * level, np.maximum(count - 1, 1))
+            reach = np.zeros(mean.size)
+            if count.min() > 1:
+                sd = np.nanstd(course.people, axis=0, ddof=1)
+                reach = sd / np.sqrt(count) * stats.t.ppf(0.5 + 0.5 * level, count - 1)
             several[1].errorbar(course.places, mean, reach, color="black", marker="o", ms=3.5,
                                 ls="none", lw=1.0)  # fmt: skip
             several[1].set_xlim(0, 1)

@@ -8,7 +8,8 @@ import pandas as pd
 from analysis.guessing import curve_mistake
 from analysis.parts import AnyPart
 from analysis.parts.goodness import GoodnessPart
-from analysis.parts.levels import CurvesPart, OwnCurvesPart, ThresholdsPart
+from analysis.parts.levels import CurvesPart, ThresholdsPart
+from analysis.parts.own_curves import OwnCurvesPart
 from analysis.parts.slopes import SlopesPart
 from analysis.parts.stated import StatedPart
 from analysis.plans.rates import CurvePlan, RatePlan, common_settings_of_table

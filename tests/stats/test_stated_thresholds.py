@@ -18,7 +18,9 @@ from scipy import stats
 from scipy.special import ndtri
 from typer.testing import CliRunner
 
-from analysis.models.goodness import misfits
+from analysis.models.goodness import _deviances, _refitted, curve_misfits, misfits
+from analysis.models.psychometric import fit_psychometric
+from analysis.models.psychometric_posterior import psychometric_posterior
 from analysis.models.quadrature import _Integrated
 from analysis.models.response import Response
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
@@ -183,6 +185,60 @@ def test_a_curve_that_answers_do_not_follow_is_found_by_level():
     worst = int(np.argmin(a.residuals))
     assert a.levels[worst] == 2.0
     assert a.residuals[worst] < a.lower[worst]
+
+
+@pytest.mark.parametrize(
+    ("shape", "falling"), [("gauss", False), ("gumbel", True), ("weibull", False)]
+)
+def test_what_a_curve_simulates_is_fitted_anew_as_the_answers_were(shape, falling, rng):
+    """No worse than the search that fits answers, set by set, which can be stuck at a bound."""
+    levels = np.exp(np.linspace(-1, 1, 7)) if shape == "weibull" else np.linspace(-3, 3, 7)
+    right, shown = np.array([9.0, 11, 12, 15, 18, 20, 20]), np.full(7, 20.0)
+    right = right[::-1] if falling else right
+    how = {"shape": shape, "falling": falling}
+    fit = fit_psychometric(levels, right, shown, **how)
+    drawn = rng.binomial(20, np.tile(fit(levels), (6, 1))).astype(float)
+    found = _deviances(drawn, _refitted(fit, levels, drawn, shown, 0.5), shown)
+    best = [fit_psychometric(levels, one, shown, **how).deviance for one in drawn]
+    (one,) = curve_misfits({"a": fit}, {"a": (levels, right, shown)}, 0.5, rng)
+
+    assert np.all(found <= np.array(best) + 0.3)
+    assert one.deviance == pytest.approx(fit.deviance, abs=1e-5)
+    assert one.expected == pytest.approx(4.2, abs=1.3)  # 7 levels less 3 parameters
+
+
+def test_slopes_that_the_levels_do_not_tell_are_not_compared():
+    """Widths of half of the gap between levels: only the prior bounds them."""
+    rows = simulate_identification(
+        TaskDesign(10, 1, 6), {"a": 0.0, "b": 0.2}, np.random.default_rng(0), levels=LEVELS,
+        width=0.5, participant_sd=0.8, interaction_sd=0.3,
+    )  # fmt: skip
+    population = fit_thresholds(rows, "level", ("method",), own_widths=True).population
+
+    assert set(population.narrow) == {"a", "b"}
+    assert population.slope_ratios() == ()
+
+
+@pytest.mark.parametrize("share", [0.75, 0.9])
+def test_a_persons_stated_threshold_is_the_posteriors_by_plain_sums(share):
+    """Binomial answers, no lapses: sums over 400 x 400 thresholds and widths, even priors."""
+    right, shown = np.array([31.0, 30, 35, 44, 55, 59, 60]), np.full(7, 60.0)
+    x = np.linspace(-3, 3, 7)
+    fit = psychometric_posterior(
+        x, right, shown, share=share, overdispersed=False, lapse_prior=(1.0, 1e5)
+    )
+    place, width = np.meshgrid(np.linspace(-3, 3, 400), np.linspace(2, 6, 400), indexing="ij")
+    span = 2 * ndtri(0.95)
+    chance = 0.5 + 0.5 * stats.norm.cdf(span * (x - place[..., None]) / width[..., None])
+    height = stats.binom.logpmf(right, shown, np.clip(chance, 0, 1 - 1e-9)).sum(axis=-1)
+    where = (place + width * ndtri(2 * share - 1) / span).ravel()
+    order = np.argsort(where)
+    risen = np.cumsum(np.exp(height - height.max()).ravel()[order])
+    wanted = np.interp([0.5, 0.025, 0.975], risen / risen[-1], where[order])
+
+    assert fit.stated is not None
+    found = [fit.stated.value, fit.stated.lower, fit.stated.upper]
+    np.testing.assert_allclose(found, wanted, atol=0.05)
 
 
 @pytest.mark.parametrize(("kind", "count", "share"), [
