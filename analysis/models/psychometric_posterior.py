@@ -465,7 +465,7 @@ def _stated(
         mass = mass * _trapezoid(values).reshape(at)
     mass = mass.sum(axis=-1)
     place, width, guess, lapse = np.meshgrid(*list(grid.values())[:4], indexing="ij", sparse=True)
-    rise = (share - guess) / (1.0 - guess - lapse)
+    rise = (share - guess) / np.maximum(1.0 - guess - lapse, 1e-9)
     inner = np.clip(1.0 - rise if falling else rise, 1e-4, 1.0 - 1e-4)
     where = place + width * _way(inner, shape)
     # What no curve reaches lies beyond all levels, where performance is best.
