@@ -52,9 +52,9 @@ _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
     ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
     ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
-    ("psychometric", *_LEVELS, "--threshold-at", "dprime=1"): (
-        "two-answers",
-        ("curves", "thresholds", "stated_thresholds", "slopes", "goodness", "psychometric"),
+    ("psychometric", *_LEVELS, "--guess", "0.25", "--threshold-at", "dprime=1"): (
+        "four-answers",
+        ("curves", "thresholds", "stated_thresholds", "goodness", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
     ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
