@@ -32,7 +32,7 @@ UNBIASED_PADDING = 0.5
 """Answers of each stimulus, with which one person's d_a is right on average.
 
 Without it d_a of 1.3 was too large by .03 (200 answers in two steps, 100 in four), and limits of
-30 people held the truth in .90.
+30 people with 200 answers in two steps held the truth in .92, with it in .95 (261 studies).
 """
 WIDEST = 3.0
 """Largest logarithm of a ratio of standard deviations that data can tell from none."""
