@@ -26,8 +26,8 @@ from analysis.parts.levels import (
 )
 from analysis.plans.rates import RatePlan
 from analysis.plots.levels import DrawnCurve
-from analysis.report.blocks import Cautions, Paragraph, Picture, Table
 from analysis.report.wording import p_number, size, size_range
+from protocols.blocks import Cautions, Paragraph, Picture, Table
 from protocols.tasks.rates import performance_in_words
 
 MOST_PEOPLE = 12
