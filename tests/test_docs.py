@@ -8,13 +8,16 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import forked
+import numpy as np
 import pytest
 from PIL import Image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
+CONTRIBUTING = REPOSITORY / "CONTRIBUTING.md"
 SHOWN = Path("docs/images/fills.png")  # commands take it as their picture: here a smaller one
 NOT_OURS = {".git", ".venv", "out", "dist", "build", "node_modules", "__pycache__"}
 
@@ -24,7 +27,7 @@ SCRIPT = re.compile(r"(\./)?script/(?P<name>[\w-]+)")
 
 
 def pages() -> list[Path]:
-    return [README, *sorted((REPOSITORY / "docs").rglob("*.md"))]
+    return [README, CONTRIBUTING, *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
 def commands_in(text: str) -> list[str]:
@@ -210,6 +213,44 @@ def test_every_script_is_explained(repository):
 @pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(REPOSITORY)))
 def test_every_relative_link_leads_somewhere(page):
     assert broken_links(page) == []
+
+
+@pytest.mark.parametrize(
+    ("asked", "answered"),
+    [
+        ("my EyeLink", "tracker | `--gaze` | needs"),
+        ("at home", "From a study to JATOS"),
+        ("my network (ONNX)", "--methods onnx:ours.onnx"),
+        ("How many participants", "`analysis power` simulates"),
+        ("What does JOD mean", "75 % of observers"),
+        ("Why was a trial repeated", "| `void_reason` | what happened |"),
+    ],
+)
+def test_a_question_of_the_readme_leads_to_the_heading_that_answers_it(asked, answered):
+    table = README.read_text(encoding="utf-8").partition("## Where to read on")[2]
+    (row,) = [line for line in table.splitlines() if asked in line]
+    page, _, anchor = re.findall(r"\]\(([^)]+)\)", row)[0].partition("#")
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+
+    parts = re.split(r"^(?=#+ )", text, flags=re.MULTILINE)
+    begun = [n for n, part in enumerate(parts) if anchor in anchors_in(part)] if anchor else [0]
+    first_screens = "".join(parts[begun[0] :])[:4000]
+    assert answered in first_screens
+
+
+def test_the_plug_in_of_the_contributing_page_fills_every_hole():
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    named: dict[str, type] = {}
+    exec(code, named)
+    hole = np.zeros((4, 4), bool)
+    hole[1, 1] = True
+    colour = np.full((4, 4, 3), 0.25, np.float32)
+    colour[hole] = 0
+    filled = named["MeanFill"]().fill(SimpleNamespace(colour=colour, hole=hole), seed=1)
+
+    assert np.array_equal(filled, np.full((4, 4, 3), 0.25, np.float32))
+    assert code.count("\n", code.index("class ")) == 5
 
 
 def test_every_folder_of_the_packages_is_explained(repository):
