@@ -18,7 +18,7 @@ sys.path.insert(0, str(HERE))
 import pictures  # noqa: E402
 from pages import REPOSITORY, lay_out  # noqa: E402
 
-WATCHED = ("README.md", "CHANGELOG.md", "docs", "script/site")
+WATCHED = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs", "script/site")
 
 
 def build(out: Path, *, fresh: bool = True) -> bool:

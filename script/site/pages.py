@@ -27,7 +27,8 @@ def site() -> dict[str, Any]:
 
 def sources() -> dict[str, Path]:
     """Return the pages that are files, by name on the site, without `.md`."""
-    found = {FRONT: REPOSITORY / "README.md", "CHANGELOG": REPOSITORY / "CHANGELOG.md"}
+    found = {FRONT: REPOSITORY / "README.md"}
+    found |= {name: REPOSITORY / f"{name}.md" for name in ("CHANGELOG", "CONTRIBUTING")}
     tables = (REPOSITORY / "benchmarks/results").glob("*.md")
     for path in sorted([*(REPOSITORY / "docs").rglob("*.md"), *tables]):
         found[path.relative_to(REPOSITORY).with_suffix("").as_posix()] = path
