@@ -15,6 +15,7 @@ SESSION_COLUMNS = (
     *SITTING_COLUMNS,
     Column("slot", "integer", "", "Counterbalancing slot"),
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
+    Column("remote", "0/1", "", "1: the session ran in the participant's own browser"),
     Column("status", "text", "", "completed, unfinished, or why the session ended"),
     Column("planned", "integer", "trials", "Main trials planned"),
     Column("decided", "integer", "trials", "Main trials decided"),

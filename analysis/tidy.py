@@ -182,6 +182,7 @@ def _one_sitting(
         "session": name,
         "participant": start.participant,
         "simulated": int(start.simulated),
+        "remote": int(start.remote is not None),
     }
     notes = [f"{name}: line {bad.line} is damaged: {bad.reason}" for bad in journal.damaged]
     if journal.torn:

@@ -41,6 +41,7 @@ SITTING_COLUMNS = (
 _TRIAL = (
     *SITTING_COLUMNS,
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
+    Column("remote", "0/1", "", "1: in the participant's own browser"),
     Column("trial", "text", "", "Trial of the plan"),
     Column("kind", "text", "", "main, catch or practice"),
 )

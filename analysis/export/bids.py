@@ -22,7 +22,7 @@ from protocols.journal import SessionStart
 from protocols.outside import markdown, page_bytes
 
 VERSION = "1.11.1"
-_NOT_IN_BEH = ("session", "participant", "simulated")
+_NOT_IN_BEH = ("session", "participant", "simulated", "remote")
 _NOT_OF_PEOPLE = ("session", "participant", "protocol_sha256", "stimuli_sha256")
 
 

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from analysis.answers import Answers
 from analysis.columns import frame_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
-from analysis.parts import PartFigure, Shown, SimplePart, Tests
+from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -24,6 +24,7 @@ from analysis.parts.shared import (
     RATIOS,
     TESTED,
     apa_test,
+    between,
     compared,
     limits,
     mean_differences_p,
@@ -105,6 +106,22 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
         return {
             "": partial(mean_differences_p, scored, people, plan, holms=plan.correction == "holm")
         }
+
+    def estimates(self, found: Ratings, plan: RatingPlan) -> Sequence[Estimate]:
+        """Return how far conditions lie apart on the latent axis, where that is known."""
+        count = sum(map(sum, found.levels.values()))
+        return [
+            Estimate(
+                f"{between(one, plan)}, latent axis",
+                one.difference,
+                one.lower,
+                one.upper,
+                one.p_adjusted,
+                count,
+            )
+            for one in found.model.contrasts
+            if not math.isnan(one.difference)
+        ]
 
     def show(self, found: Ratings, plan: RatingPlan) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""

@@ -9,6 +9,7 @@ import pandas as pd
 from analysis.parts import PartFigure, Shown, computed
 from analysis.parts.added import with_added
 from analysis.parts.looks import LooksPart
+from analysis.parts.places import PlacesPart
 from analysis.report.participants import participant_sentence
 from analysis.report.source import Source
 from analysis.report.values import as_json
@@ -62,8 +63,9 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     if source.protocol is not None and (looks := source.protocol.analysis.sequential) is not None:
         least_p = partial(analysis.least_p, source.protocol)
         parts = (LooksPart(looks, parts, least_p), *parts)
+    parts = (*parts, PlacesPart(parts, source.tidy.sessions if source.tidy else None))
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
-    if not found:
+    if not {*found} - {PlacesPart.name}:
         raise StudyError(
             f"{plan.study}: must hold what {analysis.kind} is about"
             f" ({'; '.join(notes) or 'it does not'})"

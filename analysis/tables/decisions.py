@@ -59,7 +59,8 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     rows["chosen"] = rows["first"].where(chose, rows["second"])
     rows["rejected"] = rows["second"].where(chose, rows["first"])
     defaults = {"scene": "all", "size": NO_SIZE, "session": rows["participant"], "rt_s": np.nan}
-    for column, value in (defaults | {"repeat": None, "simulated": 0, "included": 1}).items():
+    defaults |= {"repeat": None, "simulated": 0, "remote": 0, "included": 1}
+    for column, value in defaults.items():
         rows[column] = table.take(column, value)
     sizes = rows["size"] == NO_SIZE
     table.refuse(

@@ -43,7 +43,7 @@ def read_ratings(
     DataFrame
         ``participant``, ``scene`` (if given), `by` or ``first`` and ``second``, ``rating`` (text
         with a scale, else a number), ``order``, ``rt_s`` (NaN where not given), ``simulated``
-        (0/1).
+        and ``remote`` (0/1).
 
     Raises
     ------
@@ -77,7 +77,8 @@ def read_ratings(
     table.order(rows["participant"])
     rows["order"] = rows.groupby("participant").cumcount() + 1
     rows["rt_s"] = table.take("rt_s", np.nan)
-    rows["simulated"] = (given["simulated"] == "1").astype(int) if "simulated" in given else 0
+    for column in ("simulated", "remote"):
+        rows[column] = (given[column] == "1").astype(int) if column in given else 0
     return rows.reset_index(drop=True)
 
 

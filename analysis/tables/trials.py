@@ -129,7 +129,7 @@ def read_times(
     DataFrame
         ``participant``, ``rt_s`` (seconds), ``order``; ``scene`` and `by` as text if given;
         ``expected`` and ``answer`` as `read_trials` returns them and ``correct`` (0/1), where the
-        table says which answers were right; ``simulated`` (0/1), if given.
+        table says which answers were right; ``simulated`` and ``remote`` (0/1), if given.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def read_times(
     table.only_main()
     judged = "correct" in table.rows or {"expected", "answer"} <= set(table.rows)
     table.answered(("rt_s", *(["correct"] if "correct" in table.rows else [])), each=True)
-    kept = ["participant", "scene", *conditions, "order", "rt_s", "simulated"]
+    kept = ["participant", "scene", *conditions, "order", "rt_s", "simulated", "remote"]
     if judged:
         rows = read_trials(table, conditions=conditions, own=False)
         kept += ["expected", "answer", "correct"]
@@ -152,8 +152,8 @@ def read_times(
         rows["order"] = table.order(rows["participant"])
         for column in {"scene", *conditions} & set(table.rows):
             rows[column] = table.text(column)
-        if "simulated" in table.rows:
-            rows["simulated"] = _numeric_if_all(table.rows["simulated"])
+        for column in {"simulated", "remote"} & set(table.rows):
+            rows[column] = _numeric_if_all(table.rows[column])
     for column in conditions:
         rows[column] = rows[column].map(name_of)
     return rows[[name for name in dict.fromkeys(kept) if name in rows]].reset_index(drop=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,8 @@ from protocols.journal import (
     BlockStart,
     Consent,
     GazeQuality,
+    Machine,
+    Remote,
     SessionEnd,
     SessionStart,
     ShownStimulus,
@@ -28,6 +30,23 @@ from protocols.schema import StudyProtocol
 
 SHA = "0" * 64
 AT = "2026-01-01T10:00:00.000000Z"
+AT_HOME = Remote(
+    study_file_sha256=SHA,
+    revision="0.1.0 (abcdefa)",
+    slot_from="link",
+    machine=Machine(
+        browser="Firefox 153",
+        refresh_hz=75.02,
+        missed_share=0.0,
+        window_px=(1920, 1080),
+        device_pixel_ratio=1.0,
+        scale=1,
+        color_gamut="srgb",
+        full_screen=True,
+        touch=False,
+    ),
+    deviations_s={},
+)
 QUALITY = {"metameric": 0.6, "push-pull": -0.9, "reference": 1.6}
 
 
@@ -127,7 +146,9 @@ def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
         rt_s: float | None = None,
         answer: str = "the edges",
         seed: int = 1,
+        remote: Collection[int] = (),
     ) -> Path:
+        """`remote` are the numbers of those who took part in their own browser."""
         for number in range(people):
             code = f"P{number + 1:02d}"
             rng = np.random.default_rng([seed, number])
@@ -141,6 +162,7 @@ def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
                 rt_s=rt_s,
                 answer=answer,
                 slot=number,
+                remote=number in remote,
             )
             (folder / code).mkdir(parents=True)
             (folder / code / "journal.jsonl").write_bytes(b"".join(map(event_line, events)))
@@ -164,6 +186,7 @@ def _sitting(
     rt_s: float | None,
     answer: str,
     slot: int,
+    remote: bool,
 ) -> list[AnyEvent]:
     trials = [
         (scene, size, pair if repeat % 2 == 0 else pair[::-1], repeat)
@@ -195,13 +218,14 @@ def _sitting(
             display="fhd27-60hz",
             display_sha256=SHA,
             display_report=None,
-            refresh_hz=60.0,
-            gaze_mode="monitor",
+            refresh_hz=75.0 if remote else 60.0,
+            gaze_mode="none" if remote else "monitor",
             gaze=None,
             revision="0.1.0 (abcdefa)",
             versions={},
             platform="test",
-            timing_evidence="virtual",
+            timing_evidence="animation frame" if remote else "virtual",
+            remote=AT_HOME if remote else None,
         )
     )
     events.append(Consent(**stamp(), agreed=True, language="en", text_sha256=SHA))

@@ -1,0 +1,236 @@
+"""Places: which sessions ran in participants' own browsers, and what differs from the lab."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from typing import Any, ClassVar
+
+import pandas as pd
+from numpy.random import Generator
+
+from analysis.parts import AnyPart, Estimate, Part, Plan, Shown, estimates_of, tried
+from protocols.blocks import Block, Paragraph, Table
+from analysis.report.wording import level_text, number_range, placed
+from protocols.prose import count_of
+
+LAB, BROWSER = "lab", "browser"
+_TABLE_ONLY = "the table does not say"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Sessions of one place whose decisions were analysed.
+
+    `refresh_hz`, `timing_evidence` and `gaze_mode` count sessions by what they were recorded with;
+    empty for a table, which does not say.
+    """
+
+    name: str
+    sessions: int
+    participants: int
+    decisions: int
+    refresh_hz: Mapping[str, int]
+    timing_evidence: Mapping[str, int]
+    gaze_mode: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class PlaceDifference:
+    """One primary result by place, and by how much the browsers' is higher, with limits."""
+
+    what: str
+    lab: Estimate
+    browser: Estimate
+    difference: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Places:
+    """Every number; `differences` only where both places have decisions."""
+
+    places: tuple[Place, ...]
+    differences: tuple[PlaceDifference, ...]
+    notes: tuple[str, ...] = ()
+
+
+def difference(lab: Estimate, browser: Estimate) -> PlaceDifference:
+    """Return the difference of independent estimates, its limits recovered from theirs.
+
+    This is MOVER (Zou and Donner 2008): each estimate's distance to its own limit stands for its
+    error at that limit, so that limits need not be symmetric.
+    """
+    found = browser.value - lab.value
+    below = hypot(browser.value - browser.lower, lab.upper - lab.value)
+    above = hypot(browser.upper - browser.value, lab.value - lab.lower)
+    return PlaceDifference(lab.what, lab, browser, found, found - below, found + above)
+
+
+class PlacesPart(Part[Plan, Places]):
+    """Where sessions ran, and the primary result of other parts by place.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Those of the report.
+    sessions : DataFrame, optional
+        A row per session, as `analysis.tidy` makes it; a table has none.
+    """
+
+    name: ClassVar[str] = "places"
+    section: ClassVar[tuple[str, str]] = ("places", "Lab and browser")
+
+    def __init__(self, parts: Sequence[AnyPart], sessions: pd.DataFrame | None) -> None:
+        self._parts, self._sessions = parts, sessions
+
+    def wanted(self, table: pd.DataFrame, _plan: Plan) -> bool:
+        """Return whether a session ran in a browser."""
+        return "remote" in table and bool((table["remote"] == 1).any())
+
+    def compute(
+        self, table: pd.DataFrame, plan: Plan, _found: Mapping[str, Any], _chance: Generator
+    ) -> Places:
+        """Count sessions by place; estimate the primary result at each."""
+        by_place = {
+            name: table[(table["remote"] == 1) == (name == BROWSER)].reset_index(drop=True)
+            for name in (LAB, BROWSER)
+        }
+        places = tuple(self._place(name, rows) for name, rows in by_place.items() if len(rows))
+        if len(places) < 2:
+            return Places(places, ())
+        notes: list[str] = []
+        people = [set(rows["participant"].astype(str)) for rows in by_place.values()]
+        if both := sorted(set.intersection(*people)):
+            return Places(places, (), (f"no comparison of places: {both[0]} took part at both",))
+        lab, browser = (
+            tried(
+                lambda rows=rows: estimates_of(self._parts, rows, plan, planned=True),
+                f"primary result of the {name}'s sessions alone",
+                notes,
+            )
+            for name, rows in by_place.items()
+        )
+        if not notes and not (lab and browser):
+            notes.append("no comparison of places: the report has no primary number with limits")
+        at_home = {one.what: one for one in browser or ()}
+        return Places(
+            places,
+            tuple(difference(one, at_home[one.what]) for one in lab or () if one.what in at_home),
+            tuple(notes),
+        )
+
+    def show(self, found: Places, plan: Plan) -> Shown:
+        """Return what vouches for each place's sessions, and the primary result by place."""
+        differences = pd.DataFrame(
+            [
+                {"of": one.what}
+                | {f"lab_{end}": getattr(one.lab, end) for end in ("value", "lower", "upper")}
+                | {f"browser_{e}": getattr(one.browser, e) for e in ("value", "lower", "upper")}
+                | {"difference": one.difference, "lower": one.lower, "upper": one.upper}
+                for one in found.differences
+            ]
+        )
+        tables = {"places.csv": pd.DataFrame([vars(one) for one in found.places])}
+        return Shown(
+            blocks=tuple(_blocks(found, plan)),
+            sentences=(_counted(found), *(_sentence(one, plan) for one in found.differences)),
+            methods=_methods(found),
+            tables=tables | ({"place_differences.csv": differences} if len(differences) else {}),
+        )
+
+    def _place(self, name: str, rows: pd.DataFrame) -> Place:
+        who = "session" if "session" in rows else "participant"
+        names = set(rows[who].astype(str))
+        every = self._sessions
+
+        def counted(column: str) -> Mapping[str, int]:
+            if every is None:
+                return {}
+            own = every.loc[every["session"].isin(names), column]
+            texts = own.map(lambda value: f"{value:g}" if column == "refresh_hz" else str(value))
+            return {str(value): int(count) for value, count in texts.value_counts().items()}
+
+        return Place(
+            name,
+            len(names),
+            int(rows["participant"].nunique()),
+            len(rows),
+            counted("refresh_hz"),
+            counted("timing_evidence"),
+            counted("gaze_mode"),
+        )
+
+
+def _blocks(found: Places, plan: Plan) -> Iterator[Block]:
+    yield Table.each(
+        "Where sessions ran",
+        found.places,
+        ("Place", "l c", lambda one: one.name),
+        ("Sessions", "", lambda one: str(one.sessions)),
+        ("Participants", "", lambda one: str(one.participants)),
+        ("Decisions", "", lambda one: str(one.decisions)),
+        ("Refresh rates", "l", lambda one: _listed(one.refresh_hz, one.sessions, " Hz")),
+        ("Time stamps by", "l", lambda one: _listed(one.timing_evidence, one.sessions)),
+        ("Gaze", "l", lambda one: _listed(one.gaze_mode, one.sessions)),
+    )
+    yield Paragraph(
+        "In a browser every file was hashed before it was decoded, and each refresh was stamped by"
+        " the browser's animation frame. No photodiode saw the screen; nothing watched gaze or"
+        " distance."
+    )
+    if found.differences:
+        yield Table.each(
+            "Exploratory: the primary result by place",
+            found.differences,
+            ("Result", "l c", lambda one: one.what),
+            ("Lab", "", lambda one: placed(one.lab, one.lab.value)),
+            (plan.limits, "n", lambda one: number_range(one.lab.lower, one.lab.upper)),
+            ("Browser", "", lambda one: placed(one.browser, one.browser.value)),
+            (plan.limits, "n", lambda one: number_range(one.browser.lower, one.browser.upper)),
+            ("Browser - lab", "strong", lambda one: placed(one, one.difference)),
+            (plan.limits, "n", lambda one: number_range(one.lower, one.upper)),
+        )
+        yield Paragraph(
+            "Nobody was assigned to a place by chance: people, screens and rooms differ with it."
+            " Limits that hold 0 do not show that places agree."
+        )
+
+
+def _listed(counts: Mapping[str, int], sessions: int, unit: str = "") -> str:
+    """Return what sessions were recorded with: ``60 Hz (3), 75 Hz (1)``."""
+    if not counts:
+        return _TABLE_ONLY
+    several = len(counts) > 1 or sum(counts.values()) < sessions
+    return ", ".join(
+        f"{value or 'not noted'}{unit}" + f" ({count})" * several for value, count in counts.items()
+    )
+
+
+def _counted(found: Places) -> str:
+    remote = found.places[-1]
+    every = sum(one.sessions for one in found.places)
+    rates = _listed(remote.refresh_hz, remote.sessions, " Hz")
+    at = f", at {rates}" if remote.refresh_hz else ""
+    return f"{remote.sessions} of {count_of(every, 'session')} ran in participants' browsers{at}."
+
+
+def _sentence(one: PlaceDifference, plan: Plan) -> str:
+    return (
+        f"Exploratory, {one.what}: browser minus lab {placed(one, one.difference)},"
+        f" {level_text(plan.confidence)} {number_range(one.lower, one.upper)}."
+    )
+
+
+def _methods(found: Places) -> str:
+    said = (
+        "Sessions in browsers showed files that were hashed before they were decoded; their"
+        " refreshes were stamped by animation frames, and gaze was not watched."
+    )
+    if found.differences:
+        said += (
+            " The primary result was estimated at each place alone. Limits of the difference"
+            " follow from those of both (MOVER, Zou and Donner 2008). This comparison is"
+            " exploratory."
+        )
+    return said
