@@ -9,15 +9,20 @@ export async function sha256(data: BufferSource): Promise<string> {
   return [...new Uint8Array(digest)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** Fetch a file whole; three tries, for lines that break. */
+/** Most bytes of one request for a part of a pack, unless a frame has more. */
+const PART_BYTES = 2 ** 20;
+
+/** Fetch a file, or what an HTTP range of it gives; three tries, for lines that break. */
 export async function fetched(
   url: string,
   cache: RequestCache = "default",
+  range = "",
   tries = 3,
 ): Promise<ArrayBuffer> {
+  const headers: HeadersInit = range ? { range } : {};
   for (let left = tries; ; left--) {
     try {
-      const response = await fetch(url, { cache });
+      const response = await fetch(url, { cache, headers });
       if (response.ok) return await response.arrayBuffer();
       if (left <= 1 || response.status === 404) {
         throw new FileError(`${url} did not come (the server says ${response.status})`);
@@ -28,6 +33,21 @@ export async function fetched(
     }
     await new Promise((resolve) => setTimeout(resolve, 1000 * (tries - left + 1)));
   }
+}
+
+/** The parts in which a pack is fetched: first frame, and the one after the last. */
+export function partsOf(pack: Pack): [number, number][] {
+  const parts: [number, number][] = [];
+  let began = 0;
+  pack.ends.forEach((end, index) => {
+    const last = parts.at(-1);
+    if (last && end - began <= PART_BYTES) last[1] = index + 1;
+    else {
+      began = pack.ends[index - 1] ?? 0;
+      parts.push([index, index + 1]);
+    }
+  });
+  return parts;
 }
 
 /** Codes as they are in the file: no colour profile, no premultiplied alpha. */
@@ -93,24 +113,55 @@ export class Files {
 
   private async load(name: string, pack: Pack): Promise<ImageBitmap[]> {
     try {
-      return await this.checked(name, pack, "force-cache");
+      return await this.inParts(name, pack, "force-cache", partsOf(pack));
     } catch {
-      return await this.checked(name, pack, "reload"); // what was kept may be what is broken
+      // What was kept may be what is broken, or the server's ranges are.
+      return await this.inParts(name, pack, "reload", [[0, pack.ends.length]]);
     }
   }
 
-  private async checked(name: string, pack: Pack, cache: RequestCache): Promise<ImageBitmap[]> {
-    const [width, height] = this.study.stimulus_px;
-    const data = await fetched(`${this.base}packs/${encodeURIComponent(pack.file)}`, cache);
-    if (data.byteLength !== pack.bytes) {
-      throw new FileError(
-        `packs/${pack.file} must have ${pack.bytes} bytes (has ${data.byteLength})`,
-      );
+  /** A pack part by part: where the line breaks, one is fetched again. */
+  private async inParts(
+    name: string,
+    pack: Pack,
+    cache: RequestCache,
+    parts: readonly (readonly [number, number])[],
+  ): Promise<ImageBitmap[]> {
+    const url = `${this.base}packs/${encodeURIComponent(pack.file)}`;
+    const frames: ImageBitmap[] = [];
+    let whole: ArrayBuffer | null = null;
+    for (const [first, after] of parts) {
+      const [start, end] = [pack.ends[first - 1] ?? 0, pack.ends[after - 1] ?? 0];
+      const range = parts.length > 1 ? `bytes=${start}-${end - 1}` : "";
+      const data: ArrayBuffer = whole ?? (await fetched(url, cache, range));
+      // A server without ranges sends the whole file.
+      if (data.byteLength === pack.bytes) whole = data;
+      else if (data.byteLength !== end - start) {
+        const wanted = `must have ${pack.bytes} bytes`;
+        throw new FileError(`packs/${pack.file} ${wanted} (has ${data.byteLength})`);
+      }
+      const from = whole ? 0 : start;
+      const pieces = pack.ends
+        .slice(first, after)
+        .map((to, at) => data.slice((pack.ends[first + at - 1] ?? 0) - from, to - from));
+      frames.push(...(await this.checked(name, pieces, pack.sha256.slice(first, after), first)));
     }
-    const pieces = pack.ends.map((end, index) => data.slice(pack.ends[index - 1] ?? 0, end));
+    return frames;
+  }
+
+  /** Some frames of a stimulus, from the `first` on: hashed, then decoded. */
+  private async checked(
+    name: string,
+    pieces: readonly ArrayBuffer[],
+    wanted: readonly string[],
+    first: number,
+  ): Promise<ImageBitmap[]> {
+    const [width, height] = this.study.stimulus_px;
     const hashes = await Promise.all(pieces.map(sha256));
-    const wrong = hashes.findIndex((hash, index) => hash !== pack.sha256[index]);
-    if (wrong >= 0) throw new FileError(`frame ${wrong} of ${name} is not the one that was hashed`);
+    const wrong = hashes.findIndex((hash, at) => hash !== wanted[at]);
+    if (wrong >= 0) {
+      throw new FileError(`frame ${first + wrong} of ${name} is not the one that was hashed`);
+    }
     const frames = await Promise.all(pieces.map((piece) => decoded(piece, name)));
     const odd = frames.find((frame) => frame.width !== width || frame.height !== height);
     if (odd) {

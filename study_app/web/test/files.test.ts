@@ -1,0 +1,98 @@
+/** Packs come in parts where the server can, and whole where it cannot; hashes come first. */
+import { createHash } from "node:crypto";
+import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
+import type { Pack, WebStudy } from "../src/kernel/study";
+import { Files, partsOf } from "../src/stage/files";
+
+const SIZES = [700_000, 300_000, 500_000, 2_000_000, 10];
+const BYTES = Uint8Array.from({ length: SIZES.reduce((a, b) => a + b) }, (_, n) => (n * 7919) >> 3);
+const ENDS = SIZES.map((_, n) => SIZES.slice(0, n + 1).reduce((a, b) => a + b));
+const PACK = {
+  file: "a clip.pack",
+  bytes: BYTES.length,
+  ends: ENDS,
+  sha256: ENDS.map((end, n) => createHash("sha256").update(BYTES.subarray(ENDS[n - 1] ?? 0, end)).digest("hex")),
+} as unknown as Pack;
+const STUDY = { stimuli: { clip: PACK }, stimulus_px: [4, 3], pictures: {} } as unknown as WebStudy;
+
+/** What was asked for: the range, and how the cache is used. */
+let asked: [string, RequestCache | undefined][];
+let decoded: number[];
+
+/** A server: what it answers to a range, or to the whole file where it is null. */
+function serves(answer: (range: [number, number] | null) => [number, Uint8Array]): void {
+  vi.stubGlobal("fetch", (_url: string, init: RequestInit) => {
+    const range = new Headers(init.headers).get("range");
+    asked.push([range ?? "whole", init.cache]);
+    const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(range ?? "") ?? [];
+    const [status, bytes] = answer(range === null ? null : [Number(from), Number(to) + 1]);
+    return Promise.resolve(new Response(bytes as BodyInit, { status }));
+  });
+}
+
+const withRanges = (range: [number, number] | null): [number, Uint8Array] =>
+  range ? [206, BYTES.slice(...range)] : [200, BYTES];
+const withoutRanges = (): [number, Uint8Array] => [200, BYTES];
+
+beforeEach(() => {
+  [asked, decoded] = [[], []];
+  vi.stubGlobal("createImageBitmap", (blob: Blob) => {
+    decoded.push(blob.size);
+    return Promise.resolve({ width: 4, height: 3, close: () => undefined });
+  });
+});
+afterEach(() => {
+  vi.unstubAllGlobals();
+});
+
+describe("a pack", () => {
+  test("is cut between frames, a part at most a mebibyte unless one frame has more", () => {
+    expect(partsOf(PACK)).toEqual([[0, 2], [2, 3], [3, 4], [4, 5]]);
+  });
+
+  test("comes in parts from a server with ranges", async () => {
+    serves(withRanges);
+    expect(await new Files(STUDY).frames("clip")).toHaveLength(5);
+    const ranges = ["bytes=0-999999", "bytes=1000000-1499999", "bytes=1500000-3499999", "bytes=3500000-3500009"];
+    expect(asked).toEqual(ranges.map((range) => [range, "force-cache"]));
+    expect(decoded).toEqual(SIZES);
+  });
+
+  test("comes whole, and once, from a server without ranges", async () => {
+    serves(withoutRanges);
+    expect(await new Files(STUDY).frames("clip")).toHaveLength(5);
+    expect(asked).toHaveLength(1);
+    expect(decoded).toEqual(SIZES);
+  });
+
+  test("is asked for whole where ranges give something else", async () => {
+    serves((range) => (range ? [206, BYTES.slice(5, 5 + range[1] - range[0])] : [200, BYTES]));
+    expect(await new Files(STUDY).frames("clip")).toHaveLength(5);
+    expect(asked).toEqual([["bytes=0-999999", "force-cache"], ["whole", "reload"]]);
+    expect(decoded).toEqual(SIZES); // nothing of what was wrong
+  });
+
+  test("of one part is asked for without a range", async () => {
+    const small = { ...PACK, ends: [10], bytes: 10, sha256: [createHash("sha256").update(BYTES.subarray(0, 10)).digest("hex")] };
+    serves(() => [200, BYTES.slice(0, 10)]);
+    await new Files({ ...STUDY, stimuli: { clip: small } }).frames("clip");
+    expect(asked).toEqual([["whole", "force-cache"]]);
+  });
+
+  test("with a wrong byte is named and nothing of that part is decoded", async () => {
+    const changed = Uint8Array.from(BYTES);
+    changed[1_200_000] = (changed[1_200_000] ?? 0) ^ 1;
+    serves((range) => (range ? [206, changed.slice(...range)] : [200, changed]));
+    await expect(new Files(STUDY).frames("clip")).rejects.toThrow(
+      "frame 2 of clip is not the one that was hashed",
+    );
+    expect(decoded).not.toContain(SIZES[2]);
+  });
+
+  test("that is short is named", async () => {
+    serves(() => [200, BYTES.slice(0, -1)]);
+    await expect(new Files(STUDY).frames("clip")).rejects.toThrow(
+      "packs/a clip.pack must have 3500010 bytes (has 3500009)",
+    );
+  });
+});
