@@ -22,7 +22,6 @@ from protocols.units import (
     Model,
     Name,
     Number,
-    Positive,
     Sha256,
     Text,
 )
@@ -60,12 +59,12 @@ class WebPhase(Model):
     """A phase of a trial, as `ScriptPhase` has it, with pictures by name."""
 
     name: Name
-    frames: Positive | None
+    frames: Count | None
     show: tuple[WebEntry, ...]
-    gate_frames: Positive | None
+    gate_frames: Count | None
     watched: bool
     question: Question | None
-    timeout_frames: Positive | None
+    timeout_frames: Count | None
     follows: dict[str, ShownPicture]
 
 
@@ -92,10 +91,10 @@ class Pack(Model):
 
     file: Text
     """In the folder `packs`."""
-    bytes: Positive
+    bytes: Count
     sha256: tuple[Sha256, ...]
     """Of each frame, as the manifest has it."""
-    ends: tuple[Positive, ...]
+    ends: tuple[Count, ...]
     """Where each frame ends in the file."""
 
 
@@ -156,7 +155,7 @@ class WebStudy(Model):
     """By their names in the manifest."""
     pictures: dict[Sha256, PictureFile]
     """By the hash of what they show."""
-    decoded_bytes: Positive
+    decoded_bytes: Count
     """Largest memory that a trial's stimuli and the next one's take."""
     identifier: str | None
     """Parameter of the link whose value is kept."""
