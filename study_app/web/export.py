@@ -52,6 +52,7 @@ from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 DECODED_MB = 500.0
 """What the stimuli of two trials may take in the browser's memory."""
 STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
+_COLOUR_CHUNKS = ("cHRM", "cICP", "gAMA", "iCCP", "sRGB")
 _SLOTS_LOOKED_AT = 8
 """Plans differ in order, and rarely in what they show: so many say how much that is."""
 
@@ -392,7 +393,7 @@ def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
     Raises
     ------
     StudyError
-        If a frame is not the one that was hashed.
+        If a frame is not the one that was hashed, or asks a browser for other colours.
     """
     end, ends = 0, []
     with (folder / f"{clip.name}.pack").open("wb") as pack:
@@ -404,10 +405,25 @@ def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
                     f"{path}: must be the frame that was hashed ({sha[:12]}, got"
                     f" {sha256_bytes(data)[:12]}); restore it, or build the stimuli again"
                 )
+            if chunks := colour_chunks(data):
+                raise StudyError(
+                    f"{path}: must hold no colour chunk (has {', '.join(chunks)}): some browsers"
+                    " show other codes then than those that were hashed; build the stimuli with"
+                    " 'metamerlab stimuli build', which writes none"
+                )
             pack.write(data)
             end += len(data)
             ends.append(end)
     return Pack(file=f"{clip.name}.pack", bytes=end, sha256=clip.frames_sha256, ends=tuple(ends))
+
+
+def colour_chunks(png: bytes) -> list[str]:
+    """Return the names of chunks that say how a PNG's codes are meant; they precede its pixels."""
+    found, at = [], 8
+    while png[at + 4 : at + 8] not in (b"IDAT", b""):
+        found += [name for name in _COLOUR_CHUNKS if png[at + 4 : at + 8] == name.encode()]
+        at += 12 + int.from_bytes(png[at : at + 4], "big")
+    return found
 
 
 def check_budget(needs: Needs, build: WebBuild, budget_mb: float) -> None:

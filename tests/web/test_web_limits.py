@@ -1,8 +1,20 @@
-"""Large studies, pictures with colours of their own, and times at other rates, as exports see them."""
+"""Large studies and pictures with colours of their own, as exports see them."""
 
 from __future__ import annotations
 
+import io
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+from PIL.PngImagePlugin import PngInfo
+from web_study import FHD
+
+from protocols.errors import StudyError
+from protocols.hashing import sha256_file
 from protocols.web_study import Pack, WebPhase
+from stimuli.png import encode_bytes
+from study_app.web.export import WebBuild, colour_chunks
 
 
 def test_packs_and_times_may_be_as_large_as_budgets_allow():
@@ -14,3 +26,40 @@ def test_packs_and_times_may_be_as_large_as_budgets_allow():
         timeout_frames=hours, follows={},
     )  # fmt: skip
     assert phase.timeout_frames == hours
+
+
+def png(*chunks: str, icc: bool = False) -> bytes:
+    """Return a picture with such chunks before its pixels, and one of text."""
+    info, file = PngInfo(), io.BytesIO()
+    info.add_text("Comment", "gAMA")
+    for name in chunks:
+        info.add(name.encode(), bytes(4))
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes() if icc else None
+    Image.new("RGB", (64, 64), "red").save(file, "png", pnginfo=info, icc_profile=profile)
+    return file.getvalue()
+
+
+def test_colour_chunks_are_found_and_stimuli_of_ours_have_none():
+    for name in ("gAMA", "cHRM", "sRGB", "cICP"):
+        assert colour_chunks(png(name)) == [name]
+    assert colour_chunks(png("gAMA", icc=True)) == ["iCCP", "gAMA"]
+    assert colour_chunks(png()) == []
+    assert colour_chunks(encode_bytes(np.zeros((4, 4, 3), np.uint8))) == []
+    for torn in (b"", png()[:20], b"no picture at all"):
+        assert colour_chunks(torn) == []
+
+
+def test_a_stimulus_that_asks_for_other_colours_is_not_exported(case, tmp_path):
+    of = case("yes-no")
+    clip = of.manifest.clips[0]
+    path = of.stimuli / clip.frame_path(0)
+    plain = path.read_bytes()
+    path.write_bytes(png("gAMA"))
+    changed = clip.model_copy(update={"frames_sha256": (sha256_file(path),)})
+    manifest = of.manifest.model_copy(update={"clips": (changed, *of.manifest.clips[1:])})
+    try:
+        with pytest.raises(StudyError, match=r"must hold no colour chunk \(has gAMA\).* build the"):
+            WebBuild(of.study, FHD, manifest).write(of.stimuli, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+    finally:
+        path.write_bytes(plain)
