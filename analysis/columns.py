@@ -38,6 +38,7 @@ SESSION_COLUMNS = (
     Column("wrong_files", "integer", "", "Files beside the journal that are missing or changed"),
     Column("torn", "0/1", "", "1: the last line was unfinished"),
     Column("refresh_hz", "number", "Hz", "Refresh rate of the display"),
+    Column("time_off_s", "number", "s", "Largest difference of a time from the study's; browsers"),
     Column("gaze_mode", "text", "", "enforce, warn, monitor or none"),
     Column("timing_evidence", "text", "", "What vouches for the time stamps"),
     Column("protocol_sha256", "text", "", "Hash of the protocol"),

@@ -6,6 +6,7 @@ file against the hash that stands here, and needs nothing else. No secret of the
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
@@ -180,10 +181,17 @@ def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
     """
     study = study.in_a_browser()
     tolerance_s = study.web.tolerance_s if study.web else 0.0
-    return {
-        rate: [str(p) for p in timing_problems(study, display.at_rate(rate, tolerance_s))]
-        for rate in sorted({*RATES_HZ, display.refresh_hz})
-    }
+
+    def problems(rate: float) -> list[str]:
+        found = [str(p) for p in timing_problems(study, display.at_rate(rate, tolerance_s))]
+        times = stated_times_s(study).values()
+        wanted_s = max(abs(round(stated_s * rate) / rate - stated_s) for stated_s in times)
+        wanted_s = math.ceil(1e4 * wanted_s) / 1e4
+        if found and not timing_problems(study, display.at_rate(rate, wanted_s)):
+            found[0] += f"; or declare web.tolerance_s = {wanted_s:g}"
+        return found
+
+    return {rate: problems(rate) for rate in sorted({*RATES_HZ, display.refresh_hz})}
 
 
 def deviations_s(study: StudyProtocol, display: Display) -> dict[str, float]:

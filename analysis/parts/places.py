@@ -22,7 +22,8 @@ class Place:
     """Sessions of one place whose decisions were analysed.
 
     `refresh_hz`, `timing_evidence` and `gaze_mode` count sessions by what they were recorded with;
-    empty for a table, which does not say.
+    empty for a table, which does not say. `time_off_s` is how far a time was from the study's at
+    most, where refreshes asked for it.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Place:
     refresh_hz: Mapping[str, int]
     timing_evidence: Mapping[str, int]
     gaze_mode: Mapping[str, int]
+    time_off_s: float | None
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class PlacesPart(Part[Plan, Places]):
             return Places(places, (), (f"no comparison of places: {both[0]} took part at both",))
         lab, browser = (
             tried(
-                lambda rows=rows: estimates_of(self._parts, rows, plan, planned=True),
+                lambda rows=rows: self._primary(rows, plan),
                 f"primary result of the {name}'s sessions alone",
                 notes,
             )
@@ -139,16 +141,21 @@ class PlacesPart(Part[Plan, Places]):
             tables=tables | ({"place_differences.csv": differences} if len(differences) else {}),
         )
 
+    def _primary(self, rows: pd.DataFrame, plan: Plan) -> Sequence[Estimate]:
+        """Return the planned result; all main numbers where none is planned, as of a table."""
+        planned = estimates_of(self._parts, rows, plan, planned=True)
+        return planned or estimates_of(self._parts, rows, plan)
+
     def _place(self, name: str, rows: pd.DataFrame) -> Place:
         who = "session" if "session" in rows else "participant"
         names = set(rows[who].astype(str))
         every = self._sessions
+        own = None if every is None else every[every["session"].isin(names)]
 
         def counted(column: str) -> Mapping[str, int]:
-            if every is None:
+            if own is None:
                 return {}
-            own = every.loc[every["session"].isin(names), column]
-            texts = own.map(lambda value: f"{value:g}" if column == "refresh_hz" else str(value))
+            texts = own[column].map(lambda it: f"{it:g}" if column == "refresh_hz" else str(it))
             return {str(value): int(count) for value, count in texts.value_counts().items()}
 
         return Place(
@@ -159,6 +166,7 @@ class PlacesPart(Part[Plan, Places]):
             counted("refresh_hz"),
             counted("timing_evidence"),
             counted("gaze_mode"),
+            None if own is None or name == LAB else float(own["time_off_s"].max()),
         )
 
 
@@ -174,10 +182,12 @@ def _blocks(found: Places, plan: Plan) -> Iterator[Block]:
         ("Time stamps by", "l", lambda one: _listed(one.timing_evidence, one.sessions)),
         ("Gaze", "l", lambda one: _listed(one.gaze_mode, one.sessions)),
     )
+    off_s = found.places[-1].time_off_s
     yield Paragraph(
         "In a browser every file was hashed before it was decoded, and each refresh was stamped by"
         " the browser's animation frame. No photodiode saw the screen; nothing watched gaze or"
         " distance."
+        + ("" if off_s is None else f" Times were at most {1000 * off_s:.3g} ms from those stated.")
     )
     if found.differences:
         yield Table.each(

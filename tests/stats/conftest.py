@@ -45,7 +45,7 @@ AT_HOME = Remote(
         full_screen=True,
         touch=False,
     ),
-    deviations_s={},
+    deviations_s={"task.gap_s": -0.0066},
 )
 QUALITY = {"metameric": 0.6, "push-pull": -0.9, "reference": 1.6}
 

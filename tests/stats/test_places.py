@@ -55,8 +55,9 @@ def test_a_report_says_which_sessions_were_remote_and_what_vouches_for_them(both
     assert browser["timing_evidence"] == {"animation frame": 4}
     assert browser["gaze_mode"] == {"none": 4}
     assert lab["gaze_mode"] == {"monitor": 4}
+    assert (lab["time_off_s"], browser["time_off_s"]) == (None, 0.0066)
     section = page.split('<h2 id="places">')[1].split("<h2")[0]
-    for words in ("75 Hz", "animation frame", "monitor", "none", "No photodiode saw the screen"):
+    for words in ("75 Hz", "animation frame", "monitor", "none", "No photodiode", "at most 6.6 ms"):
         assert words in section
     assert "4 of 8 sessions ran in participants&#39; browsers, at 75 Hz." in page
     sessions = pd.read_csv(both / "tables/sessions.csv")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
-from web_study import FHD
+from web_study import FHD, for_browsers
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
-from protocols.web_study import Pack, WebPhase
+from protocols.web_study import Pack, WebPhase, rates_of
 from stimuli.png import encode_bytes
 from study_app.web.export import WebBuild, colour_chunks
 
@@ -63,3 +63,17 @@ def test_a_stimulus_that_asks_for_other_colours_is_not_exported(case, tmp_path):
         assert not (tmp_path / "out").exists()
     finally:
         path.write_bytes(plain)
+
+
+@pytest.mark.parametrize("stated_s", [0.15, 0.1])
+def test_a_refused_rate_says_the_tolerance_that_admits_it(case, stated_s):
+    of = case("yes-no")
+    task = of.study.task.model_copy(update={"stimulus_s": stated_s})
+    exact = for_browsers(of.study.model_copy(update={"task": task}))
+    for rate, problems in rates_of(exact, FHD).items():
+        if not problems:
+            continue
+        words, _, wanted = problems[0].rpartition("; or declare web.tolerance_s = ")
+        assert "must be whole frames at" in words
+        assert rates_of(for_browsers(exact, tolerance_s=float(wanted)), FHD)[rate] == []
+        assert rates_of(for_browsers(exact, tolerance_s=float(wanted) - 2e-4), FHD)[rate] != []
