@@ -16,6 +16,7 @@ from protocols.outside import markdown
 from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Gaze
+from protocols.web_study import rates_of
 
 
 def preregistration(
@@ -245,6 +246,7 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         " attempts that a pause, the quit key or another window cut short do not count.",
         f"More than {timing.dropped_frames_max} missed refreshes make an attempt void.",
         _gaze(protocol.gaze),
+        *_browser(protocol, display),
         f"Estimated length without instructions: {minutes:.0f} min.",
     ]
     practice = design.practice
@@ -282,6 +284,21 @@ def _gaze(gaze: Gaze) -> str:
         f" {1000 * gaze.silence_s:g} ms, or more than {100 * gaze.loss_max_share:g} % lost in all,"
         " is data loss."
     )
+
+
+def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
+    """Return what is given up in participants' own browsers; nothing where none is meant."""
+    web = protocol.web
+    if web is None:
+        return []
+    rates = [f"{rate:g}" for rate, problems in rates_of(protocol, display).items() if not problems]
+    kept = f" The link's parameter {web.identifier} is kept." if web.identifier else ""
+    return [
+        "It may run in participants' own browsers, where gaze is not tracked, and neither luminance"
+        " nor distance is known. Times may be off by at most"
+        f" {1000 * web.tolerance_s:g} ms there, to be whole refreshes. Screens that need more are"
+        f" refused: it runs at {', '.join(rates) or 'no rate'} Hz.{kept}"
+    ]
 
 
 def _looks(protocol: StudyProtocol) -> list[str]:

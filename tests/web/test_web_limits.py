@@ -12,6 +12,7 @@ from web_study import FHD, for_browsers
 
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
+from protocols.preregister import preregistration, to_markdown
 from protocols.web_study import Pack, WebPhase, rates_of
 from stimuli.png import encode_bytes
 from study_app.web.export import WebBuild, colour_chunks
@@ -77,3 +78,18 @@ def test_a_refused_rate_says_the_tolerance_that_admits_it(case, stated_s):
         assert "must be whole frames at" in words
         assert rates_of(for_browsers(exact, tolerance_s=float(wanted)), FHD)[rate] == []
         assert rates_of(for_browsers(exact, tolerance_s=float(wanted) - 2e-4), FHD)[rate] != []
+
+
+def test_a_preregistration_says_what_a_browser_study_gives_up(case):
+    of = case("yes-no")
+
+    def text(study) -> str:
+        sections = preregistration(study, FHD, revision="0.1.0")
+        return to_markdown("T", sections).replace("\n", " ")
+
+    said = text(for_browsers(of.study, tolerance_s=0.0067, identifier="PANEL"))
+    assert "gaze is not tracked, and neither luminance nor distance is known" in said
+    assert "off by at most 6.7 ms there" in said
+    assert "it runs at 50, 60," in said
+    assert "parameter PANEL is kept" in said
+    assert "browsers" not in text(of.study.model_copy(update={"web": None}))
