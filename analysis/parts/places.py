@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import hypot
 from typing import Any, ClassVar
 
@@ -107,7 +108,7 @@ class PlacesPart(Part[Plan, Places]):
             return Places(places, (), (f"no comparison of places: {both[0]} took part at both",))
         lab, browser = (
             tried(
-                lambda rows=rows: self._primary(rows, plan),
+                partial(self._primary, rows, plan),
                 f"primary result of the {name}'s sessions alone",
                 notes,
             )
@@ -182,12 +183,12 @@ def _blocks(found: Places, plan: Plan) -> Iterator[Block]:
         ("Time stamps by", "l", lambda one: _listed(one.timing_evidence, one.sessions)),
         ("Gaze", "l", lambda one: _listed(one.gaze_mode, one.sessions)),
     )
-    off_s = found.places[-1].time_off_s
+    off_s = found.places[-1].time_off_s or 0.0
+    off = f" Times were at most {1000 * off_s:.3g} ms from those stated." if off_s else ""
     yield Paragraph(
         "In a browser every file was hashed before it was decoded, and each refresh was stamped by"
         " the browser's animation frame. No photodiode saw the screen; nothing watched gaze or"
-        " distance."
-        + ("" if off_s is None else f" Times were at most {1000 * off_s:.3g} ms from those stated.")
+        f" distance.{off}"
     )
     if found.differences:
         yield Table.each(
