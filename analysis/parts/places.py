@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.parts import AnyPart, Estimate, Part, Plan, Shown, estimates_of, tried
-from protocols.blocks import Block, Paragraph, Table
 from analysis.report.wording import level_text, number_range, placed
+from protocols.blocks import Block, Paragraph, Table
 from protocols.prose import count_of
 
 LAB, BROWSER = "lab", "browser"
