@@ -192,7 +192,7 @@ class Costs:
         )
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print files and the slowest tests, as tables for docs/development.md."""
+        """Print files and the slowest tests, as tables."""
         files: Counter[str] = Counter()
         for name, seconds in self._by_test.items():
             files[name.partition("::")[0]] += seconds
