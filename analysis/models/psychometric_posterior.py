@@ -310,7 +310,7 @@ def psychometric_posterior(
         level=level,
         trials=int(total.sum()),
         warnings=notes,
-        stated=stated and Estimate(*stated),
+        stated=Estimate(*stated) if stated else None,
     )
 
 
@@ -471,8 +471,7 @@ def _stated(
     # What no curve reaches lies beyond all levels, where performance is best.
     best = where.min() if falling else where.max()
     where = np.where((rise > 0.0) & (rise < 1.0), where, best)
-    ends = np.array([where.min(), where.max()])
-    edges = np.linspace(*ends, STATED_BINS + 1)
+    edges = np.linspace(float(where.min()), float(where.max()), STATED_BINS + 1)
     counted = np.histogram(where.ravel(), edges, weights=np.broadcast_to(mass, where.shape).ravel())
     middles = 0.5 * (edges[1:] + edges[:-1])
     return Marginal(middles, counted[0] / (counted[0].sum() * (edges[1] - edges[0])))

@@ -117,11 +117,26 @@ def check(
         if stimuli is None and protocol.suffix == ".toml":
             say_notes(study.stimuli.problems(protocol.absolute().parent))
         say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
+        say_notes(_not_live_here(study))
         if web:
             from study_app.cli.web_commands import web_check
 
             for line in web_check(study, screen, manifest):
                 say(line)
+
+
+def _not_live_here(study: StudyProtocol) -> list[str]:
+    """Say of pictures that follow the gaze that this machine cannot draw them."""
+    from pipeline.errors import GLUnavailableError
+    from pipeline.gl.context import lent_context
+
+    if not study.stimuli.live_methods():
+        return []
+    try:
+        with lent_context():
+            return []
+    except GLUnavailableError as error:
+        return [f"stimuli.live: sessions cannot run on this machine: {error}"]
 
 
 def _check_display(path: Path) -> None:

@@ -23,7 +23,10 @@ def check_gl(answer: Answer, needs: Needs) -> Finding:
         found, install, cure = answer["error"].partition("; install")
         cure = f"install{cure}" if install else _CURE_GL
         if sys.platform == "darwin":  # it never had compute shaders
-            found += "; numpy works on photographs, and scenes cannot be drawn"
+            found += (
+                "; numpy works on photographs, scenes cannot be drawn, and no picture of a session"
+                " can follow the gaze"
+            )
             return Finding(name, Status.WARN, found, cure, jobs, answer)
         return Finding(name, Status.FAIL, found, cure, jobs, answer)
     found = f"{answer['renderer']}, OpenGL {answer['version']}"

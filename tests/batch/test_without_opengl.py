@@ -126,3 +126,10 @@ def test_a_plug_in_without_a_twin_says_that_it_needs_opengl(monkeypatch):
     monkeypatch.setattr("pipeline.registry.Entry.load", lambda _self: Drawn)
     with pytest.raises(GLUnavailableError, match="needs an OpenGL context"):
         create_method("telea", None)
+
+
+def test_a_study_that_follows_the_gaze_is_told_that_it_cannot_run_here(tmp_path):
+    said = [run(tmp_path, "protocol", "check", "live-preference", gl=gl) for gl in (True, False)]
+
+    assert [done.returncode for done in said] == [0, 0]
+    assert ["sessions cannot run on this machine" in done.stdout for done in said] == [False, True]
