@@ -19,7 +19,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "foveation.md"
 
 def section() -> str:
     text = PAGE.read_text(encoding="utf-8")
-    return re.split(r"^#+ ", text.split("### A study of your own photographs\n")[1], flags=re.M)[0]
+    return re.split(r"^#+ ", text.split("## Your own photographs\n")[1], flags=re.M)[0]
 
 
 @pytest.mark.usefixtures("shared_gl_context")
@@ -29,13 +29,15 @@ def test_photographs_become_a_study_and_its_report(tmp_path, monkeypatch):
     from study_app.cli import app
 
     monkeypatch.chdir(tmp_path)
-    for name, picture in (("harbour", data.astronaut()), ("square", data.coffee())):
+    shown = {"harbour": data.astronaut(), "square": data.coffee(), "photo": data.coffee()}
+    for name, picture in shown.items():
         Image.fromarray(picture).resize((320, 240)).save(f"{name}.jpg")
     commands = [
-        shlex.split(line.removeprefix("$ metamerlab "))
+        shlex.split(line.removeprefix("$ metamerlab "), comments=True)
         for line in re.findall(r"^\$ .*$", section(), flags=re.M)
     ]
-    assert len(commands) == 5
+    assert [words[0] for words in commands[:3]] == ["foveate"] * 3
+    assert len(commands) == 8
     for words in commands:
         ran = CliRunner().invoke(app, words)
         assert ran.exit_code == 0, ran.output
