@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from protocols.preregister import preregistration, to_markdown
 from protocols.web_study import Pack, WebPhase, rates_of
 from stimuli.png import encode_bytes
 from study_app.web.export import WebBuild, colour_chunks
+from study_app.web.import_lines import read_results
 
 
 def test_packs_and_times_may_be_as_large_as_budgets_allow():
@@ -93,3 +95,14 @@ def test_a_preregistration_says_what_a_browser_study_gives_up(case):
     assert "it runs at 50, 60," in said
     assert "parameter PANEL is kept" in said
     assert "browsers" not in text(of.study.model_copy(update={"web": None}))
+
+
+@pytest.mark.parametrize("kept", [4, 30, 3000])
+def test_an_archive_that_is_cut_short_is_no_text_and_nothing_of_it_counts(tmp_path, kept):
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr("study_result_1/comp-result_1/data.txt", '{"kind":"note"}\n' * 500)
+    path = tmp_path / "results.zip"
+    path.write_bytes(whole.getvalue()[:kept])
+    with pytest.raises(StudyError, match=r"results\.zip: must be an archive .* download it again"):
+        read_results([path])

@@ -39,7 +39,7 @@ export async function begun(options: Options = {}): Promise<boolean> {
 
 /** Run a study to its end; how it ended. */
 export async function run(options: Options = {}): Promise<Ending | "refused"> {
-  const link = options.link ?? pageLink();
+  const link = options.link ?? linkOf(options.jatos);
   const base = options.base ?? "";
   const [canvas, pages] = stageElements();
   let words = wordsOf(navigator.language);
@@ -109,13 +109,15 @@ async function studyOf(options: Options): Promise<[ArrayBuffer, WebStudy]> {
 /** Without a server, a browser keeps a session for each link of each version of a study. */
 function storeOf({ jatos, link }: Options, study: WebStudy): CopyingStore {
   if (jatos) return new CopyingStore(new JatosStore(jatos));
-  const slot = (link ?? pageLink()).get("slot") ?? "";
+  const slot = (link ?? linkOf()).get("slot") ?? "";
   const name = [study.study, study.protocol_sha256.slice(0, 12), slot].join(":");
   return new CopyingStore(new LocalStore(name, localStorage));
 }
 
-function pageLink(): URLSearchParams {
-  return new URLSearchParams(location.search);
+/** Parameters of the participant's link. JATOS leads on to an address without them, and keeps them. */
+function linkOf(jatos?: Jatos): URLSearchParams {
+  const own = [...new URLSearchParams(location.search)];
+  return new URLSearchParams([...Object.entries(jatos?.urlQueryParameters ?? {}), ...own]);
 }
 
 function messageOf(error: unknown): string {

@@ -2,7 +2,10 @@
 // of the tests keeps the data. Appended strings are joined without a separator; a request that is not
 // answered in 30 s is sent again, five times, though it may have arrived; a page that is loaded again
 // has a new component result. A patch of the batch session counts only if nobody patched in between.
+// The page's address is without the parameters of the link, which JATOS keeps.
 window.jatos = (() => {
+  const link = Object.fromEntries(new URLSearchParams(location.search));
+  history.replaceState(null, "", location.pathname);
   const state = STATE;
   const once = (what, body) => new Promise((resolve, reject) => {
     const late = setTimeout(() => reject(new TypeError("timeout")), 30_000);
@@ -30,7 +33,7 @@ window.jatos = (() => {
   const jatos = {
     version: "3.10.4",
     studySessionData: state.session,
-    urlQueryParameters: Object.fromEntries(new URLSearchParams(location.search)),
+    urlQueryParameters: link,
     onLoad: (call) => { if (document.readyState === "complete") call(); else addEventListener("load", call); },
     appendResultData: async (data) => {
       await ask("append", { data, component: state.component });

@@ -3,6 +3,8 @@ import type { History, Store } from "../kernel/lines";
 
 /** What the page uses of `jatos.js`. */
 export interface Jatos {
+  /** Of the participant's link. */
+  readonly urlQueryParameters?: Readonly<Record<string, string>>;
   readonly studySessionData: Record<string, unknown> | undefined;
   readonly batchSession: {
     get(name: string): unknown;
