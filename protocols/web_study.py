@@ -31,6 +31,8 @@ from protocols.web_design import WebDesign
 MB = 1_000_000
 BUDGET_MB = 300.0
 """What one participant may have to fetch, unless an option says more."""
+DECODED_MB = 500.0
+"""What the decoded stimuli of two trials may take, unless an option says more."""
 RATES_HZ = (50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 """Refresh rates of participants' displays that a study is made ready for, where it can be."""
 

@@ -18,9 +18,9 @@ from protocols.load import load_study
 from protocols.manifest import Manifest, read_manifest
 from protocols.prose import count_of
 from protocols.schema import StudyProtocol
-from protocols.web_study import BUDGET_MB, MB
+from protocols.web_study import BUDGET_MB, DECODED_MB, MB
 from study_app.cli.errors import user_errors
-from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument, SessionsOption
+from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
@@ -28,6 +28,9 @@ if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
 
 BudgetOption = Annotated[
     float, typer.Option(min=1, max=1e6, help="Most that one participant may have to fetch, in MB.")
+]
+DecodedOption = Annotated[
+    float, typer.Option(min=1, max=1e6, help="Most that the stimuli of two trials may take, in MB.")
 ]
 LINE_MB_PER_S = 2.5
 """Of a participant at home: 20 Mbit/s."""
@@ -41,6 +44,7 @@ def export_web(
         Path | None, typer.Option(help="Also write a study archive for JATOS, NAME.jzip.")
     ] = None,
     budget_mb: BudgetOption = BUDGET_MB,
+    decoded_mb: DecodedOption = DECODED_MB,
     display: DisplayOption = None,
 ) -> None:
     """Write a study as a folder that a browser runs: put it on any web server, or into JATOS.
@@ -65,7 +69,7 @@ def export_web(
                 f"{', which exists' if jatos.exists() else ''})"
             )
         build = WebBuild(study, screen, read_manifest(stimuli))
-        needs = build.write(stimuli, out, budget_mb=budget_mb)
+        needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
         for line in needs_lines(needs):
             say(line)
         if jatos is not None:
@@ -87,7 +91,9 @@ def import_web(
     ],
     protocol: Annotated[Path, typer.Option(help="The study's file (.toml) that was exported.")],
     stimuli: Annotated[Path, typer.Option(help="Folder of the stimuli that were exported.")],
-    sessions: SessionsOption = Path("sessions"),
+    sessions: Annotated[
+        Path, typer.Option("--sessions", "--out", help="Folder of sessions to add to.")
+    ] = Path("sessions"),
     check: Annotated[
         bool, typer.Option("--check", help="Only say what would happen; write nothing.")
     ] = False,
@@ -153,7 +159,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     if study.gaze.mode != "none":
         yield f"dropped in a browser: gaze is not watched there (gaze.mode = {study.gaze.mode!r})"
     yield "dropped in a browser: gamma and luminance of the screen, viewing distance, photodiode"
-    check_budget(needs, build, BUDGET_MB)
+    check_budget(needs, build)
 
 
 def needs_lines(needs: Needs) -> Iterator[str]:

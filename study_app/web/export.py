@@ -18,7 +18,7 @@ from PIL import Image
 
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.feasibility import MIB, TRIALS_IN_MEMORY, require_feasible, session_duration_s
+from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
 from protocols.hashing import sha256_bytes, sha256_json
 from protocols.manifest import Clip, Manifest, check_manifest
 from protocols.plan import planned_trials
@@ -30,6 +30,7 @@ from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, T
 from protocols.web_design import web_design
 from protocols.web_study import (
     BUDGET_MB,
+    DECODED_MB,
     MB,
     ClosingQuestion,
     Pack,
@@ -49,8 +50,6 @@ from protocols.wording import consent_text, fill
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 
-DECODED_MB = 500.0
-"""What the stimuli of two trials may take in the browser's memory."""
 STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
 _COLOUR_CHUNKS = ("cHRM", "cICP", "gAMA", "iCCP", "sRGB")
 _SLOTS_LOOKED_AT = 8
@@ -178,7 +177,14 @@ class WebBuild:
             self.window_px,
         )
 
-    def write(self, stimuli: Path, out: Path, *, budget_mb: float = BUDGET_MB) -> Needs:
+    def write(
+        self,
+        stimuli: Path,
+        out: Path,
+        *,
+        budget_mb: float = BUDGET_MB,
+        decoded_mb: float = DECODED_MB,
+    ) -> Needs:
         """Fill a folder with all that a browser needs.
 
         Parameters
@@ -187,8 +193,8 @@ class WebBuild:
             The folder of the manifest.
         out : Path
             Must not exist, be empty, or hold an earlier export.
-        budget_mb : float
-            Most that one participant may have to fetch, in millions of bytes.
+        budget_mb, decoded_mb : float
+            As `check_budget` takes them.
 
         Returns
         -------
@@ -212,7 +218,7 @@ class WebBuild:
             for clip in self.stimuli
         }
         needs = self.needs(sizes)
-        check_budget(needs, self, budget_mb)
+        check_budget(needs, self, budget_mb, decoded_mb)
         with whole_folder(out, replace=True, reads=[stimuli]) as work:
             packs = {}
             (work / PACKS).mkdir()
@@ -426,34 +432,44 @@ def colour_chunks(png: bytes) -> list[str]:
     return found
 
 
-def check_budget(needs: Needs, build: WebBuild, budget_mb: float) -> None:
+def check_budget(
+    needs: Needs, build: WebBuild, budget_mb: float = BUDGET_MB, decoded_mb: float = DECODED_MB
+) -> None:
     """Refuse a study that takes more than a participant's line or browser has, with what would fit.
+
+    Parameters
+    ----------
+    budget_mb, decoded_mb : float
+        Most that one participant may fetch, and the decoded stimuli of two trials may take, in
+        millions of bytes.
 
     Raises
     ------
     StudyError
     """
-    clip = build.stimuli[0]
-    for what, got, most, cure in (
-        (
-            "one participant may fetch",
-            needs.fetched_bytes,
-            budget_mb * MB,
-            f", or raise it: --budget-mb {np.ceil(needs.fetched_bytes / MB):.0f}",
-        ),
-        ("the stimuli of two trials may take", needs.decoded_bytes, DECODED_MB * MIB, ""),
-    ):
-        if got <= most:
-            continue
-        share = most / got
-        width, height = (2 * int(edge * share**0.5 / 2) for edge in (clip.width_px, clip.height_px))
-        fewer = int(len(clip.frames_sha256) * share)
-        clips = f", {fewer} frames instead of {len(clip.frames_sha256)}" if fewer > 1 else ""
-        scenes = f", or {share:.0%} of the scenes" if what.startswith("one") else ""
-        raise StudyError(
-            f"web: {what} {most / MB:.0f} MB (got {got / MB:.0f} MB); what would fit: stimuli of"
-            f" {width}x{height} px instead of {clip.width_px}x{clip.height_px}{clips}{scenes}{cure}"
+    over = [
+        (what, got / MB, most_mb, option)
+        for what, got, most_mb, option in (
+            ("one participant may fetch", needs.fetched_bytes, budget_mb, "--budget-mb"),
+            ("stimuli of two trials may take", needs.decoded_bytes, decoded_mb, "--decoded-mb"),
         )
+        if got > most_mb * MB
+    ]
+    if not over:
+        return
+    clip, share = build.stimuli[0], min(most / got for _, got, most, _ in over)
+    width, height = (2 * int(edge * share**0.5 / 2) for edge in (clip.width_px, clip.height_px))
+    fits = [f"stimuli of {width}x{height} px instead of {clip.width_px}x{clip.height_px}"]
+    if (fewer := int(len(clip.frames_sha256) * share)) > 1:
+        fits.append(f"{fewer} frames instead of {len(clip.frames_sha256)}")
+    if [option for *_, option in over] == ["--budget-mb"] and share >= 0.01:
+        fits.append(f"{int(100 * share)}% of the scenes")
+    raise StudyError(
+        "web: "
+        + " and ".join(f"{what} {most:g} MB (got {got:.0f} MB)" for what, got, most, _ in over)
+        + f"; what would fit: {', or '.join(fits)}; or export with "
+        + " ".join(f"{option} {np.ceil(got):.0f}" for _, got, _, option in over)
+    )
 
 
 def png_bytes(pixels: Pixels) -> bytes:

@@ -207,7 +207,7 @@ def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, 
     looked = metamerlab(*words, "--check")
     assert looked.exit_code == 0, looked.output
     assert not (tmp_path / "sessions").exists()
-    done = metamerlab(*words)
+    done = metamerlab(*["--out" if word == "--sessions" else word for word in words])
     assert done.exit_code == 0, done.output
     assert [line.split()[:2] for line in done.output.splitlines()[1:3]] == [
         ["W1", "imported"],

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from protocols.hashing import sha256_file
 from protocols.preregister import preregistration, to_markdown
 from protocols.web_study import Pack, WebPhase, rates_of
 from stimuli.png import encode_bytes
-from study_app.web.export import WebBuild, colour_chunks
+from study_app.web.export import WebBuild, check_budget, colour_chunks
 from study_app.web.import_lines import read_results
 
 
@@ -106,3 +108,29 @@ def test_an_archive_that_is_cut_short_is_no_text_and_nothing_of_it_counts(tmp_pa
     path.write_bytes(whole.getvalue()[:kept])
     with pytest.raises(StudyError, match=r"results\.zip: must be an archive .* download it again"):
         read_results([path])
+
+
+def test_a_study_over_its_budgets_is_refused_with_what_fits_and_options_that_admit_it(case):
+    of = case("two-interval")
+    build, most = WebBuild(of.study, FHD, of.manifest), 1_000_000
+
+    def said(fetched: float, decoded: float, *options: float) -> str:
+        needs = replace(
+            build.needs(), fetched_bytes=int(fetched * most), decoded_bytes=int(decoded * most)
+        )
+        with pytest.raises(StudyError) as error:
+            check_budget(needs, build, *options)
+        given = dict(re.findall(r"(--[a-z]+-mb) (\d+)", str(error.value)))
+        raised = float(given.get("--budget-mb", 300)), float(given.get("--decoded-mb", 500))
+        check_budget(needs, build, *raised)
+        return str(error.value)
+
+    alone = said(975.4, 20)
+    assert "one participant may fetch 300 MB (got 975 MB)" in alone
+    assert "30% of the scenes" in alone  # 31 % would be too many
+    assert "or export with --budget-mb 976" in alone
+    both = said(400, 2000.5)
+    assert both.endswith("or export with --budget-mb 400 --decoded-mb 2001")
+    assert "stimuli of 30x30 px instead of 64x64" in both  # by the worse of the two
+    assert "scenes" not in both
+    assert "--budget-mb" not in said(20, 501)
