@@ -68,6 +68,11 @@ def export_web(
                 f"--jatos: must be a new file, NAME.jzip (got {jatos}"
                 f"{', which exists' if jatos.exists() else ''})"
             )
+        folder = jatos.resolve().parent if jatos else Path()
+        if not folder.is_dir() or folder == out.resolve():
+            raise StudyError(
+                f"--jatos: must lie in a folder that exists, and not in --out (got {jatos})"
+            )
         build = WebBuild(study, screen, read_manifest(stimuli))
         needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
         for line in needs_lines(needs):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
+from typer.testing import CliRunner
 from web_study import FHD, for_browsers
 
 from protocols.errors import StudyError
@@ -18,6 +19,7 @@ from protocols.hashing import sha256_file
 from protocols.preregister import preregistration, to_markdown
 from protocols.web_study import Pack, WebPhase, rates_of
 from stimuli.png import encode_bytes
+from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks
 from study_app.web.import_lines import read_results
 
@@ -134,3 +136,19 @@ def test_a_study_over_its_budgets_is_refused_with_what_fits_and_options_that_adm
     assert "stimuli of 30x30 px instead of 64x64" in both  # by the worse of the two
     assert "scenes" not in both
     assert "--budget-mb" not in said(20, 501)
+
+
+@pytest.mark.parametrize("place", ["nowhere", "web"])
+def test_an_archive_goes_into_a_folder_that_is_there_or_nothing_is_written(case, tmp_path, place):
+    of = case("yes-no")
+    path = tmp_path / "study.toml"
+    text = (of.out.parent / "study.toml").read_text()
+    path.write_text(text + '\n[web]\ngaze = "none"\ntolerance_s = 0.01\n')
+    words = (
+        "session", "export-web", path, "--stimuli", of.stimuli, "--out", tmp_path / "web",
+        "--jatos", tmp_path / place / "study.jzip",
+    )  # fmt: skip
+    done = CliRunner().invoke(app, [str(word) for word in words], terminal_width=300)
+    assert done.exit_code == 2
+    assert "--jatos: must lie in a folder that exists, and not in --out" in done.output
+    assert not (tmp_path / "web").exists()
