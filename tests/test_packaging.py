@@ -170,6 +170,15 @@ def test_the_tests_run_against_the_installed_wheel(repository):
     assert not any(Path(entry).resolve() == repository for entry in sys.path)
 
 
+def test_every_extra_for_users_stands_on_the_installing_page(repository):
+    project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (repository / "docs/installing.md").read_text(encoding="utf-8")
+    told = page.partition("Extras bring")[2].partition("\n\n")[0]
+
+    extras = set(project["optional-dependencies"]) - {"docs", "dev"}
+    assert [extra for extra in sorted(extras) if f"`{extra}`" not in told] == []
+
+
 def test_the_container_has_the_system_packages_and_runs_as_nobody_special(repository):
     container = (repository / "Containerfile").read_text(encoding="utf-8")
     table = (repository / "script/lib.sh").read_text(encoding="utf-8")
