@@ -19,18 +19,11 @@ from pipeline.foveation.chain_gpu import ChainPass, given
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.look import Look, Picture
-from pipeline.foveation.moments import (
-    LEAST_BOUND,
-    LEAST_SKEWED,
-    LEAST_TIGHTNESS,
-    PARTNER_SHARE,
-    SMALLEST_VARIANCE,
-    STRONGEST_SKEW,
-)
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.passes import (
     PicturePass,
     Pooled,
+    gains_constants,
     halved,
     layered,
     noise_constants,
@@ -38,11 +31,9 @@ from pipeline.foveation.passes import (
     weight_layers,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import AIM
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.compute import Shader, Step, Steps, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
-from pipeline.noise.gains import gain_constants
 from pipeline.noise.gpu import NoisePass
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
@@ -288,15 +279,7 @@ class MetamerPass(FoveationPass):
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         gains = self._compile(
             "gains",
-            **gain_constants(levels, aim=AIM),
-            SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-            PARTNER_SHARE=PARTNER_SHARE,
-            CHROMA=self._chroma,
-            COARSER=count > 2,
-            LEAST_TIGHTNESS=LEAST_TIGHTNESS,
-            LEAST_SKEWED=LEAST_SKEWED,
-            LEAST_BOUND=LEAST_BOUND,
-            STRONGEST_SKEW=STRONGEST_SKEW,
+            **gains_constants(levels, chroma=self._chroma, coarser=count > 2),
         )
         self._gains = self._gains_step(gains)
         self._on_screen = self._compile_finish(carried=False)

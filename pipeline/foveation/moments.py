@@ -148,12 +148,8 @@ def colour_shape(lows: Sequence[Floats], pools: Pools) -> tuple[Floats, Floats]:
         distribution with four such moments, 1 over 1 plus the sum of its two parameters (Pearson
         1895). It is 1 where a pool has two colours, and 0 where colours are normal.
     """
-    colour = lows[1] - 0.5  # large means would round the fourth moment away
-    chroma = ycbcr_from_rgb(colour)[..., 1:]
-    fourth = (colour**4).sum(axis=2, keepdims=True)
-    powers = np.concatenate([colour, colour**2, colour**3, fourth, chroma**2], axis=2)
     wraps = pools.geometry.wraps
-    chain = chain_of(halve_box(powers), len(lows) - 3, wraps=wraps)
+    chain = power_chain(lows, wraps=wraps)
     pooled = select(chain, pools.lod, first=BLOCK_HALVINGS, wraps=wraps)
     first, second, third, fourth, chroma = np.split(pooled, (3, 6, 9, 10), axis=2)
     variance = np.maximum(second - first**2, 0) + SMALLEST_VARIANCE
@@ -170,6 +166,19 @@ def colour_shape(lows: Sequence[Floats], pools: Pools) -> tuple[Floats, Floats]:
     ]
     chroma = np.maximum(chroma - ycbcr_from_rgb(first)[..., 1:] ** 2, 0) + SMALLEST_VARIANCE
     return chroma, np.concatenate(shape, axis=2)
+
+
+def power_chain(lows: Sequence[Floats], *, wraps: bool) -> list[Floats]:
+    """Powers of the colours of a chain from its third resolution on: (h, w, 12) each.
+
+    First to third powers of red, green and blue less 1/2, the sum of their fourth ones, and the
+    squares of Cb and Cr.
+    """
+    colour = lows[1] - 0.5  # large means would round the fourth moment away
+    chroma = ycbcr_from_rgb(colour)[..., 1:]
+    fourth = (colour**4).sum(axis=2, keepdims=True)
+    powers = np.concatenate([colour, colour**2, colour**3, fourth, chroma**2], axis=2)
+    return chain_of(halve_box(powers), len(lows) - 3, wraps=wraps)
 
 
 def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:

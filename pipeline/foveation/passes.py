@@ -19,6 +19,14 @@ from pipeline.foveation.geometry import (
     check_gaze,
 )
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
+from pipeline.foveation.moments import (
+    LEAST_BOUND,
+    LEAST_SKEWED,
+    LEAST_TIGHTNESS,
+    PARTNER_SHARE,
+    SMALLEST_VARIANCE,
+    STRONGEST_SKEW,
+)
 from pipeline.foveation.noise_plane import (
     GRAIN,
     MOST_STEPS,
@@ -26,11 +34,12 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.reference import COLOURED, FIRST_SMOOTH, ROOMY
+from pipeline.foveation.reference import AIM, COLOURED, FIRST_SMOOTH, ROOMY
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
+from pipeline.noise.gains import gain_constants
 from pipeline.noise.gpu import NoisePass
 
 TILE = 8  # work-group edge
@@ -52,24 +61,24 @@ class Pooled:
             "POWER": pooling.power,
             "HALVED_VARIANCE": HALVED_VARIANCE,
         }
-        self._fixed: dict[str, Any] = {
+        self.fixed: dict[str, Any] = {
             "picture_px": (geometry.width_px, geometry.height_px),
             "slope": pooling.slope,
             "fovea_deg": pooling.fovea_deg,
         }
         if isinstance(geometry, FlatGeometry):
-            self._fixed |= {"centre_px": geometry.centre_px, "distance_px": geometry.distance_px}
+            self.fixed |= {"centre_px": geometry.centre_px, "distance_px": geometry.distance_px}
         elif isinstance(geometry, EquirectangularGeometry):
-            self._fixed["least_cosine"] = geometry.least_cosine
+            self.fixed["least_cosine"] = geometry.least_cosine
         elif isinstance(geometry, CapGeometry):
-            self._fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
+            self.fixed |= {"radian_px": geometry.radian_px, "pole": geometry.pole}
         self._gazes: list[moderngl.Uniform] = []
         self._looks_at: tuple[float, float] | None = None
         self._ray: bytes | None = None
 
     def tell(self, shader: S) -> S:
         """Tell a shader what stays, and the gaze, now and from now on."""
-        for name, value in self._fixed.items():
+        for name, value in self.fixed.items():
             if name in shader:
                 shader[name] = value
         if "gaze" in shader:
@@ -150,6 +159,21 @@ def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
         **sphere_constants(),
     }
     return constants | changes
+
+
+def gains_constants(levels: int, *, chroma: bool, coarser: bool) -> dict[str, Constant]:
+    """What gains.comp.glsl is compiled with; `coarser`: resolution 2 is not the coarsest."""
+    return {
+        **gain_constants(levels, aim=AIM),
+        "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
+        "PARTNER_SHARE": PARTNER_SHARE,
+        "CHROMA": chroma,
+        "COARSER": coarser,
+        "LEAST_TIGHTNESS": LEAST_TIGHTNESS,
+        "LEAST_SKEWED": LEAST_SKEWED,
+        "LEAST_BOUND": LEAST_BOUND,
+        "STRONGEST_SKEW": STRONGEST_SKEW,
+    }
 
 
 def weight_layers(levels: int, *, bent: bool) -> int:

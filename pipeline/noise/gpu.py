@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.gl.compute import Texture, let_go
 from pipeline.gl.passes import Pass
+from pipeline.gl.shader import Constant
 from pipeline.noise.hashing import Stream, key_of
 from pipeline.noise.tile import (
     MIXED_STEP,
@@ -24,6 +25,10 @@ from pipeline.noise.tile import (
 WORK_EDGE = 8  # of work groups
 BLOCK = 64  # pixels, of which squares are summed together
 BANDS_PER_LAYER = 8
+
+WHITE_SHADER, HALVE_SHADER, RAISE_SHADER, MIX_SHADER = (
+    f"noise/{name}.comp.glsl" for name in ("white", "halve", "raise", "mix")
+)
 
 Size = tuple[int, int]
 
@@ -66,32 +71,15 @@ class NoisePass(Pass):
         cells = -(-width // 2), -(-height // 2)
         self.texture = self._array(cells, -(-3 * levels // 4), "rgba32ui")
         self._seed: int | None = None
-        taps = {name: tuple(own.ravel().tolist()) for name, own in vars(noise_taps()).items()}
-        common = {"TILE": WORK_EDGE, "TAP_BITS": TAP_BITS}
-        self._white = self._shader("noise/white.comp.glsl", TILE=WORK_EDGE, WHITE_BITS=WHITE_BITS)
-        self._halve = self._shader(
-            "noise/halve.comp.glsl", **common, SOFT=taps["soft"], HALVING=taps["halving"]
-        )
+        with_taps = filter_constants()
+        self._white = self._shader(WHITE_SHADER, TILE=WORK_EDGE, WHITE_BITS=WHITE_BITS)
+        self._halve = self._shader(HALVE_SHADER, **with_taps["halve"])
         self._raise = [
-            self._shader(
-                "noise/raise.comp.glsl",
-                **common,
-                OLDER=older,
-                HIGH=taps["high"],
-                ORIENTED=taps["oriented"],
-                RAISING=taps["raising"],
-            )
-            for older in range(levels)
+            self._shader(RAISE_SHADER, OLDER=older, **with_taps["raise"]) for older in range(levels)
         ]
-        layers = _layers(levels)
+        layers = layers_of(levels)
         self._squares = self._shader("noise/squares.comp.glsl", LAYERS=layers)
-        self._mix = self._shader(
-            "noise/mix.comp.glsl",
-            TILE=WORK_EDGE,
-            LEVELS=levels,
-            STEP_BITS=round(np.log2(step / MIXED_STEP)),
-            MOST_STEPS=most_steps,
-        )
+        self._mix = self._shader(MIX_SHADER, **mix_constants(levels, step, most_steps))
 
     def set_seed(self, seed: int) -> None:
         """Make the noise of `seed`, unless it is at hand."""
@@ -127,7 +115,7 @@ class NoisePass(Pass):
         raised: Texture | None = None
         for older, level in enumerate(reversed(range(self._levels))):
             given = {} if raised is None else {"coarse": raised}
-            raised = work._array(sizes[level], _layers(older + 1), "rgba32ui")
+            raised = work._array(sizes[level], layers_of(older + 1), "rgba32ui")
             self._raise[older].run_over(
                 _cells(sizes[level]), low=lows[level], soft=softs[level], raised=raised, **given
             )
@@ -136,7 +124,7 @@ class NoisePass(Pass):
 
     def _weights(self, work: Pass, raised: Texture) -> Steps:
         columns, rows = -(-raised.width // BLOCK), -(-raised.height // BLOCK)
-        layers = _layers(self._levels)
+        layers = layers_of(self._levels)
         sums = work._buffer(columns * rows * layers * 4 * 16)
         self._squares.run(columns, rows, raised=raised, of_blocks=sums)
         # (block, layer, lower or upper band, low bits or rest, word)
@@ -146,8 +134,27 @@ class NoisePass(Pass):
         return mixing_weights(bands.ravel().tolist(), raised.width * raised.height)
 
 
-def _layers(levels: int) -> int:
+def layers_of(levels: int) -> int:
+    """Layers of raised bands."""
     return -(-3 * levels // BANDS_PER_LAYER)
+
+
+def filter_constants() -> dict[str, dict[str, Constant]]:
+    """What the shaders `halve` and `raise` are compiled with."""
+    taps = {name: tuple(own.ravel().tolist()) for name, own in vars(noise_taps()).items()}
+    named = {"halve": ("soft", "halving"), "raise": ("high", "oriented", "raising")}
+    return {
+        shader: {
+            "TILE": WORK_EDGE, "TAP_BITS": TAP_BITS, **{one.upper(): taps[one] for one in names}
+        }
+        for shader, names in named.items()
+    }  # fmt: skip
+
+
+def mix_constants(levels: int, step: float, most_steps: int) -> dict[str, Constant]:
+    """What the shader `mix` is compiled with."""
+    bits = round(np.log2(step / MIXED_STEP))
+    return {"TILE": WORK_EDGE, "LEVELS": levels, "STEP_BITS": bits, "MOST_STEPS": most_steps}
 
 
 def _cells(size: Size) -> Size:

@@ -28,9 +28,8 @@ const int BEFORE = 3 * OLDER, LAYERS = (BEFORE + 3 + 7) / 8;
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), size = textureSize(low, 0);
     if (any(greaterThanEqual(2 * cell, size))) return;
-    uvec4 words[4][LAYERS];  // of the cell's pixels
-    for (int pixel = 0; pixel < 4; ++pixel)
-        for (int layer = 0; layer < LAYERS; ++layer) words[pixel][layer] = uvec4(0u);
+    uvec4 words[4 * LAYERS];  // of the cell's pixels, one after the other
+    for (int i = 0; i < 4 * LAYERS; ++i) words[i] = uvec4(0u);
 #if OLDER
     ivec2 coarse_size = textureSize(coarse, 0).xy;
     for (int layer = 0; layer < (BEFORE + 7) / 8; ++layer) {
@@ -48,7 +47,7 @@ void main() {
                 }
             }
         for (int pixel = 0; pixel < 4; ++pixel)
-            words[pixel][layer] = (uvec4(divided(lower[pixel])) & 0xFFFFu) | uvec4(divided(upper[pixel])) << 16;
+            words[LAYERS * pixel + layer] = (uvec4(divided(lower[pixel])) & 0xFFFFu) | uvec4(divided(upper[pixel])) << 16;
     }
 #endif
     int own[36], softened[36];  // 6x6 pixels, the cell in their middle
@@ -70,9 +69,9 @@ void main() {
         for (int band = 0; band < 3; ++band) {
             int half_word = BEFORE + band, layer = half_word / 8;
             uint bits = uint(divided(sums[band])) & 0xFFFFu;
-            words[pixel][layer][half_word / 2 % 4] |= bits << (16 * (half_word & 1));
+            words[LAYERS * pixel + layer][half_word / 2 % 4] |= bits << (16 * (half_word & 1));
         }
         for (int layer = 0; layer < LAYERS; ++layer)
-            imageStore(raised, ivec3(2 * cell + ivec2(pixel & 1, pixel >> 1), layer), words[pixel][layer]);
+            imageStore(raised, ivec3(2 * cell + ivec2(pixel & 1, pixel >> 1), layer), words[LAYERS * pixel + layer]);
     }
 }

@@ -18,6 +18,7 @@ from stimuli import pictures
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated import moving
+from stimuli.foveated import page as pages
 from stimuli.foveated.any_picture import AnyPicture, Reading, check_drawable, read_any
 from stimuli.foveated.look_through import Seen, check_choices, look_through, sheet_of
 from stimuli.foveated.looking import Looking, gaze_words, look_at, read_gaze, width_deg
@@ -43,8 +44,10 @@ class Outputs:
         A folder for what metrics say of all choices.
     animate, flip : Path, optional
         Moving pictures of the first choice, .webp, .png or .apng: the gaze wanders; two seeds.
+    page : Path, optional
+        A page on which the first choice follows the mouse: .html.
     size_px : int, optional
-        Longer edge of the moving pictures.
+        Longer edge of the moving pictures, and of the page's.
     """
 
     out: Path
@@ -53,6 +56,7 @@ class Outputs:
     score: Path | None = None
     animate: Path | None = None
     flip: Path | None = None
+    page: Path | None = None
     size_px: int | None = None
 
 
@@ -139,6 +143,10 @@ def foveate_file(
     )  # fmt: skip
     if asked.score is not None:
         _check_scorable(work)
+    if asked.page is not None:
+        pages.check_page(
+            opened.size, looking.viewing, choices[0], asked.size_px or pages.LONGEST_PX
+        )
     tell(f"{width} x {height} px")
     tell(looking.words)
     tell(gaze_words(work.gaze_px, looking.geometry))
@@ -192,6 +200,8 @@ def _write(work: _Work, outputs: Outputs) -> list[Seen]:
         _animate(work, outputs.animate, outputs.size_px or moving.LONGEST_PX)
     if outputs.flip is not None:
         _flip(work, outputs.flip, outputs.size_px or 2 * moving.LONGEST_PX)
+    if outputs.page is not None:
+        _page(work, outputs.page, outputs.size_px or pages.LONGEST_PX)
     return seen
 
 
@@ -271,3 +281,12 @@ def _flip(work: _Work, path: Path, longest_px: int) -> None:
         report=lambda done, total: work.progress("drawing frames", done, total),
     )  # fmt: skip
     work.say(f"wrote {path} ({size / 1000:.0f} kB)")
+
+
+def _page(work: _Work, path: Path, longest_px: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    width, height, size = pages.write_page(
+        path, work.name, work.opened.colour, work.looking.viewing, work.choices[0],
+        seed=work.seed, longest_px=longest_px,
+    )  # fmt: skip
+    work.say(f"wrote {path} ({width} x {height} px, {size / 1e6:.1f} MB)")

@@ -174,10 +174,19 @@ def foveate(
         Path | None,
         look_option(help="Animation that alternates between this seed and the next one."),
     ] = None,
+    page: Annotated[
+        Path | None,
+        look_option(
+            help="A page (.html, one file) on which the metamer follows the mouse or a finger, by"
+            " WebGL2."
+        ),
+    ] = None,
     size_px: Annotated[
         int | None,
         look_option(
-            min=64, max=4096, help=r"Longer edge of the animations. \[default: 480, --flip 960]"
+            min=64,
+            max=4096,
+            help=r"Longer edge of animations and page. \[default: 480, --flip 960, --page 512]",
         ),
     ] = None,
 ) -> None:
@@ -195,6 +204,8 @@ def foveate(
         metamerlab foveate photo.jpg out.png -m warped-metamer --steps steps/
 
         metamerlab foveate photo.jpg --compare sheet.png --animate gaze.webp
+
+        metamerlab foveate photo.jpg --page out.html
 
         metamerlab foveate photo.jpg --score scores/
 
@@ -215,7 +226,7 @@ def foveate(
         sheet = compare is not None or score is not None
         choices = _choices(methods, settings, sheet)
         outputs = Outputs(
-            out or Path("foveated.png"), compare, steps, score, animate, flip, size_px
+            out or Path("foveated.png"), compare, steps, score, animate, flip, page, size_px
         )
         moving = picture.is_dir() or is_video(picture)
         if moving:
@@ -272,7 +283,7 @@ def _check_clip(picture: Path, out: Path | None, outputs: Outputs, video: Path |
 
     if video is not None:
         check_outputs({"--video": (video, tuple(CODECS))}, [], [picture])
-    looks = ("compare", "steps", "score", "animate", "flip")
+    looks = ("compare", "steps", "score", "animate", "flip", "page")
     given = [f"--{name}" for name in looks if getattr(outputs, name) is not None]
     if given:
         raise StudyError(f"{given[0]} takes one picture, not a folder; give it a frame")
@@ -293,6 +304,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
             "--compare": (outputs.compare, (".png",)),
             "--animate": (outputs.animate, ENDINGS),
             "--flip": (outputs.flip, ENDINGS),
+            "--page": (outputs.page, (".html",)),
         },
         [outputs.steps, outputs.score],
         [picture],
