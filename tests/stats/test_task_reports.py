@@ -225,17 +225,18 @@ FIGURES = {
         "random_effects",
     },
     "identification": {
-        "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "learning",
-        "reaction",
+        "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
+        "participants", "learning", "reaction",
         "random_effects",
     },
     "adaptive": {
-        "correct", "sensitivity", "confusion", "levels", "psychometric", "participants", "reaction",
+        "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
+        "participants", "reaction",
         "random_effects",
     },
     "abx": {
-        "correct", "sensitivity", "levels", "psychometric", "scaling", "participants", "scenes",
-        "learning", "reaction",
+        "correct", "sensitivity", "levels", "psychometric", "goodness", "people", "scaling",
+        "participants", "scenes", "learning", "reaction",
         "random_effects",
     },
 }  # fmt: skip
