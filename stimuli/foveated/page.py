@@ -108,8 +108,9 @@ def write_page(
     parts = (words, passes.source.tobytes(), *_planes(passes.pulled))
     packed = [base64.b64encode(zlib.compress(part, 9)).decode("ascii") for part in parts]
     text = html_page(
-        f"{name}: a metamer that follows the mouse", "stimuli/foveated/metamer_page.html", heading=name,
-        width=width, height=height, label=choice.label, seed=seed, wide_deg=width_deg(geometry),
+        f"{name}: a metamer that follows the mouse", "stimuli/foveated/metamer_page.html",
+        heading=name, width=width, height=height, label=choice.label, seed=seed,
+        wide_deg=width_deg(geometry),
         parts=packed,
     )  # fmt: skip
     data = text.encode()
