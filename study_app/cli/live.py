@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -24,6 +24,7 @@ from study_app.cli.one_picture import (
     named_methods,
     panel_option,
 )
+from study_app.cli.options import one_of
 from study_app.cli.terminal import say, say_notes
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from study_app.cli.live_renderer import FoveatingRenderer
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
-    from study_app.live.loop import Flip, LiveLoop
+    from study_app.live.loop import Change, Flip, LiveLoop
     from study_app.live.renderer import View
     from study_app.live.screen import WindowScreen
     from study_app.window import Window
@@ -68,6 +69,10 @@ def live(
         ),
     ] = None,
     settings: SettingsOption = None,
+    change: Annotated[
+        str,
+        typer.Option(help="always: a frame follows the gaze; during-saccades: only in saccades."),
+    ] = "always",
     seed: Annotated[int, typer.Option(min=0, help="Seed to begin with.")] = 0,
     display: DisplayOption = None,
     fov: FovOption = None,
@@ -121,18 +126,20 @@ def live(
         metamerlab live around.exr --panorama -m warped-metamer --set law=v2
     """
     from stimuli.foveated.any_picture import Reading
+    from study_app.live.loop import Change
 
     with user_errors():
         exposed = panorama and stops is None and not clip
         reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
         if verify is not None:
             if any((methods, settings, display, fov, panorama, fps, record, seconds, stops, clip,
-                    encoded, overlay, seed, gaze != "mouse")):  # fmt: skip
+                    encoded, overlay, seed, gaze != "mouse", change != "always")):  # fmt: skip
                 raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
             _verify(source, verify)
             return
         show = _Show(
-            source, gaze, _choices(methods, settings), seed, reading, panorama, display, fov, fps,
+            source, gaze, one_of("--change", change, get_args(Change)),
+            _choices(methods, settings), seed, reading, panorama, display, fov, fps,
             record, seconds,
         )  # fmt: skip
         if record is not None:
@@ -148,6 +155,7 @@ class _Show:
 
     source: str
     gaze: str
+    change: Change
     choices: list[Choice]
     seed: int
     reading: Reading
@@ -250,6 +258,7 @@ class _Showing:
     def run(self) -> None:
         """Show until it is ended; say the latency."""
         from study_app.gaze.open_source import Desk, open_gaze
+        from study_app.gaze.saccades import LONGEST_GAP_S, SaccadeWatch
         from study_app.live.loop import LiveLoop
 
         window, screen = self._window, self._screen
@@ -264,7 +273,16 @@ class _Showing:
             say_notes(info.notes)
             say(f"gaze: {info.source} {info.description}, {info.rate_hz:g} Hz")
             say(KEYS + ("; drag to look around" if self._renderer.source.panorama else ""))
-            loop = LiveLoop(screen, gaze, self._corner, polled=info.polled)
+            if self._show.change != "always" and info.rate_hz * LONGEST_GAP_S < 1:
+                raise StudyError(
+                    "--change during-saccades needs gaze of at least"
+                    f" {1 / LONGEST_GAP_S:g} Hz (got {info.rate_hz:g} Hz)"
+                )
+            loop = LiveLoop(
+                screen, gaze, self._corner, polled=info.polled,
+                watch=SaccadeWatch(math.radians(self._renderer.geometry.distance_px)),
+                change=self._show.change,
+            )  # fmt: skip
             with self._logging() as self._log:
                 with suppress(KeyboardInterrupt):
                     self._loop(loop, gaze)
@@ -380,6 +398,7 @@ class _Showing:
             gaze=self._show.gaze, display=self._window.display.model_dump(mode="json"),
             renderer=drawn_by.name, driver=drawn_by.version,
             revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
+            change=self._show.change,
         )  # fmt: skip
         with closing(log):
             log.choice(self._renderer.describe())

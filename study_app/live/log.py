@@ -31,7 +31,8 @@ from protocols.latency import EyeState, LatencySummary
 from protocols.outside import check_within
 from protocols.read_file import read_bytes
 from protocols.units import Count, Model, Sha256
-from study_app.live.loop import Flip
+from study_app.gaze.saccades import Saccade
+from study_app.live.loop import Change, Flip
 from study_app.live.renderer import Described, Look, View
 
 FORMAT: Literal[1] = 1
@@ -73,6 +74,8 @@ class LiveStart(_Line):
     driver: str
     revision: str
     refresh_hz: float
+    change: Change = "always"
+    """When the gaze that is drawn for may change."""
 
 
 class LiveChoice(_Line):
@@ -101,6 +104,8 @@ class LiveFlip(_Line):
     eye: EyeState
     age_s: float | None
     """From the sample whose gaze is shown to the flip; null before the first one."""
+    suppressed: bool | None = None
+    """Whether the eye saw little then, as far as gaze had come; null: nobody watched."""
     pixels: Sha256 | None = None
     """SHA-256 of the whole frame as it was drawn, of a few flips."""
     grid: Grid | None = None
@@ -118,6 +123,18 @@ class LiveFlip(_Line):
         return Look(self.gaze_px, self.field_px, self.seed)
 
 
+class LiveSaccade(_Line):
+    """One that was over at the poll of the next flip; both times are stamps of samples."""
+
+    kind: Literal["saccade"]
+    onset_s: float
+    offset_s: float
+
+    def suppresses(self, flip_s: float) -> bool:
+        """Whether a flip fell where the eye sees little."""
+        return Saccade(self.onset_s, self.offset_s, over=True).suppresses(flip_s)
+
+
 class LiveEnd(_Line):
     """The last line of a log that was closed."""
 
@@ -130,7 +147,7 @@ class LiveEnd(_Line):
 
 
 LiveLine: TypeAlias = Annotated[
-    LiveStart | LiveChoice | LiveFlip | LiveEnd, Field(discriminator="kind")
+    LiveStart | LiveChoice | LiveSaccade | LiveFlip | LiveEnd, Field(discriminator="kind")
 ]
 _LINE: TypeAdapter[LiveLine] = TypeAdapter(LiveLine)
 
@@ -183,7 +200,9 @@ class LiveLog:
         self.next_kept = 0
 
     def flip(self, flip: Flip, picture: moderngl.Texture) -> None:
-        """Write a flip, and of every `EVERY`th what its pixels are."""
+        """Write the saccades that ended, the flip, and of every `EVERY`th what its pixels are."""
+        for one in flip.saccades:
+            self._write({"kind": "saccade", "onset_s": one.onset_s, "offset_s": one.offset_s})
         pixels = grid = None
         if flip.number >= self.next_kept:
             self.next_kept = flip.number + EVERY
@@ -204,6 +223,7 @@ class LiveLog:
                 "turned_deg": [flip.view.right_deg, flip.view.down_deg],
                 "eye": flip.eye,
                 "age_s": None if math.isnan(flip.age_s) else flip.age_s,
+                "suppressed": flip.suppressed,
                 "pixels": pixels,
                 "grid": grid,
             }

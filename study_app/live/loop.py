@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias
 
 from protocols.latency import EyeState
+from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.latency import AHEAD_S, SILENT_S, Latency
 from study_app.live.renderer import Look, Place, Renderer, View, on_grid
@@ -22,6 +23,8 @@ SPARE_SHARE = 0.15
 """Of a refresh, between a frame that is drawn and its flip: stamps come a little after the line."""
 _FORGET = 0.95  # of the dearest frame's cost, from frame to frame
 _LINE_SLACK = 1e-6
+Change: TypeAlias = Literal["always", "during-saccades"]
+"""When the gaze that is drawn for may change."""
 
 
 class Screen(Protocol):
@@ -68,6 +71,10 @@ class Flip(NamedTuple):
     eye: EyeState
     sample_s: float
     """Stamp of the sample whose gaze is shown, not a number before the first one."""
+    saccades: tuple[Saccade, ...] = ()
+    """Those that ended since the flip before."""
+    suppressed: bool | None = None
+    """Whether the eye saw little at the flip, as far as gaze had come; None: nobody watched."""
 
     @property
     def age_s(self) -> float:
@@ -89,19 +96,33 @@ class LiveLoop:
         Each poll makes a sample, so that the source is never silent (the mouse).
     cost_s : float
         Of a frame, as far as it is known beforehand.
+    watch : SaccadeWatch, optional
+        Finds saccades in the samples.
+    change : Change
+        During saccades alone: the gaze of the first frame is held until a flip is due where the
+        eye sees little. It needs a watch.
     """
 
     def __init__(
-        self, screen: Screen, gaze: Gaze, corner_px: Place, *, polled: bool, cost_s: float = 0.0
+        self,
+        screen: Screen,
+        gaze: Gaze,
+        corner_px: Place,
+        *,
+        polled: bool,
+        cost_s: float = 0.0,
+        watch: SaccadeWatch | None = None,
+        change: Change = "always",
     ) -> None:
         self._screen, self._gaze, self.corner_px, self._polled = screen, gaze, corner_px, polled
+        self._watch, self._change = watch, change
         self.latency = Latency()
         self.missed = 0
         """Refreshes without a frame of their own."""
         self.number = 0
         """Of the next frame."""
         self._newest: GazeSample | None = None
-        self._seen: GazeSample | None = None  # the newest one in which the eye was found
+        self._seen: GazeSample | None = None  # the one whose gaze is shown
         self._held: GazeSample | None = None
         self._cost_s = cost_s  # of a frame, until it is drawn
         self._flip_s = self._poll_s = math.nan
@@ -114,8 +135,11 @@ class LiveLoop:
         renderer.hold(view)
         poll_s = screen.now()
         elapsed = 0 if self.number == 0 else max(1, round((poll_s - self._poll_s) * hz))
-        self._take(self._gaze.poll())
-        gaze_px, field_px = renderer.follow(self._eye_px(), elapsed / hz)
+        ended = self._take(self._gaze.poll())
+        free = self._change == "always" or self.number == 0
+        free = free or bool(self._suppressed(begin_s + self._need_s))
+        eye_px = self._eye_px() if free else (math.nan, math.nan)
+        gaze_px, field_px = renderer.follow(eye_px, elapsed / hz)
         look = Look(gaze_px, field_px, seed)
         picture = renderer.draw(look)
         screen.paint(picture, look)
@@ -126,9 +150,11 @@ class LiveLoop:
         refreshes = 0 if began else max(0, round((t_s - self._flip_s) * hz))
         sample_s = math.nan if self._seen is None else self._seen.t_s
         flip = Flip(
-            self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s
-        )
-        self.latency.add(flip.eye, flip.age_s)
+            self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s,
+            ended, self._suppressed(t_s),
+        )  # fmt: skip
+        if free:
+            self.latency.add(flip.eye, flip.age_s)
         self.missed += max(0, refreshes - 1)
         self.number, self._flip_s, self._poll_s = self.number + 1, t_s, poll_s
         return flip, picture
@@ -150,29 +176,40 @@ class LiveLoop:
         if math.isnan(self._flip_s):
             return
         period_s = 1 / self._screen.refresh_hz
-        need_s = self._cost_s + SPARE_SHARE * period_s
+        need_s = self._need_s
         since_s = self._screen.now() + need_s - self._flip_s
         refreshes = max(1, math.ceil(since_s / period_s - _LINE_SLACK))
         self._screen.wait_until(self._flip_s + refreshes * period_s - need_s)
 
-    def _take(self, samples: Sequence[GazeSample]) -> None:
+    @property
+    def _need_s(self) -> float:
+        """From the begin of a frame to its flip."""
+        return self._cost_s + SPARE_SHARE / self._screen.refresh_hz
+
+    def _take(self, samples: Sequence[GazeSample]) -> tuple[Saccade, ...]:
         if samples:
             self._newest = samples[-1]
-            if self._newest.valid:
-                self._seen = self._newest
+        return () if self._watch is None else tuple(self._watch.take(samples))
+
+    def _suppressed(self, flip_s: float) -> bool | None:
+        if self._watch is None:
+            return None
+        last = self._watch.last
+        return last is not None and bool(last.suppresses(flip_s))  # a plug-in's may be numpy's
 
     def _eye_px(self) -> Place:
         """Where the eye is in the picture, on the grid of gazes; not a number while it is lost."""
         newest, held, self._held = self._newest, self._held, None
         if newest is None or not newest.valid:
-            if held is None:
-                return math.nan, math.nan
-            newest = self._seen = held
+            newest = held
+        if newest is None:
+            return math.nan, math.nan
+        self._seen = newest
         return on_grid((newest.x_px - self.corner_px[0], newest.y_px - self.corner_px[1]))
 
     def _eye(self, poll_s: float) -> EyeState:
         newest = self._newest
-        if newest is None or self._seen is None:
+        if newest is None or (self._seen is None and not newest.valid):
             return "none"
         if not self._polled and poll_s - newest.t_s > SILENT_S:
             return "silent"

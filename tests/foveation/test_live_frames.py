@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
+from typer.testing import CliRunner
 from virtual_screen import VirtualScreen
 
 from pipeline.errors import InputError
@@ -20,12 +23,15 @@ from protocols.load import load_display
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import Reading
 from stimuli.foveated.clip_to_files import foveate_clip
+from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingRenderer, read_source
 from study_app.gaze.open_source import recorded
 from study_app.gaze.replay import ReplaySource
+from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
+from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.live.log import LiveChoice, LiveFlip, LiveLog, read_log
+from study_app.live.log import LiveChoice, LiveFlip, LiveLog, LiveSaccade, read_log
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw import redraw
 from study_app.live.renderer import STEPS_PER_PX, Look, View, on_grid
@@ -354,3 +360,124 @@ def test_a_look_is_all_that_a_frame_depends_on(gl_context, frames):
 
     np.testing.assert_array_equal(drawn(), first)
     renderer.release()
+
+
+SECONDS, ONSET_S, LONG_S = 1.2, 0.7, 0.05
+PX_PER_DEG = math.radians(GEOMETRY.distance_px)
+
+
+class Trace:
+    """Gaze at 500 Hz: it drifts, makes one saccade of 40 pixels, and drifts on."""
+
+    def __init__(self, clock, rng):
+        self._clock, self._next = clock, 0
+        t_s = np.arange(0, SECONDS, 0.002)
+        way = np.clip((t_s - ONSET_S) / LONG_S, 0, 1)
+        x = 20 + 4 * t_s + 40 * (3 * way**2 - 2 * way**3) + rng.normal(0, 0.01, len(t_s))
+        y = 36 + rng.normal(0, 0.01, len(t_s))
+        self._samples = [GazeSample(*map(float, one)) for one in zip(t_s, t_s, x, y, strict=True)]
+
+    def poll(self):
+        begin, now_s = self._next, self._clock()
+        while self._next < len(self._samples) and self._samples[self._next].t_s <= now_s:
+            self._next += 1
+        return self._samples[begin : self._next]
+
+
+@pytest.fixture
+def shown(gl_context, tmp_path, monkeypatch, rng):
+    """Give a function that shows the trace, and returns flips, pixels, the log and the renderer."""
+    monkeypatch.setattr("study_app.live.log.EVERY", 10)
+    picture = np.ascontiguousarray(data.astronaut()[:HEIGHT, 128 : 128 + WIDTH])
+    Image.fromarray(picture).save(tmp_path / "p.png")
+    source = read_source(tmp_path / "p.png", Reading(), panorama=False)
+    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("blur"))
+    renderer.prepare(5)
+
+    def show(change):
+        clock, path = VirtualClock(), tmp_path / f"{change}.jsonl"
+        loop = LiveLoop(
+            VirtualScreen(clock, HZ, 0.004), Trace(clock, rng), (0, 0), polled=False,
+            watch=SaccadeWatch(PX_PER_DEG), change=change,
+        )  # fmt: skip
+        log = LiveLog(path, **START, change=change)
+        log.choice(renderer.describe())
+        flips, pixels = [], []
+        while clock() < SECONDS - 0.02:
+            flip, drawn = loop.step(renderer, View(), 5)
+            log.flip(flip, drawn)
+            flips.append(flip)
+            pixels.append(read_back(drawn).copy())
+        log.close()
+        return flips, pixels, loop, read_log(path)
+
+    yield show, renderer
+    renderer.release()
+
+
+def test_only_frames_that_fall_into_a_saccades_window_change_and_the_log_tells_so(shown):
+    show, renderer = shown
+    flips, pixels, loop, log = show("during-saccades")
+
+    moved = [b.number for a, b in pairwise(flips) if a.look != b.look]
+    differ = [k for k in range(1, len(pixels)) if not np.array_equal(pixels[k - 1], pixels[k])]
+    assert moved == differ
+    assert 3 <= len(moved) <= math.ceil((LONG_S + SUPPRESSED_AFTER_S) * HZ)
+    (saccade,) = [line for line in log.lines if isinstance(line, LiveSaccade)]
+    assert saccade.onset_s == pytest.approx(ONSET_S, abs=0.012)
+    assert saccade.offset_s == pytest.approx(ONSET_S + LONG_S, abs=0.012)
+    # The eye has landed: the picture is where it is.
+    assert flips[-1].look.gaze_px[0] == pytest.approx(20 + 4 * 0.8 + 40, abs=0.3)
+
+    lines = [line for line in log.lines if isinstance(line, LiveFlip)]
+    assert [line.n for line in lines if line.suppressed] == moved
+    inside = [line.n for line in lines if saccade.suppresses(line.t_s)]
+    assert set(moved) <= set(inside)
+    assert len(inside) <= len(moved) + 2  # a saccade is known a little after its onset
+    assert log.start.change == "during-saccades"
+    # Held frames have no latency; the gaze that they show is as old as they say.
+    assert loop.latency.summary().frames == 1 + len(moved)
+    assert lines[moved[0] - 1].age_s == pytest.approx(lines[moved[0] - 1].t_s - flips[0].sample_s)
+
+    found = redraw(log, lambda _: renderer, exactly=True)
+    assert found.equal == found.drawn >= 7
+    assert found.problems == ()
+
+
+def test_without_the_option_each_frame_follows_and_the_log_still_names_the_saccade(shown):
+    flips, _, loop, log = shown[0]("always")
+
+    assert sum(a.look.gaze_px != b.look.gaze_px for a, b in pairwise(flips)) > len(flips) / 2
+    assert sum(isinstance(line, LiveSaccade) for line in log.lines) == 1
+    assert 3 <= sum(flip.suppressed for flip in flips) <= 8
+    assert loop.latency.summary().frames == len(flips)
+
+
+def test_when_the_source_is_mute_in_a_saccade_the_window_ends_all_the_same():
+    clock = VirtualClock()
+    trace = Trace(clock, np.random.default_rng(1))
+    trace._samples = [one for one in trace._samples if one.t_s < ONSET_S + 0.03]
+    still = SimpleNamespace(
+        hold=lambda _: None, draw=lambda _: None, follow=lambda eye_px, _: (eye_px, eye_px)
+    )
+    loop = LiveLoop(
+        VirtualScreen(clock, HZ, 0.004), trace, (0, 0), polled=False,
+        watch=SaccadeWatch(PX_PER_DEG), change="during-saccades",
+    )  # fmt: skip
+    flips = []
+    while clock() < SECONDS:
+        flips.append(loop.step(still, None, 0)[0])
+
+    assert any(flip.suppressed for flip in flips)
+    late = [flip for flip in flips if flip.t_s > ONSET_S + 0.03 + SUPPRESSED_AFTER_S]
+    assert not any(flip.suppressed for flip in late)
+    assert all(math.isnan(flip.look.gaze_px[0]) for flip in late)  # the renderer holds
+
+
+def test_another_word_for_change_gets_one_message(tmp_path):
+    done = CliRunner().invoke(app, ["live", str(tmp_path / "p.png"), "--change", "in-saccades"])
+
+    assert done.exit_code == 2
+    assert "--change: must be one of always, during-saccades (got 'in-saccades')" in " ".join(
+        done.output.split()
+    )

@@ -136,6 +136,7 @@ def test_mistakes_get_one_message_before_a_window_opens(screen, picture, display
         (("--record", tmp_path / "log.csv"), "must end in .jsonl"),
         (("-m", "noise-enhanced"), "must be one of reference, blur, metamer"),
         (("--gaze", "mous"), "did you mean 'mouse'"),
+        (("--change", "in-saccades"), "must be one of always, during-saccades"),
         (("--panorama",), "must be twice as wide as high"),
         (("--fps", "25"), "is for a folder of frames or a video"),
         (("--verify", "x.jsonl"), "leave other options out"),
