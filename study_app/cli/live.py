@@ -276,7 +276,8 @@ class _Showing:
             if self._show.change != "always" and info.rate_hz * LONGEST_GAP_S < 1:
                 raise StudyError(
                     "--change during-saccades needs gaze of at least"
-                    f" {1 / LONGEST_GAP_S:g} Hz (got {info.rate_hz:g} Hz)"
+                    f" {1 / LONGEST_GAP_S:g} Hz (got {info.rate_hz:g} Hz); take a faster"
+                    " source, or leave the option out"
                 )
             loop = LiveLoop(
                 screen, gaze, self._corner, polled=info.polled,

@@ -146,3 +146,17 @@ def test_mistakes_get_one_message_before_a_window_opens(screen, picture, display
         assert message in " ".join(done.stderr.split())
         assert "Traceback" not in done.stderr
     assert (tmp_path / "there.jsonl").read_text() == "kept"
+
+
+def test_gaze_that_is_too_slow_for_saccades_is_refused_and_no_log_begun(screen, picture, display):
+    tape, log = picture.with_name("slow.csv"), picture.with_name("log.jsonl")
+    tape.write_text("t_s,x_px,y_px\n" + "".join(f"{k / 10},100,100\n" for k in range(20)))
+
+    done = screen.run(
+        *arguments(picture, display, log, "--gaze", f"replay:{tape}"),
+        "--change", "during-saccades",
+    )  # fmt: skip
+
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "needs gaze of at least 20 Hz (got 10 Hz)" in " ".join(done.stderr.split())
+    assert not log.exists()
