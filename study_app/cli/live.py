@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import FoveatingRenderer
+    from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
     from study_app.live.loop import Change, Flip, LiveLoop
@@ -69,6 +70,9 @@ def live(
         ),
     ] = None,
     settings: SettingsOption = None,
+    head: Annotated[
+        str | None, typer.Option(help="lsl or lsl:NAME: the head's pose turns a panorama.")
+    ] = None,
     change: Annotated[
         str,
         typer.Option(help="always: a frame follows the gaze; during-saccades: only in saccades."),
@@ -133,12 +137,13 @@ def live(
         reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
         if verify is not None:
             if any((methods, settings, display, fov, panorama, fps, record, seconds, stops, clip,
-                    encoded, overlay, seed, gaze != "mouse", change != "always")):  # fmt: skip
+                    encoded, overlay, seed, head, gaze != "mouse",
+                    change != "always")):  # fmt: skip
                 raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
             _verify(source, verify)
             return
         show = _Show(
-            source, gaze, one_of("--change", change, get_args(Change)),
+            source, gaze, head, one_of("--change", change, get_args(Change)),
             _choices(methods, settings), seed, reading, panorama, display, fov, fps,
             record, seconds,
         )  # fmt: skip
@@ -155,6 +160,7 @@ class _Show:
 
     source: str
     gaze: str
+    head: str | None
     change: Change
     choices: list[Choice]
     seed: int
@@ -195,6 +201,10 @@ def _run(show: _Show, *, overlay: bool, pacing: Any) -> None:
     from study_app.window import Window
 
     check_kind(show.gaze)
+    if show.head is not None:
+        one_of("--head", show.head.partition(":")[0], ("lsl",))
+        if not show.panorama:
+            raise StudyError("--head turns a panorama; add --panorama, or leave --head out")
     shown_on = load_display(show.display) if show.display is not None else None
     read, fps = None, 0.0
     if not show.source.startswith(BUILTIN):
@@ -251,12 +261,16 @@ class _Showing:
         self._screen.overlay = overlay
         self._fps, self._seed, self._choices = fps, show.seed, list(show.choices)
         self._turned = (0.0, 0.0)
+        self._head: TrustedGaze | None = None
+        self._faced: GazeSample | None = None  # the head's first pose, then the newest
+        self._pose: GazeSample | None = None
         self._dragged: tuple[float, float] | None = None
         self._log: LiveLog | None = None
         self._last: Flip
 
     def run(self) -> None:
         """Show until it is ended; say the latency."""
+        from study_app.gaze.lsl_head import open_head
         from study_app.gaze.open_source import Desk, open_gaze
         from study_app.gaze.saccades import LONGEST_GAP_S, SaccadeWatch
         from study_app.live.loop import LiveLoop
@@ -269,6 +283,9 @@ class _Showing:
             Desk(window.display, window.now, window.cursor_px, screen.refresh_hz),
         )
         try:
+            if self._show.head is not None:
+                self._head = open_head(self._show.head, window.now)
+                say(f"head: {self._head.info().description}, {self._head.info().rate_hz:g} Hz")
             info = gaze.info()
             say_notes(info.notes)
             say(f"gaze: {info.source} {info.description}, {info.rate_hz:g} Hz")
@@ -290,6 +307,8 @@ class _Showing:
                 self._end(loop, gaze.left_out)
         finally:
             gaze.close()
+            if self._head is not None:
+                self._head.close()
             screen.release()
 
     def _end(self, loop: LiveLoop, left_out: int) -> None:
@@ -302,8 +321,10 @@ class _Showing:
             )  # fmt: skip
             say(f"wrote {self._show.record}")
         say(f"{loop.number} frames, {loop.missed} refreshes missed")
-        if left_out:
-            say(f"note: {left_out} samples had stamps that fell or lay ahead: left out")
+        poses = self._head.left_out if self._head is not None else 0
+        for count, what in ((left_out, "samples"), (poses, "poses of the head")):
+            if count:
+                say(f"note: {count} {what} had stamps that fell or lay ahead: left out")
         say(latency.words())
 
     def _loop(self, loop: LiveLoop, gaze: TrustedGaze) -> None:
@@ -315,17 +336,20 @@ class _Showing:
                 return
             if now_s - marked_s > _MARKED_S:
                 gaze.mark("live")  # the tracker's clock is measured anew: clocks drift
+                if self._head is not None:
+                    self._head.mark("live")
                 marked_s = now_s
             if self._screen.overlay and now_s - told_s > _TOLD_S and loop.number > told:
                 self._tell(loop, (loop.number - told) / (now_s - told_s))
                 told_s, told = now_s, loop.number
-            flip, picture = loop.step(self._renderer, self._view(loop), self._seed)
+            flip, picture = loop.step(self._renderer, lambda: self._view(loop), self._seed)
             self._last = flip
             if self._log is not None:
-                self._log.flip(flip, picture)
+                head_s = math.nan if self._pose is None else self._pose.t_s
+                self._log.flip(flip, picture, head_s)
 
     def _view(self, loop: LiveLoop) -> View:
-        """What is looked at now: the frame whose time has come, and where the mouse turned to."""
+        """What is looked at: the frame whose time has come, and where mouse and head turned to."""
         from study_app.live.renderer import View
 
         source = self._renderer.source
@@ -336,10 +360,18 @@ class _Showing:
         if here is not None and self._dragged is not None:
             per_px = math.degrees(1) / self._renderer.geometry.distance_px
             across, down = (per_px * (b - a) for a, b in zip(here, self._dragged, strict=True))
-            right = (self._turned[0] + across + 180) % 360 - 180
-            self._turned = right, min(90.0, max(-90.0, self._turned[1] + down))
+            self._turned = _direction(self._turned[0] + across, self._turned[1] + down)
         self._dragged = here
-        right, down = (round(_STEPS_PER_DEG * angle) / _STEPS_PER_DEG for angle in self._turned)
+        right, down = self._turned
+        for pose in self._head.poll() if self._head is not None else ():
+            if pose.valid:
+                self._faced, self._pose = self._faced or pose, pose
+        if self._faced is not None and self._pose is not None:
+            right += self._pose.x_px - self._faced.x_px
+            down += self._pose.y_px - self._faced.y_px
+        right, down = (
+            round(_STEPS_PER_DEG * angle) / _STEPS_PER_DEG for angle in _direction(right, down)
+        )
         return View(0, right, down)
 
     def _keys(self, loop: LiveLoop) -> bool:
@@ -399,7 +431,7 @@ class _Showing:
             gaze=self._show.gaze, display=self._window.display.model_dump(mode="json"),
             renderer=drawn_by.name, driver=drawn_by.version,
             revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
-            change=self._show.change,
+            change=self._show.change, head=self._show.head,
         )  # fmt: skip
         with closing(log):
             log.choice(self._renderer.describe())
@@ -416,6 +448,11 @@ class _Showing:
                 KEYS,
             ]
         )
+
+
+def _direction(right_deg: float, down_deg: float) -> tuple[float, float]:
+    """Return a direction of a panorama: right from -180 to 180, down from -90 to 90."""
+    return (right_deg + 180) % 360 - 180, min(90.0, max(-90.0, down_deg))
 
 
 def _other_law(choice: Choice) -> Choice:

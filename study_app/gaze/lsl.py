@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -82,36 +83,37 @@ def load_pylsl() -> Any:
     return pylsl
 
 
-class LslGaze:
-    """A gaze source on an LSL stream.
+class LslStream(ABC):
+    """A source on an LSL stream: a kind of it says what the channels mean.
 
     Parameters
     ----------
-    spec : LslSpec
-        Which stream.
-    display : Display
-        Turns shares of the screen into pixels.
+    name : str
+        The stream's; empty: the first one of the kind's type.
     clock : callable
         The session's clock.
     wait_s : float
         How long to look for the stream, and for its first samples.
     """
 
-    def __init__(
-        self,
-        spec: LslSpec,
-        display: Display,
-        clock: Callable[[], float] = time.monotonic,
-        *,
-        wait_s: float = 5.0,
-    ) -> None:
-        self._spec, self._clock, self._wait_s = spec, clock, wait_s
-        self._screen = float(display.width_px), float(display.height_px)
+    what: ClassVar[str]
+    """The option that names it, without dashes; messages begin with it."""
+    kind: ClassVar[str]
+    """The type of streams to look for."""
+
+    def __init__(self, name: str, clock: Callable[[], float], wait_s: float) -> None:
+        self._name, self._clock, self._wait_s = name, clock, wait_s
         self._inlet: Any = None
         self._info = SourceInfo("lsl", "", 0.0)
-        self._channels = (0, 1)
-        self._scale = (1.0, 1.0)
         self._offset_s = 0.0
+
+    @abstractmethod
+    def _choose_channels(self, labels: Sequence[str], units: Sequence[str], count: int) -> None:
+        """Find out what the channels mean; `StudyError` if they are not understood."""
+
+    @abstractmethod
+    def _place(self, row: Sequence[float]) -> tuple[float, float]:
+        """Return the place that a sample's channels give."""
 
     def open(self) -> None:
         """Find the stream and wait for its first sample.
@@ -122,16 +124,16 @@ class LslGaze:
             If there is no such stream, its channels are not understood, or it sends nothing.
         """
         self._pylsl = pylsl = load_pylsl()
-        key, value = ("name", self._spec.name) if self._spec.name else ("type", "Gaze")
+        key, value = ("name", self._name) if self._name else ("type", self.kind)
         found = pylsl.resolve_byprop(key, value, 1, self._wait_s)
         if not found:
             others = [f"{s.name()} ({s.type()})" for s in pylsl.resolve_streams(0.5)]
             raise StudyError(
-                f"gaze: a stream with {key} {value!r} must be on the network (found"
+                f"{self.what}: a stream with {key} {value!r} must be on the network (found"
                 f" {', '.join(others) or 'no stream at all'}); start the tracker's LSL program,"
-                " or name another stream with --gaze lsl:NAME"
+                f" or name another stream with --{self.what} lsl:NAME"
             )
-        _check_stream(pylsl, found[0])
+        self._check_stream(found[0])
         inlet = pylsl.StreamInlet(found[0], max_buflen=_BUFFER_S, recover=True)
         try:
             stream = inlet.info(timeout=self._wait_s)
@@ -140,13 +142,13 @@ class LslGaze:
             self._offset_s = self._measure_offset(inlet)
         except (TimeoutError, pylsl.util.TimeoutError, pylsl.util.LostError) as error:
             raise StudyError(
-                f"gaze: stream {value!r} must answer (found: {error}); start the tracker's LSL"
-                " program again"
+                f"{self.what}: stream {value!r} must answer (found: {error}); start the"
+                " tracker's LSL program again"
             ) from None
         self._inlet = inlet
         labels, units = _labels(stream)
         self._choose_channels(labels, units, int(stream.channel_count()))
-        rate_hz = _checked_rate(float(stream.nominal_srate()), stamps)
+        rate_hz = self._checked_rate(float(stream.nominal_srate()), stamps)
         self._info = SourceInfo(
             "lsl", f"{stream.name()} on {stream.hostname()}", rate_hz, self._offset_s
         )
@@ -163,9 +165,8 @@ class LslGaze:
             rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=4096)
         except self._pylsl.util.LostError:
             return ()
-        (x, y), (across, down), offset_s = self._channels, self._scale, self._offset_s
         return [
-            GazeSample(stamp + offset_s, stamp, row[x] * across, row[y] * down)
+            GazeSample(stamp + self._offset_s, stamp, *self._place(row))
             for row, stamp in zip(rows, stamps, strict=True)
         ]
 
@@ -183,6 +184,8 @@ class LslGaze:
 
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
         """The tracker's own program calibrates it."""
+        del points_px
+        return None
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
@@ -207,10 +210,74 @@ class LslGaze:
             stamps += new
         if not stamps:
             raise StudyError(
-                f"gaze: stream {name!r} must send samples (found none in {self._wait_s:g} s);"
-                " start the tracker's recording"
+                f"{self.what}: stream {name!r} must send samples (found none in"
+                f" {self._wait_s:g} s); start the tracker's recording"
             )
         return stamps
+
+    def _check_stream(self, stream: Any) -> None:
+        """Refuse a stream that cannot be it before any of it is asked for."""
+        name, channels, rate_hz = stream.name(), stream.channel_count(), stream.nominal_srate()
+        if channels > _CHANNELS_MOST:
+            raise StudyError(
+                f"{self.what}: stream {name!r} must have at most {_CHANNELS_MOST} channels (got"
+                f" {channels}); have the tracker's LSL program send {self.what} in a stream of its"
+                " own"
+            )
+        if stream.channel_format() in (self._pylsl.cf_string, self._pylsl.cf_undefined):
+            raise StudyError(f"{self.what}: stream {name!r} must send numbers (it sends text)")
+        if not 0 <= rate_hz <= _RATE_MOST_HZ:
+            raise StudyError(
+                f"{self.what}: stream {name!r} must send at most {_RATE_MOST_HZ:g} Hz (it"
+                f" says {rate_hz:g})"
+            )
+
+    def _checked_rate(self, nominal_hz: float, stamps: Sequence[float]) -> float:
+        """Return the stream's rate; where it says one, its samples must come at about that rate."""
+        measured_hz = rate_of(stamps, self.what)
+        if nominal_hz == 0:
+            return measured_hz
+        if not nominal_hz / _RATE_FACTOR <= measured_hz <= nominal_hz * _RATE_FACTOR:
+            raise StudyError(
+                f"{self.what}: the stream must send at the rate that it says ({nominal_hz:g} Hz,"
+                f" its first samples came at {measured_hz:.3g} Hz); correct the rate in the"
+                " tracker's LSL program"
+            )
+        return nominal_hz
+
+
+class LslGaze(LslStream):
+    """A gaze source on an LSL stream.
+
+    Parameters
+    ----------
+    spec : LslSpec
+        Which stream.
+    display : Display
+        Turns shares of the screen into pixels.
+    clock, wait_s
+        As of every stream.
+    """
+
+    what, kind = "gaze", "Gaze"
+
+    def __init__(
+        self,
+        spec: LslSpec,
+        display: Display,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        wait_s: float = 5.0,
+    ) -> None:
+        super().__init__(spec.name, clock, wait_s)
+        self._spec = spec
+        self._screen = float(display.width_px), float(display.height_px)
+        self._channels = (0, 1)
+        self._scale = (1.0, 1.0)
+
+    def _place(self, row: Sequence[float]) -> tuple[float, float]:
+        (x, y), (across, down) = self._channels, self._scale
+        return row[x] * across, row[y] * down
 
     def _choose_channels(self, labels: Sequence[str], units: Sequence[str], count: int) -> None:
         if count < 2:
@@ -271,38 +338,9 @@ def _labels(stream: Any) -> tuple[list[str], list[str]]:
     return labels, units
 
 
-def _check_stream(pylsl: Any, stream: Any) -> None:
-    """Refuse a stream that is none of gaze before any of it is asked for."""
-    name, channels, rate_hz = stream.name(), stream.channel_count(), stream.nominal_srate()
-    if channels > _CHANNELS_MOST:
-        raise StudyError(
-            f"gaze: stream {name!r} must have at most {_CHANNELS_MOST} channels (got {channels});"
-            " have the tracker's LSL program send gaze in a stream of its own"
-        )
-    if stream.channel_format() in (pylsl.cf_string, pylsl.cf_undefined):
-        raise StudyError(f"gaze: stream {name!r} must send numbers (it sends text)")
-    if not 0 <= rate_hz <= _RATE_MOST_HZ:
-        raise StudyError(
-            f"gaze: stream {name!r} must send at most {_RATE_MOST_HZ:g} Hz (it says {rate_hz:g})"
-        )
-
-
-def _checked_rate(nominal_hz: float, stamps: Sequence[float]) -> float:
-    """Return the stream's rate; where it says one, its samples must come at about that rate."""
-    measured_hz = rate_of(stamps)
-    if nominal_hz == 0:
-        return measured_hz
-    if not nominal_hz / _RATE_FACTOR <= measured_hz <= nominal_hz * _RATE_FACTOR:
-        raise StudyError(
-            f"gaze: the stream must send at the rate that it says ({nominal_hz:g} Hz, its first"
-            f" samples came at {measured_hz:.3g} Hz); correct the rate in the tracker's LSL program"
-        )
-    return nominal_hz
-
-
-def rate_of(stamps: Sequence[float]) -> float:
+def rate_of(stamps: Sequence[float], what: str = "gaze") -> float:
     """Return the rate of samples with these stamps; `StudyError` if they do not move on."""
     span_s = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
     if span_s <= 0:
-        raise StudyError("gaze: the stream must say its rate, or send samples steadily")
+        raise StudyError(f"{what}: the stream must say its rate, or send samples steadily")
     return (len(stamps) - 1) / span_s

@@ -76,6 +76,8 @@ class LiveStart(_Line):
     refresh_hz: float
     change: Change = "always"
     """When the gaze that is drawn for may change."""
+    head: str | None = None
+    """What a panorama is turned by, beside the mouse."""
 
 
 class LiveChoice(_Line):
@@ -104,6 +106,8 @@ class LiveFlip(_Line):
     eye: EyeState
     age_s: float | None
     """From the sample whose gaze is shown to the flip; null before the first one."""
+    head_age_s: float | None = None
+    """From the pose that turned the view to the flip; null: none did."""
     suppressed: bool | None = None
     """Whether the eye saw little then, as far as gaze had come; null: nobody watched."""
     pixels: Sha256 | None = None
@@ -199,8 +203,11 @@ class LiveLog:
         self._write({"kind": "choice", "described": plain, "sha256": sha256_json(described)})
         self.next_kept = 0
 
-    def flip(self, flip: Flip, picture: moderngl.Texture) -> None:
-        """Write the saccades that ended, the flip, and of every `EVERY`th what its pixels are."""
+    def flip(self, flip: Flip, picture: moderngl.Texture, head_s: float = math.nan) -> None:
+        """Write the saccades that ended, the flip, and of every `EVERY`th what its pixels are.
+
+        `head_s` is the stamp of the head's pose that turned the view.
+        """
         for one in flip.saccades:
             self._write({"kind": "saccade", "onset_s": one.onset_s, "offset_s": one.offset_s})
         pixels = grid = None
@@ -223,6 +230,7 @@ class LiveLog:
                 "turned_deg": [flip.view.right_deg, flip.view.down_deg],
                 "eye": flip.eye,
                 "age_s": None if math.isnan(flip.age_s) else flip.age_s,
+                "head_age_s": None if math.isnan(head_s) else flip.t_s - head_s,
                 "suppressed": flip.suppressed,
                 "pixels": pixels,
                 "grid": grid,

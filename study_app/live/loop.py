@@ -7,7 +7,7 @@ this machine allows. It makes no OpenGL object, and keeps nothing that grows.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias
 
 from protocols.latency import EyeState
@@ -127,11 +127,17 @@ class LiveLoop:
         self._cost_s = cost_s  # of a frame, until it is drawn
         self._flip_s = self._poll_s = math.nan
 
-    def step(self, renderer: Renderer, view: View, seed: int) -> tuple[Flip, moderngl.Texture]:
-        """Show one frame; return it with its picture, which the next step draws over."""
+    def step(
+        self, renderer: Renderer, view: View | Callable[[], View], seed: int
+    ) -> tuple[Flip, moderngl.Texture]:
+        """Show one frame; return it with its picture, which the next step draws over.
+
+        A view that is called for is as young as gaze.
+        """
         screen, hz = self._screen, self._screen.refresh_hz
         self._wait()
         begin_s = screen.now()
+        view = view() if callable(view) else view
         renderer.hold(view)
         poll_s = screen.now()
         elapsed = 0 if self.number == 0 else max(1, round((poll_s - self._poll_s) * hz))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -138,6 +139,8 @@ def test_mistakes_get_one_message_before_a_window_opens(screen, picture, display
         (("--gaze", "mous"), "did you mean 'mouse'"),
         (("--change", "in-saccades"), "must be one of always, during-saccades"),
         (("--panorama",), "must be twice as wide as high"),
+        (("--head", "lsl"), "add --panorama, or leave --head out"),
+        (("--head", "tobii"), "--head: must be one of lsl"),
         (("--fps", "25"), "is for a folder of frames or a video"),
         (("--verify", "x.jsonl"), "leave other options out"),
     ):
@@ -160,3 +163,43 @@ def test_gaze_that_is_too_slow_for_saccades_is_refused_and_no_log_begun(screen, 
     assert done.returncode == 2, done.stdout + done.stderr
     assert "needs gaze of at least 20 Hz (got 10 Hz)" in " ".join(done.stderr.split())
     assert not log.exists()
+
+
+def test_a_head_over_lsl_turns_a_panorama_and_its_log_is_drawn_again(
+    screen, picture, display, wait
+):
+    pylsl = pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
+    Image.fromarray(np.ascontiguousarray(data.astronaut()[:64, :128])).save(picture)
+    log, name = picture.with_name("head.jsonl"), f"head-{picture.parent.name}"
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo(name, "Mocap", 3, 0, "float32", name))
+    stop, yaw_deg = threading.Event(), [10.0]
+
+    def send() -> None:
+        while not stop.wait(0.01):
+            outlet.push_sample([yaw_deg[0], 0.0, 0.0])
+
+    sender = threading.Thread(target=send)
+    sender.start()
+
+    def turns():
+        return [line.turned_deg for line in lines(log) if isinstance(line, LiveFlip)]
+
+    try:
+        process = screen.start(
+            *arguments(picture, display, log, "-m", "reference"),
+            "--panorama", "--head", f"lsl:{name}",
+        )  # fmt: skip
+        wait(lambda: (0.0, 0.0) in turns(), "the first pose", process=process)
+        yaw_deg[0] = 40.0
+        wait(lambda: (30.0, 0.0) in turns(), "the panorama turned", process=process)
+        screen.keys("Escape")
+        out, err = process.communicate(timeout=60)
+    finally:
+        stop.set()
+        sender.join()
+    assert process.returncode == 0, out + err
+    last = [line for line in lines(log) if isinstance(line, LiveFlip)][-1]
+    assert 0 < last.head_age_s < 5
+    assert lines(log)[0].head == f"lsl:{name}"
+    done = screen.run("live", picture, "--verify", log)
+    assert done.returncode == 0, done.stdout + done.stderr

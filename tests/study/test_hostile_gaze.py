@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -307,3 +308,93 @@ def test_labels_that_do_not_name_two_channels_are_told_with_a_cure(labels, count
 )
 def test_labels_that_name_two_channels_are_taken(labels, count, spec, taken):
     assert channels(labels, count, spec) == taken
+
+
+def head(labels: list[str], count: int, row: list[float], unit: str = "") -> tuple[float, float]:
+    """Return where a head looks by a sample of a stream with these labels."""
+    from study_app.gaze.lsl_head import LslHead
+
+    source = LslHead("")
+    source._choose_channels(labels, [unit] * len(labels), count)
+    return source._place(row)
+
+
+def turned(axis: str, angle_deg: float, length: float = 1.0) -> list[float]:
+    """Return the quaternion w, x, y, z of a turn to the left (y), up (x) or of roll (z)."""
+    half = math.radians(angle_deg) / 2
+    found = [math.cos(half), 0.0, 0.0, 0.0]
+    found["wxyz".index(axis)] = math.sin(half)
+    return [length * part for part in found]
+
+
+@pytest.mark.parametrize(
+    ("labels", "row", "right_deg", "down_deg"),
+    [
+        ([], [30.0, 10.0, 5.0], 30, -10),
+        (["Roll", "Pitch", "Yaw"], [5.0, 10.0, 30.0], 30, -10),
+        (["yaw", "pitch"], [30.0, 10.0], 30, -10),
+        ([], turned("y", 40), -40, 0),
+        ([], turned("y", -170, 2.0), 170, 0),
+        ([], turned("x", 25), 0, -25),
+        ([], turned("z", 25), 0, 0),
+        (["qx", "qy", "qz", "qw", "t"], [*turned("x", -25)[1:], turned("x", -25)[0], 9], 0, 25),
+        ([], [0.0] * 4, math.nan, math.nan),
+    ],
+)
+def test_a_heads_pose_looks_where_its_angles_or_its_quaternion_say(
+    labels, row, right_deg, down_deg
+):
+    assert head(labels, len(row), row) == pytest.approx((right_deg, down_deg), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("labels", "count", "unit", "said"),
+    [
+        ([], 2, "", "or 3 or 4 without labels (got 2 channels: without labels)"),
+        ([], 6, "", "or 3 or 4 without labels (got 6 channels: without labels)"),
+        (["a", "b", "c"], 3, "", "by their labels, or 3 or 4 without labels (got 3 channels: a, b"),
+        (["yaw", "pitch"], 3, "", "(got 3 channels: yaw, pitch)"),
+        (["yaw", "yaw", "pitch"], 3, "", "(got 3 channels: yaw, yaw, pitch)"),
+        (["yaw", "pitch", "roll"], 3, "radians", "must give degrees (its channels say 'radians')"),
+    ],
+)
+def test_a_stream_that_is_no_pose_is_refused_with_a_reason(labels, count, unit, said):
+    from protocols.errors import StudyError
+
+    with pytest.raises(StudyError, match=re.escape(said)):
+        head(labels, count, [0.0] * count, unit)
+
+
+def test_a_heads_pose_comes_over_lsl_on_our_clock_and_no_stream_is_one_message():
+    pylsl = pytest.importorskip("pylsl", reason="pylsl is not installed (extra lsl)")
+    import threading
+    import time
+
+    from protocols.errors import StudyError
+    from study_app.gaze.lsl_head import LslHead, open_head
+
+    with pytest.raises(StudyError, match="head: a stream with name 'no-head' must be on the"):
+        LslHead("no-head", wait_s=0.2).open()
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo("head-57", "Mocap", 3, 0, "float32", "head-57"))
+    stop, far_s = threading.Event(), 1234.5
+
+    def send() -> None:
+        while not stop.wait(0.01):
+            outlet.push_sample([30.0, 10.0, 0.0])
+
+    def clock() -> float:
+        return time.monotonic() + far_s
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    source = open_head("lsl:head-57", clock)
+    try:
+        time.sleep(0.1)
+        *_, pose = source.poll()
+        assert (pose.x_px, pose.y_px) == (30, -10)
+        assert abs(clock() - pose.t_s) < 5  # on our clock, however busy the machine is
+        assert source.left_out == 0
+    finally:
+        source.close()
+        stop.set()
+        sender.join()

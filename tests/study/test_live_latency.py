@@ -184,6 +184,7 @@ def test_dragging_turns_a_panorama_with_the_mouse_and_letting_go_stops_it():
         source=SimpleNamespace(panorama=True), geometry=SimpleNamespace(distance_px=100.0)
     )
     showing._turned, showing._dragged = (0.0, 0.0), None
+    showing._head = showing._faced = showing._pose = None
 
     def turned(at, down):
         mouse.at, mouse.down = at, down
@@ -198,3 +199,25 @@ def test_dragging_turns_a_panorama_with_the_mouse_and_letting_go_stops_it():
     assert turned((200.0, 200.0), False) == (right, down)
     assert turned((0.0, 0.0), True) == (right, down)
     assert turned((0.0, -900.0), True)[1] == 90.0
+
+
+def test_the_head_turns_a_panorama_from_its_first_pose_on_and_holds_while_none_comes():
+    showing = _Showing.__new__(_Showing)
+    poses = []
+    showing._window = SimpleNamespace(cursor_px=lambda: (0.0, 0.0), held_down=lambda: False)
+    showing._renderer = SimpleNamespace(source=SimpleNamespace(panorama=True))
+    showing._turned, showing._dragged = (170.0, 0.0), None
+    showing._head = SimpleNamespace(poll=lambda: [GazeSample(0, 0, *one) for one in poses])
+    showing._faced = showing._pose = None
+
+    def turned(*new):
+        poses[:] = new
+        view = showing._view(None)
+        return view.right_deg, view.down_deg
+
+    assert turned() == (170, 0)
+    assert turned((100.0, 20.0)) == (170, 0)
+    assert turned((90.0, 20.0), (120.0, 30.0)) == (-170, 10)
+    assert turned() == (-170, 10)
+    assert turned((math.nan, math.nan)) == (-170, 10)
+    assert turned((100.0, 300.0)) == (170, 90)
