@@ -128,8 +128,8 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
 
         # The break names its key only when the key does something.
         rest = fill(texts.break_page, response, done=1, total=2)
-        turn(pages.page(rest, "").image(), "the break, not yet over")
-        turn(pages.page(rest, "space").image(), "the break, over")
+        turn(pages.page(rest, "", 1 / 2).image(), "the break, not yet over")
+        turn(pages.page(rest, "space", 1 / 2).image(), "the break, over")
 
         wait(clip_is_seen, "a clip of block 2")
         screen.keys("p")
