@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from built_study import write_small_study
+from PIL import Image
 
 from pipeline.errors import GLUnavailableError
 from pipeline.methods.registry import create_method
@@ -98,18 +99,15 @@ def test_a_scene_that_must_be_drawn_is_refused_without_opengl(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_picture_is_warped_and_foveated_without_opengl(tmp_path):
+def test_one_picture_is_foveated_without_opengl(tmp_path, rng):
+    Image.fromarray(rng.integers(0, 256, (96, 128, 3), np.uint8)).save(tmp_path / "small.png")
     for gl in (True, False):
-        for command in (
-            ("warp", "motorcycle", f"warp-{gl}.png", "--method", "push-pull-depth"),
-            ("foveate", "warp-True.png", f"foveate-{gl}.png", "--method", "metamer"),
-        ):
-            done = run(tmp_path, *command, gl=gl)
-            assert done.returncode == 0, done.stderr
-            assert ("numpy works instead" in done.stdout) == (not gl)
-    for kind in ("warp", "foveate"):
-        drawn, counted = (decode(tmp_path / f"{kind}-{gl}.png") for gl in (True, False))
-        assert np.abs(drawn.astype(int) - counted).max() <= 1
+        done = run(tmp_path, "foveate", "small.png", f"{gl}.png", "--method", "metamer", gl=gl)
+        assert done.returncode == 0, done.stderr
+        assert ("numpy works instead" in done.stdout) == (not gl)
+
+    drawn, counted = (decode(tmp_path / f"{gl}.png").astype(int) for gl in (True, False))
+    assert np.abs(drawn - counted).max() <= 1
 
 
 def test_a_plug_in_without_a_twin_says_that_it_needs_opengl(monkeypatch):
@@ -128,6 +126,7 @@ def test_a_plug_in_without_a_twin_says_that_it_needs_opengl(monkeypatch):
         create_method("telea", None)
 
 
+@pytest.mark.slow
 def test_a_study_that_follows_the_gaze_is_told_that_it_cannot_run_here(tmp_path):
     said = [run(tmp_path, "protocol", "check", "live-preference", gl=gl) for gl in (True, False)]
 

@@ -102,7 +102,7 @@ def test_a_session_by_real_keys_mouse_and_touch_comes_home(alone, pointed, tmp_p
         chromium.open(
             f"{site.url}?slot=1&simulated", CLOCK, OBSERVER, COUNTS, size=of.exported["window_px"]
         )
-        turn, end = 0, time.monotonic() + 60
+        turn, end = 0, time.monotonic() + 180
         while time.monotonic() < end:
             title, asks, untold, choice, button = chromium.evaluate(PAGE.replace("ASKS", ASKS))
             if title == "ended":
