@@ -14,6 +14,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import canonical_json, sha256_bytes, sha256_json
 from protocols.journal import DisplayReport, UtcTime
+from protocols.latency import LatencySummary
 from protocols.revision import code_revision, package_version
 from protocols.units import Count, Hertz, Model, Name, Seconds, SecondsOrNone, Sha256
 from study_app.pacing import cannot_keep_up
@@ -68,6 +69,8 @@ class DisplayCheck(Model):
     renderer: str
     revision: str
     platform: str
+    gaze_to_flip: LatencySummary | None = None
+    """Of a synthetic gaze of 1000 Hz, drawn at no cost; None: not measured, as before a session."""
 
 
 def check_display(
@@ -161,6 +164,7 @@ def verdict(check: DisplayCheck, display: Display) -> Sequence[tuple[str, str]]:
         ),
         ("evidence", f"{check.evidence}: {_MEANING[check.evidence]}"),
         ("renderer", check.renderer),
+        *([] if check.gaze_to_flip is None else [("gaze", check.gaze_to_flip.words())]),
     ]
     across_mm, down_mm = check.monitor_mm
     if across_mm and down_mm and abs(math.log(across_mm / display.width_mm)) > 0.03:

@@ -12,6 +12,7 @@ import typer
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study, shipped
 from protocols.prose import count_of
 from study_app.cli import archive_commands, web_commands
@@ -32,6 +33,7 @@ if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.luminance import LuminanceFit
     from study_app.run import Listener, SittingOptions
     from study_app.validation import PointQuality
+    from study_app.window import Window
 
 PacingOption = Annotated[
     bool,
@@ -175,9 +177,10 @@ def check_display_(
     ] = False,
     software_pacing: PacingOption = False,
 ) -> None:
-    """Measure a display: rate, intervals, missed refreshes, evidence for flip times.
+    """Measure a display: rate, intervals, missed refreshes, evidence, latency of the program.
 
-    Writes a report into the folder of sessions. Ends with status 2 if most flips missed a refresh.
+    Latency is that of a synthetic gaze to the flip of its frame. Writes a report into the folder
+    of sessions. Ends with status 2 if most flips missed a refresh.
     A session measures again before it begins.
 
     Example: metamerlab session check-display my-display.toml --luminance
@@ -199,6 +202,7 @@ def check_display_(
             # No progress bar: its thread would disturb what is measured.
             say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
             check = check_display(window, utc_now, flips)
+            check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
             report = write_report(out, check)
             readings = read_patches(window) if luminance and not shortfall(check) else {}
         print_rows(verdict(check, described))
@@ -211,6 +215,18 @@ def check_display_(
             fit = fit_gamma(readings)
             store_luminance(Path(display), fit)
             _print_fit(fit, display)
+
+
+def _own_latency(window: Window) -> LatencySummary:
+    from study_app.live.own_latency import GreySquare, measure_latency
+    from study_app.live.screen import WindowScreen
+
+    screen, square = WindowScreen(window, (0, 0), (0.0, 0.0), 1.0), GreySquare(window.ctx)
+    try:
+        return measure_latency(screen, square)
+    finally:
+        square.release()
+        screen.release()
 
 
 def register(app: typer.Typer) -> None:

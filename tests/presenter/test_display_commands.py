@@ -41,6 +41,8 @@ def test_a_display_is_measured_and_its_typed_readings_give_gamma(screen, make_st
     assert measured["evidence"] == "software timer"
     assert len(measured["every_interval_s"]) == 59
     assert str(report) in out
+    assert measured["gaze_to_flip"]["frames"] == 240
+    assert "sample to flip: median" in out
 
 
 def test_a_window_without_opengl_3_3_is_refused_before_anything_is_shown(
