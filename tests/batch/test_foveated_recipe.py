@@ -17,7 +17,7 @@ from PIL import Image
 from typer.testing import CliRunner
 from undrawn_reports import undrawn_scores
 
-from pipeline.errors import InputError
+from pipeline.errors import GLUnavailableError, InputError
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.drawn import bisected, cut_shares, direction_at, draw_ring
 from pipeline.foveation.geometry import Equirectangular, Flat, eccentricity_deg, pixel_centres
@@ -39,7 +39,7 @@ from stimuli.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Where
 from stimuli.recipes.foveated_images import FoveatedBuilder
-from stimuli.recipes.foveated_work import StillMaker
+from stimuli.recipes.foveated_work import STILLS, StillMaker
 from study_app.cli import app
 
 WIDTH, HEIGHT = 96, 72
@@ -500,6 +500,25 @@ def test_a_study_is_built_hashed_and_goes_on_where_it_was(folder, study):
     (out / clip.name / "000000.png").unlink()
     assert built(study, out).built == [clip.name]
     assert {path: path.read_bytes() for path in bytes_before} == bytes_before
+
+
+def test_stills_made_without_opengl_are_those_of_the_gpu(folder, study, whole, monkeypatch):
+    def none():
+        raise GLUnavailableError("no OpenGL 4.3")
+
+    STILLS.close()
+    with monkeypatch.context() as hidden:
+        hidden.setattr("stimuli.worker.create_context", none)
+        built(study, folder / "clips")
+        STILLS.close()
+
+    assert read_manifest(folder / "clips").renderer.renderer == "none: numpy"
+    assert read_manifest(whole).renderer.renderer != "none: numpy"
+    paths = sorted(whole.glob("*/000000.png"))
+    assert len(paths) == 16
+    for path in paths:
+        other = decode(folder / "clips" / path.parent.name / path.name).astype(int)
+        assert np.abs(decode(path) - other).max() <= 1
 
 
 def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):
