@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, sparse, stats
 from scipy.special import expit, ndtr
 
 from analysis.models.cells import checked, grid, numbered
@@ -203,6 +203,13 @@ def fit_cumulative(
     sizes = [block.shape[1] for block in blocks]
     coefficients, factors = design.shape[1], len(sizes)
     mode, bowl = np.zeros(z.shape[1]), np.eye(z.shape[1])
+    thin = sparse.csr_array(z)  # a rating has one level of each effect: nearly all of z is 0
+    row_of, level_of = np.repeat(np.arange(y.size), np.diff(thin.indptr)), thin.indices
+
+    def curved(shrunk: sparse.csr_array, bend: Floats) -> Floats:
+        bent = sparse.csr_array((shrunk.data * bend[row_of], level_of, thin.indptr), thin.shape)
+        inner: Floats = (shrunk.T @ bent).toarray()
+        return np.eye(z.shape[1]) + inner
 
     def laplace(theta: Floats, beta: Floats, sd: Floats) -> float:
         nonlocal mode, bowl
@@ -210,11 +217,11 @@ def fit_cumulative(
         edges = np.concatenate([[-np.inf], theta, [np.inf]])
         upper, lower = edges[y + 1], edges[y]
         fixed = design @ beta
-        shrunk = z * scale
+        shrunk = sparse.csr_array((thin.data * scale[level_of], level_of, thin.indptr), thin.shape)
         b = mode if np.all(np.isfinite(mode)) else np.zeros_like(mode)
         for _ in range(50):
             likelihood, slope, bend = _answers(upper, lower, fixed + shrunk @ b, link)
-            curvature = np.eye(b.size) + (shrunk * (weight * bend)[:, None]).T @ shrunk
+            curvature = curved(shrunk, weight * bend)
             gradient = shrunk.T @ (weight * slope) - b
             step = np.linalg.solve(curvature, gradient) if b.size else gradient
             step *= min(1.0, 3.0 / max(float(np.abs(step).max(initial=0.0)), 1e-300))
@@ -223,7 +230,7 @@ def fit_cumulative(
                 break
         mode = b
         likelihood, _, bend = _answers(upper, lower, fixed + shrunk @ b, link)
-        curvature = np.eye(b.size) + (shrunk * (weight * bend)[:, None]).T @ shrunk
+        curvature = curved(shrunk, weight * bend)
         bowl = curvature
         log_det = float(np.linalg.slogdet(curvature)[1]) if b.size else 0.0
         return -float(weight @ likelihood) + 0.5 * float(b @ b) + 0.5 * log_det
