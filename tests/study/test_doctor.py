@@ -334,7 +334,7 @@ def test_timing_fails_on_xvfb_and_nothing_crashes(tmp_path: Path):
         if os.environ.get("REQUIRE_GL") == "1":
             pytest.fail("xvfb-run is needed (apt-get install xvfb xauth)")
         pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
-    xvfb = ("xvfb-run", "-a", "-s", "-screen 0 800x600x24")
+    xvfb = ("xvfb-run", "-a", "-s", "-screen 0 800x600x24 -noreset")
     done = run_doctor("--json", "--folder", str(tmp_path), env=without_display(), wrapper=xvfb)
     findings = {finding["check"]: finding for finding in json.loads(done.stdout)["findings"]}
 
@@ -368,8 +368,9 @@ def test_a_compositor_is_known_by_the_selection_that_it_owns():
         if os.environ.get("REQUIRE_GL") == "1":
             pytest.fail("xvfb-run is needed (apt-get install xvfb xauth)")
         pytest.skip("xvfb-run is not installed (apt-get install xvfb xauth)")
+    # A server that resets itself when its last client goes may refuse the next one meanwhile.
     done = subprocess.run(
-        ["xvfb-run", "-a", sys.executable, "-c", COMPOSITOR],
+        ["xvfb-run", "-a", "-s", "-noreset", sys.executable, "-c", COMPOSITOR],
         capture_output=True, text=True, timeout=60, env=without_display(),
     )  # fmt: skip
 
