@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from protocols.errors import UserError
+
 _NAMED = 5  # files that say the same
 
 
@@ -21,7 +23,7 @@ class FileNote(UserWarning):
         return "{}: {}".format(*self.args)
 
 
-class InputError(ValueError):
+class InputError(UserError, ValueError):
     """An array, parameter or name that breaks a stated rule.
 
     The message names the argument, what must hold and what was found.
@@ -32,7 +34,7 @@ class MissingExtraError(InputError):
     """What was asked for needs a package that is not installed; the message names the extra."""
 
 
-class GLUnavailableError(RuntimeError):
+class GLUnavailableError(UserError, RuntimeError):
     """No OpenGL that can run the pipeline; the message says what was found and the cure."""
 
 

@@ -1,4 +1,4 @@
-"""A user's mistake outside the image pipeline: the exception, and one entry of a list."""
+"""The root of every user's mistake, that outside the image pipeline, and one entry of a list."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ LAST_WITH_FORMAT_1 = "70b3711"
 """The last revision that read studies, manifests and journals of format 1."""
 
 
-class StudyError(Exception):
-    """A mistake the user can mend: bad file, protocol, folder, device or key.
+class UserError(Exception):
+    """A mistake the user can mend: the root of all such exceptions of the five packages.
 
     The message says what must hold, what was found, where, and the cure. The
     command line prints it without a traceback and exits with status 2.
     """
+
+
+class StudyError(UserError):
+    """A bad file, protocol, folder, device or key."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 
 import typer
 
-from pipeline.errors import GLUnavailableError, InputError
-from protocols.errors import StudyError
+from protocols.errors import UserError
 from protocols.plugins import culprit
 from study_app.cli.terminal import say
 
@@ -40,13 +39,13 @@ _CURES = {
 def user_errors() -> Iterator[None]:
     """Turn what the user can mend into one message on stderr and exit status 2.
 
-    That is: `StudyError`, `InputError`, `GLUnavailableError`, and an `OSError`
-    about a file or a disk of the user's, memory that is used up, and whatever a plug-in raises.
+    That is: every `UserError`, an `OSError` about a file or a disk of the user's, memory that is
+    used up, and whatever a plug-in raises.
     Anything else is a bug of ours and keeps its traceback.
     """
     try:
         yield
-    except (StudyError, InputError, GLUnavailableError) as error:
+    except UserError as error:
         message = str(error)
     except OSError as error:
         if not _is_the_users(error):
