@@ -551,7 +551,10 @@ def _legend(
             " every comparison: all are"
         )
     if "interaction" in found:
-        said.append("interaction: that the primary preference differs between sizes is significant")
+        said.append(
+            f"interaction: the change of {'the primary preference' if primary else 'a comparison'}"
+            f" with {simulation.plan.interaction} is significant"
+        )
     if EQUIVALENCE in found:
         margin = simulation.plan.margin
         said.append(f"equivalence: were the share one half, it is shown within ±{margin:.2f} of it")

@@ -35,6 +35,7 @@ Floats = NDArray[np.float64]
 C = TypeVar("C", bound=RatePlan | RatingPlan)
 
 INTERACTION = "interaction"
+INTERACTION_SD = "interaction_sd"
 OWN = "difference."
 """Before a condition: what it alone has more than the baseline."""
 OWN_CRITERION = "criterion."
@@ -232,9 +233,9 @@ class _Conditions(Simulation[C]):
 
     def nothing(self, assumed: Mapping[str, float]) -> dict[str, float]:
         """Return no differences; of one condition no sensitivity, alike for all."""
-        gone: tuple[str, ...] = ("difference", CRITERION_DIFFERENCE)
+        gone: tuple[str, ...] = ("difference", CRITERION_DIFFERENCE, INTERACTION)
         if len(self.names) == 1:
-            gone = ("d_prime", "slope", "participant_sd", "scene_sd")
+            gone = ("d_prime", "slope", "participant_sd", "scene_sd", INTERACTION, INTERACTION_SD)
         return {
             name: 0.0 if name in gone or name.startswith((OWN, OWN_CRITERION)) else value
             for name, value in assumed.items()
@@ -292,6 +293,17 @@ class RightAnswers(_Conditions[RatePlan]):
                 found.append(Assumption(CRITERION_DIFFERENCE, -0.4, bias, -5.0))
                 found += self._each(OWN_CRITERION, own)
             found.append(Assumption("criterion_sd", 0.4, "of the criterion between participants"))
+        if plan.interaction is not None:
+            at = f"value of {plan.interaction}"
+            subject = "that difference" if several else "d'"
+            what = f"what {subject} has more at the last {at} than at the first, others between"
+            own = f"deviation of d' of a person{' and of a scene' * scenes} at one {at}"
+            found += [Assumption(INTERACTION, 0.5, what, -10.0)]
+            found += [Assumption(INTERACTION_SD, 0.2, own)]
+            value = pd.factorize(self.cells[plan.interaction], sort=True)[0]
+            self._along = value / max(value.max(), 1) - 0.5
+            person = codes_of(self._number, value)
+            self._at = (person, *[codes_of(self.cells["scene"], person)] * scenes)
         self.assumptions = (*found, *(self.with_times() if self._timed else ()))
 
     def draw(
@@ -309,6 +321,11 @@ class RightAnswers(_Conditions[RatePlan]):
         )
         d = d + self._effects(assumed, "participant_sd", persons, rng)
         d = d + self._effects(assumed, "scene_sd", (studies, 1), rng)
+        if self.plan.interaction is not None:
+            changing = differing | (differing.size == 1)
+            d = d + assumed[INTERACTION] * self._along * changing[self._number]
+            for units, own in zip((persons, (studies, 1)), self._at, strict=False):
+                d = d + assumed[INTERACTION_SD] * crossed_effects(rng, units, own, own, 1.0)
         if self.share is None:
             bias = self._more(assumed, OWN_CRITERION, CRITERION_DIFFERENCE) * differing
             criterion = assumed["criterion"] + bias[self._number]
@@ -320,6 +337,11 @@ class RightAnswers(_Conditions[RatePlan]):
         else:
             chance = self.share(d)
         return Answers(rng.random((self.repeats, *d.shape), dtype=np.float32) < chance, self.cells)
+
+    def notes(self, assumed: Mapping[str, float]) -> list[str]:
+        """Say what the power of an interaction rests on."""
+        note = f"interaction: its power rests on {INTERACTION_SD}; 0 promises most"
+        return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
     def table(self, answers: Answers) -> pd.DataFrame:
         """Return decisions; who is wrong gives any of the other answers."""

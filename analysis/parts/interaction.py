@@ -17,7 +17,7 @@ from analysis.models.clustered import FEW_SCENES, holm
 from analysis.models.contrasts import Difference
 from analysis.models.interaction import jod_interactions, share_interactions
 from analysis.models.pairings import pairing_rows
-from analysis.models.rates import Rate, rate, share_influence
+from analysis.models.rates import Influence, Rate, rate, share_influence
 from analysis.parts import Part, PartFigure, Shown, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
@@ -157,8 +157,6 @@ class InteractionPart(Part[P, Interactions]):
             methods=(
                 f"Changes between values of {factor} were tested by t with errors clustered by"
                 f" participant and by scene{scale if found.jod else ''}."
-                + " The power of this test was not simulated."
-                * isinstance(plan, RatePlan)
             ),
             tables={
                 "interaction.csv": flat_table(every),
@@ -229,21 +227,8 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             return {}
         cells, (method, against, _) = answers.cells, plan.primary
         pair = (cells["method"] == method) & (cells["against"] == against)
-        sizes = [size for size in plan.sizes if (pair & (cells["size"] == size)).any()]
-        if len(sizes) < 2:
-            return {}
-
-        def of(count: int) -> NDArray[np.float64]:
-            moved = {}
-            for size in sizes:
-                here = (pair & (cells["size"] == size)).to_numpy()
-                chosen, shown = answers.grid(here, by_scene=plan.test == "participant-scene")
-                chosen = chosen[:, :count]
-                moved[size] = share_influence(chosen, np.broadcast_to(shown, chosen.shape))
-            gaps = [moved[first].less(moved[second]) for first, second in combinations(sizes, 2)]
-            return holm(np.stack([gap.p_value() for gap in gaps], axis=-1))
-
-        return {self.name: lambda: np.stack([of(count) for count in people], axis=1)}
+        shown = {size: [pair & (cells["size"] == size)] for size in plan.sizes}
+        return _planned(self.name, answers, people, plan, [shown])
 
 
 class RateInteraction(InteractionPart[RatePlan]):
@@ -288,6 +273,62 @@ class RateInteraction(InteractionPart[RatePlan]):
         return Interactions(
             str(plan.interaction), plan.chance, tuple(sides), every, every, (), tuple(_notes(sides))
         )
+
+    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
+        """Test whether differences to the baseline differ between the factor's values."""
+        cells = answers.cells
+        if plan.adaptive or plan.interaction not in cells:
+            return {}
+        if plan.kind == "detection":  # what is given is the answer of the signal
+            there = (cells["expected"] == plan.answers[0]).to_numpy()
+            answers = replace(answers, given=answers.given == there)
+        at, (baseline, *others) = cells[plan.interaction].map(name_of), plan.values
+        compared = [
+            {
+                value: [(cells["condition"] == name) & (at == value) for name in names]
+                for value in _values(cells, plan)
+            }
+            for names in ([(one, baseline) for one in others] or [(baseline,)])
+        ]
+        return _planned(self.name, answers, people, plan, compared)
+
+
+def _planned(
+    name: str,
+    answers: Answers,
+    people: Sequence[int],
+    plan: PreferencePlan | RatePlan,
+    compared: Sequence[Mapping[str, Sequence[pd.Series]]],
+) -> Tests:
+    """Return the test of how shares change between values, Holm-adjusted, by `name`.
+
+    `compared`: of each comparison, by value, the cells of its condition, or of its two. Nothing
+    where no comparison is shown at two values.
+    """
+    shown = [
+        {value: masks for value, masks in one.items() if all(mask.any() for mask in masks)}
+        for one in compared
+    ]
+    shown = [one for one in shown if len(one) > 1]
+
+    def moved(count: int, masks: Sequence[pd.Series]) -> Influence:
+        each = []
+        for mask in masks:
+            happened, seen = answers.grid(
+                mask.to_numpy(), by_scene=plan.test == "participant-scene"
+            )
+            happened = happened[:, :count]
+            each.append(share_influence(happened, np.broadcast_to(seen, happened.shape)))
+        return each[0] if len(each) == 1 else each[0].minus(each[1])
+
+    def of(count: int) -> NDArray[np.float64]:
+        p = []
+        for one in shown:
+            at = [moved(count, masks) for masks in one.values()]
+            p += [first.less(second).p_value() for first, second in combinations(at, 2)]
+        return holm(np.stack(p, axis=-1))
+
+    return {name: lambda: np.stack([of(count) for count in people], axis=1)} if shown else {}
 
 
 def _on_grid(table: pd.DataFrame, plan: PreferencePlan | RatePlan) -> tuple[pd.DataFrame, Grid]:

@@ -280,3 +280,42 @@ def test_power_of_an_interaction_is_that_of_its_part_and_nothing_to_find_is_seld
     assert any("size_correlation" in note for note in found.warnings)
     with pytest.raises(StudyError, match="every size a share between 0 and 1"):
         power(plan, {"rate": 0.95, "interaction": 0.3}, rng=rng, studies=2, participants=[4])
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "factor"),
+    [
+        ("beyond-blur-detection", "method", "cut"),
+        ("beyond-blur-task", "method", "symbol"),
+        ("beyond-blur-task", "symbol", "eccentricity_deg"),
+    ],
+)
+def test_power_of_an_interaction_of_right_answers_is_that_of_its_part(name, by, factor, rng):
+    """Yes-no answers, and those of a set; no change is seldom found, and a large one often."""
+    study = load_protocol(Path(name))
+    asked = {"interaction": factor, "by": by} | ({"baseline": None} if by == "symbol" else {})
+    study = study.model_copy(update={"analysis": study.analysis.model_copy(update=asked)})
+    simulation = analysis_of(study.analysis.kind).simulation(study)
+    assumed = {one.name: one.value for one in simulation.assumptions if not np.isnan(one.value)}
+    answers = simulation.draw(assumed | {"interaction": 2.0}, 2, 8, rng)
+    (part,) = [one for one in simulation.parts if one.name == "interaction"]
+    p = part.planned_over(answers, [6, 8], simulation.plan)["interaction"]()
+
+    for number in range(2):
+        for place, count in enumerate([6, 8]):
+            table = simulation.table(answers.of(number, count))
+            found = part.compute(table, simulation.plan, {}, np.random.default_rng(0))
+            assert p[number, place] == pytest.approx([one.gap.p_adjusted for one in found.planned])
+
+
+def test_a_change_of_right_answers_is_found_where_there_is_one(rng):
+    """Without it the test errs seldom, though people and scenes differ in it."""
+    study = load_protocol(Path("beyond-blur-detection"))
+    asked = study.analysis.model_copy(update={"interaction": "cut"})
+    simulation = analysis_of("detection").simulation(study.model_copy(update={"analysis": asked}))
+    found = power(simulation, {"interaction": 2.0, "d_prime": 2.0}, rng=rng, studies=100,
+                  participants=[20])  # fmt: skip
+
+    assert found.curves["interaction: a comparison"][0] > 0.5
+    assert found.wrong["interaction: false positives"][0] < 0.1
+    assert "the change of a comparison with cut is significant" in found.legend
