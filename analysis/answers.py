@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Answers:
-    """What simulated participants answered.
+    """Answers of simulated participants.
 
     Attributes
     ----------

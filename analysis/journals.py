@@ -31,7 +31,7 @@ class Reading:
     """Without attempts that contradict the plan: they are among its damaged lines."""
     start: SessionStart
     planned: bool
-    """Whether the plan comes out as the session had it, so that attempts were compared with it."""
+    """True if the plan comes out as the session had it, so that attempts were compared with it."""
     files: SideFiles
     """The files beside the journal, held to their hashes."""
 
@@ -42,14 +42,14 @@ class StudyReadings:
 
     readings: tuple[Reading, ...]
     notes: tuple[str, ...]
-    """What was left out, and why."""
+    """Notes on what was left out, each with its reason."""
     withdrew: int = 0
     unreadable: int = 0
     """Sessions of whose journal the header cannot be read."""
 
     @property
     def simulated(self) -> bool:
-        """Whether artificial observers answered."""
+        """True if artificial observers answered."""
         return self.readings[0].start.simulated
 
 

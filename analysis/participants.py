@@ -18,7 +18,7 @@ EACH_TRIAL = "no answer remained that the rules for single trials keep"
 
 @dataclass(frozen=True)
 class ParticipantFlow:
-    """How many participants reached each stage; each has one session.
+    """Counts of the participants who reached each stage; each has one session.
 
     Attributes
     ----------

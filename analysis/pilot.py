@@ -1,4 +1,4 @@
-"""How much people and scenes differ, from the decisions of a pilot."""
+"""Deviations between people and between scenes, from the decisions of a pilot."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Whether what is planned can be found at all: by looks, by a family of tests, over scenes."""
+"""Checks that a plan can find anything at all: by looks, by a family of tests, over scenes."""
 
 from collections.abc import Callable
 from functools import cache

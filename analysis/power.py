@@ -1,4 +1,4 @@
-"""How many participants does a study need? Its answers are drawn, and its planned tests made."""
+"""Power of a study by number of participants: answers are drawn, and planned tests made."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
 FEW_SCENES = 5
 SIZES = 6
-"""How many numbers of participants a curve shows where each costs as much as the others."""
+"""Number of points of a power curve where each costs as much as the others."""
 BY_TABLE = 100
 """Studies that are simulated where a part is asked about the table of each."""
 CANNOT_SHOW = 0.5
@@ -39,7 +39,7 @@ CANNOT_SHOW = 0.5
 DESIGN_STUDIES = 1000
 SCENES_SHOWN = (2, 4, 6, 8, 12, 16, 24)
 REPEATS_SHOWN = (1, 2, 4)
-"""What is simulated beside the study's own scenes and repeats."""
+"""Numbers of scenes and of repeats that are simulated beside the study's own."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ TIMES = (
     Assumption("rt_scene_sd", 0.1, "deviation of ln s between scenes"),
     Assumption("rt_sd", 0.4, "deviation of ln s between a participant's answers", 1e-6),
 )
-"""What is taken for true of reaction times, where a study tests them."""
+"""Assumptions about reaction times, where a study tests them."""
 
 
 class Simulation(ABC, Generic[S]):
@@ -72,15 +72,15 @@ class Simulation(ABC, Generic[S]):
     """
 
     studies: ClassVar[int] = 400
-    """How many take seconds."""
+    """Number of simulated studies, which take seconds."""
     at_once: ClassVar[int] = 20
     """Studies drawn together; bounds memory."""
     against = ""
-    """What conditions are compared with."""
+    """Condition that the others are compared with."""
     chance_alone = False
     """A single condition is tested against chance."""
     assumptions: tuple[Assumption, ...]
-    """What is taken for true, with values that fit the study."""
+    """Assumptions of the simulation, with values that fit the study."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""How sessions were recorded, as far as it bears on what their numbers can say."""
+"""Notes on how sessions were recorded, as far as it bears on what their numbers can say."""
 
 from __future__ import annotations
 

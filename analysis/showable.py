@@ -1,4 +1,4 @@
-"""What so few participants, or scenes, can show at all."""
+"""Limits of what so few participants, or scenes, can show at all."""
 
 from analysis.models.clustered import least_p
 from protocols.prose import count_of

@@ -1,4 +1,4 @@
-"""How participants answer in each kind of task, for simulations of power."""
+"""Simulated answers of participants in each kind of task, for power."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -189,7 +189,7 @@ class Choices(Simulation[PreferencePlan]):
 
 
 class _Conditions(Simulation[C]):
-    """What simulations share of conditions that a number sets apart."""
+    """Base of simulations whose conditions differ by a number each."""
 
     def __init__(
         self, study: StudyProtocol, plan: C, parts: Sequence[AnyPart], baseline: str | None

@@ -1,4 +1,4 @@
-"""What happened when, in one run of the program, as rows of a BIDS events file."""
+"""Rows of a BIDS events file: onset and kind of what happened in one run of the program."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What an export is asked for."""
+"""Options of an export."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
@@ -13,7 +13,7 @@ EYES: tuple[RecordedEye, ...] = get_args(RecordedEye)
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """How to write an export.
+    """Options of an export.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every form of export is made from, and the words that all of them need."""
+"""Study as every form of export reads it, and the words that all forms need."""
 
 import json
 import re
@@ -34,7 +34,7 @@ class Content:
 
     @property
     def public(self) -> bool:
-        """Whether what could tell people and places is to be left out."""
+        """True if everything that could tell people and places is left out."""
         return self.options.public
 
     @property
@@ -45,7 +45,7 @@ class Content:
 
     @property
     def description(self) -> str:
-        """What the study is, in a sentence or two."""
+        """Description of the study, a sentence or two."""
         study = self.protocol.study
         text = study.description or study.title
         if self.tables.simulated:

@@ -1,4 +1,4 @@
-"""Who is exported, and under which name."""
+"""Participants who are exported, and the name of each."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from protocols.schema import StudyProtocol
 
 @dataclass(frozen=True)
 class Run:
-    """What one run of the program recorded; its clock starts at 0."""
+    """Record of one run of the program; its clock starts at 0."""
 
     number: int
     """From 1; a resumed session has several."""

@@ -1,4 +1,4 @@
-"""What a public export must not hold, and how it is kept out.
+"""Private data that a public export must not hold, and how they are kept out.
 
 Every field is taken over by name. What is free text in a journal is left out, or let through only
 where it is one of the words we know. `refuse_private` then reads the finished files again.

@@ -35,13 +35,13 @@ _WRITERS: dict[Format, Callable[[Content, Path], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Export:
-    """What was written."""
+    """Export that was written."""
 
     folder: Path
     participants: int
     simulated: bool
     notes: tuple[str, ...]
-    """Who and what was left out, and what is odd about the rest."""
+    """Notes on people and data left out, and on what is odd about the rest."""
 
 
 def export_study(

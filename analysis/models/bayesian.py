@@ -37,7 +37,7 @@ _CURE = (
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed before the data, in logits.
+    """Belief before the data, in logits.
 
     `typical_sd` is of a normal law of the typical choice, around none; `spread_sd` of the
     half-normal laws of the deviations between participants and between scenes.
@@ -78,7 +78,7 @@ class PriorCheck:
 
 @dataclass(frozen=True)
 class BayesianPreference:
-    """How often `method` is chosen over `against`, as a posterior.
+    """Posterior of how often `method` is chosen over `against`.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from analysis.models.pairings import cell_counts
 
 @dataclass(frozen=True)
 class Bias:
-    """How often one alternative was picked, whatever it showed.
+    """Share of one alternative among all choices, whatever it showed.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ class Grid:
 
     @property
     def several(self) -> dict[str, NDArray[np.int64]]:
-        """Which participant each trial is of, and which scene where there are several."""
+        """Codes (trials,) of participants, and of scenes where there are several."""
         found = {"participant": self.person}
         return found | ({"scene": self.scene} if len(self.scenes) > 1 else {})
 

@@ -356,7 +356,7 @@ def _estimated(estimate: Floats, parts: "Variances", least: Floats | float) -> C
 
 @dataclass(frozen=True)
 class Variances:
-    """What `two_way` puts together (...): variances of a mean, and how well they are known.
+    """Variances of a mean, which `two_way` puts together (...), and their degrees of freedom.
 
     Attributes
     ----------

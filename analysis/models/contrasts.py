@@ -1,4 +1,4 @@
-"""Which conditions are compared with which, and Wald's comparisons of what was estimated."""
+"""Pairs of conditions that are compared, and Wald's comparisons of their estimates."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ IN_CONDITION = " x condition"
 
 @dataclass(frozen=True)
 class Difference:
-    """What one condition has more than another, with limits that respect the clusters.
+    """Difference between two conditions, first minus second, with limits that respect the clusters.
 
     `p_adjusted` is Holm's over the contrasts made together.
     """
@@ -42,12 +42,12 @@ class Difference:
 
     @property
     def t(self) -> float:
-        """How many errors it is away from 0."""
+        """Difference in standard errors."""
         return self.difference / max(self.standard_error, 1e-12)
 
     @property
     def held(self) -> str:
-        """What holds p above that of t; empty: nothing."""
+        """Reason that holds p above that of t; empty if there is none."""
         return held_p(self.t, self.df, self.p)
 
 
@@ -95,7 +95,7 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
 
 @dataclass(frozen=True)
 class Crossed:
-    """Who and what a mixed model's conditions were seen by, for degrees of freedom.
+    """Participants and scenes that saw a mixed model's conditions, for degrees of freedom.
 
     Attributes
     ----------

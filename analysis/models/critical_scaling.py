@@ -25,7 +25,7 @@ STEP_SCALING, STEP_GAIN = 0.06, 0.2
 
 GAINS = (0.3, 40.0)
 BEYOND = 1.5
-"""How far the grid of ln s_c goes on past the scalings shown."""
+"""Reach of the grid of ln s_c past the scalings shown."""
 
 PERSON_PRIOR_SD = 1.5
 """Of ln s_c and ln gain around the middle of the scalings and gain 5, in a fit of one person.
@@ -93,12 +93,12 @@ class CriticalScaling:
 
     @property
     def critical_identified(self) -> bool:
-        """Whether the answers bound the critical scaling."""
+        """True if the answers bound the critical scaling."""
         return HARDLY_SEEN_NOTE not in self.warnings and _bounded(self.critical_limits)
 
     @property
     def gain_identified(self) -> bool:
-        """Whether the answers bound the gain."""
+        """True if the answers bound the gain."""
         return HARDLY_SEEN_NOTE not in self.warnings and _bounded(self.gain_limits)
 
     @property

@@ -39,18 +39,18 @@ class Measure:
 
     @property
     def t(self) -> float:
-        """How many errors it is away from 0."""
+        """Value in standard errors."""
         return self.value / max(self.standard_error, 1e-12)
 
     @property
     def held(self) -> str:
-        """What holds p above that of t; empty: nothing."""
+        """Reason that holds p above that of t; empty if there is none."""
         return held_p(self.t, self.df, self.p)
 
 
 @dataclass(frozen=True)
 class YesNo:
-    """What observers could tell in one condition of a yes-no task.
+    """Sensitivity of observers in one condition of a yes-no task.
 
     Attributes
     ----------

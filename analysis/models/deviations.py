@@ -24,7 +24,7 @@ _LONGEST = 20
 
 @dataclass(frozen=True)
 class Level:
-    """How far one participant or scene lies from the typical one, and its standard error.
+    """Deviation of one participant or scene from the typical one, and its standard error.
 
     The mode given the data, and its conditional deviation, as lme4's ``ranef``.
     """

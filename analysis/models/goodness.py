@@ -30,7 +30,7 @@ LONGEST_STEP = 1.5
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far one condition's answers are from its curves.
+    """Misfit of one condition's answers: their distance from the fitted curves.
 
     Attributes
     ----------

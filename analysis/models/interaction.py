@@ -1,4 +1,4 @@
-"""Whether what is compared differs between the values of a second factor, such as sizes."""
+"""Interaction of conditions with a second factor, such as size: does their difference change?"""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations

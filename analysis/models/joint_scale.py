@@ -1,4 +1,4 @@
-"""Whether all methods are equal, and whether one axis suffices: for people and scenes."""
+"""Tests that all methods are equal, and that one axis suffices, for people and scenes."""
 
 from dataclasses import dataclass
 

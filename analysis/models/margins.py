@@ -36,7 +36,7 @@ class Margin:
 
     @property
     def t(self) -> float:
-        """How many errors it is away from 0."""
+        """Value in standard errors."""
         return self.value / max(self.standard_error, 1e-12)
 
 

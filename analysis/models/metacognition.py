@@ -51,7 +51,7 @@ class Ratio:
 
 @dataclass(frozen=True)
 class MetaFit:
-    """What one person could tell, and what their confidence told.
+    """Sensitivity of one person in answers and in confidence.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class UnequalFit:
 
 @dataclass(frozen=True)
 class Reliability:
-    """How alike two halves of each person's trials rank people.
+    """Reliability of a ranking of people: how alike two halves of each person's trials rank them.
 
     `half` is Pearson's correlation of the halves, `value` that of whole tests (Spearman-Brown),
     with limits by Fisher's transformation; none of them is below 0.

@@ -27,7 +27,7 @@ MOST_OBSERVERS = 60_000
 
 @dataclass(frozen=True)
 class ObserverCheck:
-    """How far each observer is from the scale of the others.
+    """Distance of each observer from the scale of the others.
 
     Attributes
     ----------

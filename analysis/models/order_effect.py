@@ -1,4 +1,4 @@
-"""How far the place in a pair sways its comparison, as one more number beside the scores."""
+"""Effect of the place in a pair on its comparison, as one more number beside the scores."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ LEAST_DRAWN = 100
 
 @dataclass(frozen=True)
 class OrderEffect:
-    """What the first of a pair has more than the second, whatever they are, in JOD.
+    """Advantage of the first of a pair over the second, whatever they are, in JOD.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ class CumulativeFit:
 
 @dataclass(frozen=True)
 class RatedCondition:
-    """Where one condition lies on the latent axis, and how its ratings spread.
+    """Place of one condition on the latent axis, and the shares of its ratings.
 
     `place` is relative to the first condition, in standard deviations of one person's ratings
     (probit) or logits; NaN, as its limits, where the ratings do not identify it. `shares` holds
@@ -94,7 +94,7 @@ class RatedCondition:
 
 @dataclass(frozen=True)
 class RatingDifference:
-    """How much higher one condition is rated than another; p tests no difference.
+    """Difference of two conditions in ratings, first minus second; p tests that there is none.
 
     `superiority` is the chance that the same person rates the first higher at one showing of
     each, on the latent axis, where nothing ties. `ratio_p` is of the likelihood ratio against
@@ -483,7 +483,7 @@ def paired_ratings(
 
 @dataclass(frozen=True)
 class _Trials:
-    """What a model of ratings is fitted to: `conditions` (trials, conditions) has all of them."""
+    """Trials of a model of ratings; `conditions` (trials, conditions) has all of them."""
 
     conditions: Floats
     y: Whole

@@ -29,7 +29,7 @@ FEW_METHODS = 3
 
 @dataclass(frozen=True)
 class PairedContrast:
-    """How much more often `first` is chosen than `second`, for the typical person and scene.
+    """Log odds of choosing `first` over `second`, for the typical person and scene.
 
     Attributes
     ----------

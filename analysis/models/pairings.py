@@ -1,4 +1,4 @@
-"""Which decisions compare two methods, and how often each participant chose one in each scene."""
+"""Decisions that compare two methods, and choices of one by participant and scene."""
 
 import numpy as np
 import pandas as pd

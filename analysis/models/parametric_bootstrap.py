@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Draws:
-    """How many studies are drawn from the model without what is tested, and by which chance."""
+    """Number of studies to draw from the model without what is tested, and the generator to use."""
 
     count: int
     rng: np.random.Generator

@@ -1,4 +1,4 @@
-"""Which method is preferred: shares per pairing and size, with inference fit for people."""
+"""Preferences between methods: shares per pairing and size, with inference fit for people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ FEW_PARTICIPANTS = 6
 
 @dataclass(frozen=True)
 class Answers:
-    """What one comparison rests on.
+    """Counts of the answers that one comparison rests on.
 
     `chosen` counts for the first method; `participant_sd` is the standard deviation of the
     participants' shares.
@@ -47,7 +47,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class ShareEstimate:
-    """How often a method was chosen, and how sure that is.
+    """Share of trials in which a method was chosen, with limits.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class ShareTest:
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Whether a share is as good as one half.
+    """Test that a share is as good as one half.
 
     `margin` is the smallest effect of interest, `p` TOST's against it; adjusted over the family
     as tests are, because several verdicts of equivalence err as several tests do.
@@ -114,7 +114,7 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What other ways to judge the same answers say: none of them decides.
+    """Other ways to judge the same answers; none of them decides.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Preference:
-    """How often `method` was chosen over `against`, and what that shows.
+    """Preference for `method` over `against`: share, test and verdict.
 
     `size` is "all" where sizes are taken together. `warnings` say when not to trust it.
     """
@@ -383,7 +383,7 @@ def preference(
 
 @dataclass(frozen=True)
 class _Judged:
-    """What the clustered procedure says of one comparison."""
+    """Results of the clustered procedure for one comparison."""
 
     p: float
     lower: float

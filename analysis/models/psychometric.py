@@ -22,7 +22,7 @@ LINKS: Mapping[Shape, Link] = {
     "gumbel": "weibull",
     "weibull": "weibull",
 }
-"""What a shape is of a linear predictor: in the level, for ``weibull`` in its logarithm."""
+"""Link of each shape to a linear predictor: in the level, for ``weibull`` in its logarithm."""
 
 SKEWED: tuple[Shape, ...] = ("gumbel", "weibull")
 """Shapes that are not symmetric: the falling one is 1 - S, not S turned around."""
@@ -43,7 +43,7 @@ FLAT = "performance is the same at every level: no curve can be placed"
 _LOW, _HIGH, _MIDDLE = (
     math.log(-math.log(1.0 - rise)) for rise in (WIDTH_EDGE, 1.0 - WIDTH_EDGE, 0.5)
 )
-"""Where Gumbel's function is .05, .95 and one half."""
+"""Arguments at which Gumbel's function is .05, .95 and one half."""
 
 SATURATED = 0.01
 """A level whose rise is this near 0 or 1 says nothing about the width."""
@@ -85,7 +85,7 @@ class Psychometric:
     overdispersion: float
     warnings: tuple[str, ...]
     levels: tuple[float, ...] = ()
-    """Where answers were given."""
+    """Levels at which answers were given."""
 
     def __call__(self, x: Floats) -> Floats:
         """Return the probability of a correct answer at `x`."""

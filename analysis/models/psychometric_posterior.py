@@ -156,7 +156,7 @@ class PsychometricPosterior:
 
 @dataclass(frozen=True)
 class ThresholdDifference:
-    """What one threshold has more than another; on logarithmic levels, of their logarithms.
+    """Difference of two thresholds, first minus second; on logarithmic levels, of their logarithms.
 
     Attributes
     ----------

@@ -192,7 +192,7 @@ def _hermite(count: int) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class _Spread:
-    """Where u (people,) and v (cells,) are given the answers: v is v + tilt (u - its mean)."""
+    """Means and deviations of u (people,) and v (cells,) given answers; `tilt`: slope of v in u."""
 
     u: Floats
     u_sd: Floats
@@ -203,7 +203,7 @@ class _Spread:
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Where a participant's integrand is looked at, and what was found there.
+    """Nodes of each participant's integral, and the values found there.
 
     Axes: rows, cells or people; nodes of u; nodes of v; nodes of the lapse rate.
     """

@@ -56,7 +56,7 @@ class Arrow:
 
 
 class RandomEffects:
-    """Which effects act on which trial, ordered so that the second derivative is an arrow.
+    """Random effects of each trial, ordered so that the second derivative is an arrow.
 
     Parameters
     ----------

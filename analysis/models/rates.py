@@ -1,4 +1,4 @@
-"""How often answers are right: shares with limits and tests against chance, by condition."""
+"""Rates of right answers: shares with limits and tests against chance, by condition."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -45,7 +45,7 @@ class ConditionTime:
 
 @dataclass(frozen=True)
 class TimeRatio:
-    """How many times as long one condition's answers take as another's; p tests 1.
+    """Ratio of the times that answers take in two conditions, first to second; p tests 1.
 
     `ratio_p` is of the likelihood ratio against equal conditions, by the same t or by bootstrap.
     """

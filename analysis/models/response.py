@@ -49,17 +49,17 @@ class Response:
 
     @property
     def fitted(self) -> int:
-        """How many rates are fitted."""
+        """Number of rates that are fitted."""
         return (self.guess is None) + (self.lapse is None)
 
     @property
     def concave(self) -> bool:
-        """Whether nobody guesses or lapses: then the log-likelihood of eta has one hill."""
+        """True if nobody guesses or lapses: then the log-likelihood of eta has one hill."""
         return self.guess == 0.0 and self.lapse is not None and not np.any(self.lapse)
 
     @property
     def plain(self) -> bool:
-        """Whether this is an ordinary logit model."""
+        """True if this is an ordinary logit model."""
         return self.link == "logit" and self.concave
 
     def of(self, trials: NDArray[np.int64]) -> "Response":

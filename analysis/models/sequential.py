@@ -47,7 +47,7 @@ class SequentialPlan:
 
 @dataclass(frozen=True)
 class Standing:
-    """Where a study stands.
+    """State of a study at its last look, and the verdict.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Standing:
 
 @dataclass(frozen=True)
 class SequentialError:
-    """What a plan does over simulated studies.
+    """Error rates of a sequential plan over simulated studies.
 
     Attributes
     ----------

@@ -42,11 +42,11 @@ class Plan(Analysis):
     study: str
     """Name of the study, or of the table's file."""
     title: str
-    """What stands at the top of the page."""
+    """Title at the top of the page."""
     protocol_sha256: str | None = None
     """Hash of the protocol; None for a plain table."""
     alternatives: int | None = None
-    """How many answers there are, one of them right; None: not said, or none is right."""
+    """Number of answers, one of them right; None: not said, or none is right."""
     contrasts: dict[str, Weights] = Field(default_factory=dict)
     bootstrap_draws: int = 0
     """As of `protocols.tasks.mixed.MixedAnalysis`."""
@@ -74,7 +74,7 @@ class Plan(Analysis):
 
     @property
     def limits(self) -> str:
-        """What heads limits: ``95 % limits``."""
+        """Heading of limits: ``95 % limits``."""
         return f"{100 * self.confidence:g} % limits"
 
     @property
@@ -89,12 +89,12 @@ class Plan(Analysis):
 
     @property
     def compared_title(self) -> str:
-        """What heads these values."""
+        """Heading of the compared values."""
         return ", ".join(self.compared) or "Trials"
 
     @property
     def counted(self) -> str:
-        """What is compared, in two or three words for the top of the page."""
+        """Comparison in two or three words, for the top of the page."""
         return f"by {', '.join(self.compared)}" if self.compared else "all together"
 
     def label(self, name: str) -> str:
@@ -115,7 +115,7 @@ class Found(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd about the data as a whole, or why a number is not there."""
+        """Notes on what is odd about the data as a whole, or why a number is not there."""
 
 
 @dataclass(frozen=True)
@@ -197,11 +197,11 @@ class Part(ABC, Generic[P, R]):
     name: ClassVar[str]
     """As in `results.json`."""
     section: ClassVar[tuple[str, str]]
-    """Where it stands on the page: name and title. Parts of the same name share a section."""
+    """Section of the page: its name and title. Parts of the same name share a section."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Parts whose numbers it reads, such as the comparisons of a Holm family."""
     essential: ClassVar[bool] = False
-    """What a report is about: where nothing can be said of it, there is no report."""
+    """True for the subject of a report: if this part can say nothing, there is no report."""
     secondary: ClassVar[bool] = False
     """Its test is a question of its own, beside that of the task."""
 

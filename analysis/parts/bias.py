@@ -26,7 +26,7 @@ class Biases:
 
 
 class BiasPart(SimplePart[PreferencePlan, Biases]):
-    """How often the first interval and the left key were picked, whatever they showed."""
+    """Shares of the first interval and of the left key, whatever they showed."""
 
     name: ClassVar[str] = "bias"
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")

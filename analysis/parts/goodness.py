@@ -52,7 +52,7 @@ class Goodness:
 
 
 class GoodnessPart(Part[RatePlan, Goodness]):
-    """How well curves fit: of the model of participants, or without one of all answers."""
+    """Goodness of fit of curves: of the model of participants, or without one of all answers."""
 
     name: ClassVar[str] = "goodness"
     section: ClassVar[tuple[str, str]] = SECTION

@@ -73,7 +73,7 @@ class PersonMeta:
 
 @dataclass(frozen=True)
 class ConditionMeta:
-    """What people's confidence told in one condition.
+    """Sensitivity of people's confidence in one condition.
 
     `gap` is meta-d' minus d', `m_ratio` the mean meta-d' by the mean d'.
     """

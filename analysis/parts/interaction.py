@@ -1,4 +1,4 @@
-"""Whether preferences, or differences of right answers, change with a second factor."""
+"""Interaction of preferences, or of differences of right answers, with a second factor."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Interaction:
-    """How much more the first of two values of the factor has of what two conditions differ by."""
+    """Change of a difference of two conditions between two values of the factor."""
 
     first: str
     second: str

@@ -34,7 +34,7 @@ from protocols.blocks import Cautions, Picture, Table
 
 @dataclass(frozen=True)
 class Outcome:
-    """What may change.
+    """Outcome that may change over a session.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class LearningPart(Part[P, Learning]):
     axis: ClassVar[str]
     """Of the figure."""
     bounds: ClassVar[tuple[float, float] | None] = (0.0, 1.0)
-    """Which values an answer can take."""
+    """Smallest and largest value of an answer; None: no limits."""
 
     def wanted(self, table: pd.DataFrame, _plan: P) -> bool:
         """Return whether the table says in which order trials came."""

@@ -1,4 +1,4 @@
-"""What the primary comparison depends on: single participants and scenes; what it can show."""
+"""Influence of single participants and scenes on the primary comparison, and its power."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -176,7 +176,7 @@ R = TypeVar("R", bound=Found)
 
 
 class LevelsPart(SimplePart[RatePlan, R]):
-    """What parts along a level have in common."""
+    """Base of parts along a level."""
 
     section: ClassVar[tuple[str, str]] = SECTION
 

@@ -44,12 +44,12 @@ class PersonFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """When not to trust it."""
+        """Reasons not to trust the fit."""
         return self.fit.warnings
 
     @property
     def known(self) -> bool:
-        """Whether the answers, and not the prior, place the threshold."""
+        """True if the answers, and not the prior, place the threshold."""
         return not self.fit.unidentified
 
 

@@ -30,7 +30,7 @@ class People:
 
 
 class PeoplePart(SimplePart[RatePlan, People]):
-    """Who was right how often, and where."""
+    """Shares of right answers by participant, and by scene."""
 
     name: ClassVar[str] = "people"
     section: ClassVar[tuple[str, str]] = ("people", "Participants")

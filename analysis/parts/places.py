@@ -71,7 +71,7 @@ def difference(lab: Estimate, browser: Estimate) -> PlaceDifference:
 
 
 class PlacesPart(Part[Plan, Places]):
-    """Where sessions ran, and the primary result of other parts by place.
+    """Places where sessions ran, and the primary result of other parts by place.
 
     Parameters
     ----------

@@ -36,12 +36,12 @@ from protocols.blocks import Paragraph, Picture, Table
 from protocols.tasks.confidence import CONFIDENCE
 
 CELL = ["pair", "scene", "size"]
-"""What the same question is."""
+"""Columns that make two questions the same."""
 
 
 @dataclass(frozen=True)
 class PairConfidence:
-    """How often one of a pair was chosen, and with which confidence, over people."""
+    """Share of choices of one of a pair, and the confidence in them, over people."""
 
     method: str
     against: str
@@ -52,7 +52,7 @@ class PairConfidence:
 
 @dataclass(frozen=True)
 class Companion:
-    """What confidence goes with: a difference of confidence within each person.
+    """Difference of confidence within each person that goes with `what`.
 
     `people` are those who have both; with none of them `difference` is None, and `lacking` says
     why.

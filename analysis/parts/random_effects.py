@@ -42,7 +42,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
     """
 
     about: ClassVar[str]
-    """What is modelled, in a sentence."""
+    """Model, named in a sentence."""
     unit: ClassVar[str]
     """Of deviations, as an axis has it."""
 

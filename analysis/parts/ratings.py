@@ -65,7 +65,7 @@ class Ratings:
 
 
 class RatingsPart(SimplePart[RatingPlan, Ratings]):
-    """Where conditions lie on the latent axis that ratings cut, and what differs."""
+    """Places of conditions on the latent axis that ratings cut, and their differences."""
 
     name: ClassVar[str] = "ratings"
     section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")

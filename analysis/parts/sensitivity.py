@@ -71,7 +71,7 @@ class YesNoSensitivity(YesNoResults):
 
     @property
     def planned(self) -> tuple[Difference, ...]:
-        """What a study compares."""
+        """Comparisons that a study plans: differences of d'."""
         return self.d_prime_contrasts
 
     @property
@@ -449,7 +449,7 @@ class ChoiceSensitivity(DiscriminationResults):
 
     @property
     def planned(self) -> tuple[Difference, ...]:
-        """What a study compares."""
+        """Comparisons that a study plans: differences of d'."""
         return self.contrasts
 
 

@@ -1,4 +1,4 @@
-"""What parts have in common: columns of tables, and ends of sentences."""
+"""Helpers that parts share: columns of tables, and ends of sentences."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

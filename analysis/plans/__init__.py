@@ -1,1 +1,1 @@
-"""What analyses are told: by a protocol, or by the options of a table. Parts read these."""
+"""Plans of analyses: settings from a protocol, or from the options of a table. Parts read these."""

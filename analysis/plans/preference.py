@@ -1,4 +1,4 @@
-"""What an analysis needs to know of a study: from its protocol, or from a plain table."""
+"""Settings of an analysis of preferences, from a study's protocol or from a plain table."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class PreferencePlan(Preferences, Plan):
 
     @property
     def counted(self) -> str:
-        """How many methods are compared."""
+        """Number of methods compared, in words."""
         return f"{len(self.methods)} methods"
 
     @property
@@ -59,12 +59,12 @@ class PreferencePlan(Preferences, Plan):
 
     @property
     def compared_title(self) -> str:
-        """What heads sizes."""
+        """Heading of sizes."""
         return "Size" if self.sized else "Trials"
 
     @property
     def sized(self) -> bool:
-        """Whether the study has sizes of disocclusion."""
+        """True if the study has sizes of disocclusion."""
         return self.sizes not in (("all",), ("",))
 
     def label(self, name: str) -> str:

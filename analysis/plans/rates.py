@@ -1,4 +1,4 @@
-"""What the analyses of tasks with right answers need to know of a study."""
+"""Settings of the analyses of tasks with right answers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -32,13 +32,13 @@ class RatePlan(RatesAnalysis, Plan):
     level: str | None = None
     interaction: str | None = None
     values: tuple[str, ...]
-    """What `by` compares, in order, the baseline first."""
+    """Values of `by` that are compared, in order, the baseline first."""
     adaptive: bool = False
     """Levels were chosen from the answers: shares of right answers say nothing, thresholds do."""
     answers: tuple[str, ...]
     """All that can be answered, the signal's first; empty where a table does not say."""
     alternatives: int
-    """How many answers there are: chance is 1 / alternatives."""
+    """Number of answers: chance is 1 / alternatives."""
     signal: str = ""
     labels: Mapping[str, str]
     planned_participants: int | None = None
@@ -73,7 +73,7 @@ class RatePlan(RatesAnalysis, Plan):
 
     @property
     def stated_mistake(self) -> str:
-        """What `threshold_at` must be and is not; empty where nothing is wrong."""
+        """Rule that `threshold_at` breaks; empty if it breaks none."""
         if self.threshold_at is None:
             return ""
         if self.level is None:
@@ -84,12 +84,12 @@ class RatePlan(RatesAnalysis, Plan):
 
     @property
     def logarithmic(self) -> bool:
-        """Whether psychometric functions are of the logarithm of levels."""
+        """True if psychometric functions are of the logarithm of levels."""
         return self.log or self.shape == "weibull"
 
     @property
     def counted(self) -> str:
-        """How many conditions are compared."""
+        """Number of conditions compared, in words."""
         return count_of(len(self.values), "condition")
 
     @property
@@ -104,7 +104,7 @@ class RatePlan(RatesAnalysis, Plan):
 
     @property
     def compared_title(self) -> str:
-        """What heads conditions."""
+        """Heading of conditions."""
         return "Condition"
 
     def in_order(self, names: Sequence[str]) -> list[str]:
@@ -183,7 +183,7 @@ class CurvePlan(RatePlan):
 
     @property
     def stated_mistake(self) -> str:
-        """What `threshold_at` must be and is not; empty where nothing is wrong."""
+        """Rule that `threshold_at` breaks; empty if it breaks none."""
         choices = 1.0 / self.guess if self.guess else 0.0
         if isinstance(self.threshold_at, str) and (
             choices < 2 or abs(choices - round(choices)) > 0.05

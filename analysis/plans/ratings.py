@@ -1,4 +1,4 @@
-"""What the analysis of ratings needs to know of a table."""
+"""Settings of the analysis of ratings."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -24,7 +24,7 @@ class RatingPlan(RatingsAnalysis, Plan):
 
     @property
     def counted(self) -> str:
-        """What is rated."""
+        """Rated thing, in a few words."""
         return f"ratings by {self.by}" if self.by else "pairs, graded"
 
     @property

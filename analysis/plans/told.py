@@ -1,4 +1,4 @@
-"""What a table without a protocol is told: the section `[analysis]` of its kind, and more.
+"""Options of a table without a protocol: the section `[analysis]` of its kind, and more.
 
 `metamerlab analysis import` keeps it as JSON beside the table, and commands take its keys as
 options. It loads no statistics, so that they can list them.
@@ -53,12 +53,12 @@ Listed = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 
 
 class Named(Model):
-    """How a report of a table names and sorts its conditions."""
+    """Names and order of conditions in a report of a table."""
 
     order: Listed = ()
     """Conditions in the order of the report, with commas between; others follow."""
     label: dict[str, str] = Field(default_factory=dict)
-    """What the report calls a condition, as label.NAME = "TEXT"."""
+    """Name of a condition in the report, as label.NAME = "TEXT"."""
 
     def sort(self, names: Sequence[str], parts: Sequence[str] = ()) -> list[str]:
         """Return conditions in the order that is asked for.
@@ -80,7 +80,7 @@ class Named(Model):
 
 
 class PreferencesTold(Preferences, Named):
-    """What a table of preferences may be told."""
+    """Options of a table of preferences."""
 
     kind: Literal["preference"] = "preference"
     primary: str | None = None
@@ -93,7 +93,7 @@ class PreferencesTold(Preferences, Named):
 
 
 class RatesTold(RatesAnalysis, Named):
-    """What a table of right and wrong answers may be told."""
+    """Options of a table of right and wrong answers."""
 
     by: str | tuple[str, ...] = ""
     """Column whose values are compared, or several with commas between, whose combinations are.
@@ -108,7 +108,7 @@ class RatesTold(RatesAnalysis, Named):
 
 
 class DetectionTold(RatesTold, DetectionAnalysis):
-    """What a table of a yes-no task must be told."""
+    """Options of a table of a yes-no task."""
 
     kind: Literal["detection"] = "detection"
     signal: str = "yes"
@@ -116,27 +116,27 @@ class DetectionTold(RatesTold, DetectionAnalysis):
 
 
 class IdentificationTold(RatesTold, IdentificationAnalysis):
-    """What a table of identifications must be told."""
+    """Options of a table of identifications."""
 
     kind: Literal["identification"] = "identification"
     alternatives: Annotated[int, Field(ge=2)] | None = None
-    """How many answers there were. Default: as many as the columns expected and answer hold."""
+    """Number of answers. Default: as many as the columns expected and answer hold."""
 
 
 class AbxTold(RatesTold, AbxAnalysis):
-    """What a table of an ABX task may be told."""
+    """Options of a table of an ABX task."""
 
     kind: Literal["abx"] = "abx"
 
 
 class WhichHalfTold(RatesTold, WhichHalfAnalysis):
-    """What a table of a which-half task may be told."""
+    """Options of a table of a which-half task."""
 
     kind: Literal["which-half"] = "which-half"
 
 
 class CurvesTold(RatesTold):
-    """What a table of right answers along a level must be told."""
+    """Options of a table of right answers along a level."""
 
     kind: Literal["psychometric"] = "psychometric"
     by: str | tuple[str, ...] = ""
@@ -148,7 +148,7 @@ class CurvesTold(RatesTold):
 
 
 class RatingsTold(RatingsAnalysis):
-    """What a table of ratings may be told."""
+    """Options of a table of ratings."""
 
     kind: Literal["ratings"] = "ratings"
     by: str = ""
@@ -158,7 +158,7 @@ class RatingsTold(RatingsAnalysis):
 
 
 class TimesTold(MixedAnalysis):
-    """What a table of reaction times may be told."""
+    """Options of a table of reaction times."""
 
     kind: Literal["reaction"] = "reaction"
     by: str = ""

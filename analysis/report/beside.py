@@ -1,4 +1,4 @@
-"""What exclusions changed: the main numbers with and without them, side by side."""
+"""Effect of exclusions: the main numbers with and without them, side by side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

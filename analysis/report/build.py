@@ -38,7 +38,7 @@ _LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "matplotlib")
 
 @dataclass(frozen=True)
 class ReportPaths:
-    """Where a report lies, and what a command should say about it."""
+    """Files of a report, and what a command should say about it."""
 
     html: Path
     json: Path
@@ -47,7 +47,7 @@ class ReportPaths:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is odd about the data as a whole."""
+        """Warnings about the data as a whole."""
         return self.content.warnings
 
     @property
@@ -167,7 +167,7 @@ def write_report(
 
 
 def _latency(source: Source) -> tuple[Paragraph, ...]:
-    """How old gaze was in frames that followed it; nothing where none did."""
+    """Return the age of gaze in frames that followed it, as a paragraph; nothing where none did."""
     if source.tidy is None or not source.tidy.live:
         return ()
     words = LatencySummary.of(source.tidy.live).words()

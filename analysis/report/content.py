@@ -1,4 +1,4 @@
-"""What a report says, whichever door it came by: page, printed text, tables and figures."""
+"""Content of a report, whichever way it came: page, printed text, tables and figures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

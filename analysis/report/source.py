@@ -1,4 +1,4 @@
-"""What a report is made from: sessions, or a table of decisions."""
+"""Source of a report: sessions, or a table of decisions."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Source:
-    """What was analysed, whichever way it came."""
+    """Source of an analysis: sessions, or a table of decisions."""
 
     analysis: AnyAnalysis
     decisions: pd.DataFrame

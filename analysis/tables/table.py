@@ -35,9 +35,9 @@ LARGEST_WHOLE = 2**53
 """Beyond, tables of numbers do not tell neighbours apart."""
 DAY_S = 86_400.0
 _MANY = 5
-"""Where so many answers are wrong, a person gave some of them."""
+"""Fewest wrong answers of which a person surely gave some."""
 BY_IMPORT = "metamerlab analysis import TABLE "
-"""How a command without --map and --where is told columns and rows."""
+"""Command that tells columns and rows, for commands without --map and --where."""
 OURS = {
     column.name: column
     for column in (
@@ -47,7 +47,7 @@ OURS = {
 }
 """All columns that analyses know, by name."""
 _CODES = {99.0, 999.0, 9999.0, 99999.0, -9.0, -99.0, -999.0, -9999.0}
-"""What stands for a missing number, where it lies far from all others."""
+"""Codes of a missing number, where they lie far from all others."""
 _RATING_CODES = {9.0, 77.0, 88.0, -1.0, *_CODES}
 
 
@@ -254,7 +254,7 @@ class Table:
 
     @property
     def imported(self) -> bool:
-        """Whether all columns are of use, as an import keeps them; else it answers a question."""
+        """True if all columns are of use, as an import keeps them; else one question's."""
         return self._command == BY_IMPORT
 
     def known(self, names: Collection[str | None], *, own: bool = False) -> None:

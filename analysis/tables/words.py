@@ -30,7 +30,7 @@ SUMMARY = re.compile(
     r"([\s:(].*)?",
     re.IGNORECASE,
 )
-"""What stands in the place of a name in a row that sums up others."""
+"""Names of rows that sum up others."""
 _EDGES = " \t-\u2013\u2014_.?()[]<>{}\"'#!*"
 _BETWEEN = re.compile(r"[\s_-]+")
 

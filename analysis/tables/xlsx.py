@@ -83,7 +83,7 @@ def _parsed(path: Path, packed: zipfile.ZipFile, name: str, target: T) -> T:
 
 
 class _Target:
-    """What a parser of XML tells: a beginning, a text, an end."""
+    """Receiver of what a parser of XML finds: a beginning, a text, an end."""
 
     def __init__(self) -> None:
         self.elements = 0

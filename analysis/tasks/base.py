@@ -1,4 +1,4 @@
-"""What the analysis of a task offers: its parts, their plan, its tables, its power.
+"""Analysis of a task: its parts, their plan, its tables, its power.
 
 The report, the tables and the commands ask it, and know no task themselves.
 """
@@ -32,13 +32,13 @@ class TaskAnalysis(ABC, Generic[S]):
     kind: ClassVar[str]
     """As in the section `[analysis]` of a study."""
     task: ClassVar[str] = "decisions"
-    """What several trials are called in a sentence."""
+    """Word for several trials in a sentence."""
     parts: ClassVar[tuple[AnyPart, ...]] = ()
     """Its statistics, in reading order."""
     options: ClassVar[type[Analysis]]
-    """What a table without a protocol is told."""
+    """Model of the options of a table without a protocol."""
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
-    """What results depend on beside data and settings; the report's provenance lists it."""
+    """Constants that results depend on; the report's provenance lists them."""
 
     def settings(self, _study: StudyProtocol) -> S:
         """Return the plan that a protocol fixes.

@@ -1,4 +1,4 @@
-"""What a table of decisions was told: a small JSON file beside it, of the same name."""
+"""Note of how a table of decisions is read and analysed: a small JSON file of the same name."""
 
 import json
 import tomllib

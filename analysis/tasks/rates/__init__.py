@@ -1,4 +1,4 @@
-"""What the analyses of tasks with right answers share: detection, identification, ABX."""
+"""Analysis that tasks with right answers share: detection, identification, ABX."""
 
 from analysis.tasks.rates.task import RatesTask, rate_parts
 

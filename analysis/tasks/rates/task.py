@@ -1,4 +1,4 @@
-"""What the analyses of tasks with right answers share, as a base class."""
+"""Base class of the analyses of tasks with right answers."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
