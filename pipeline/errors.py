@@ -1,4 +1,4 @@
-"""What the pipeline raises when its caller, or the machine, is at fault, and what it notes."""
+"""Errors that the pipeline raises when its caller, or the machine, is at fault, and its notes."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ _NAMED = 5  # files that say the same
 
 
 class FileNote(UserWarning):
-    """What was decided about a user's file, and does not stop the work: ``PATH: text``."""
+    """Decision about a user's file that does not stop the work: ``PATH: text``."""
 
     def __init__(self, path: Path, text: str) -> None:
         super().__init__(path, text)
@@ -31,7 +31,7 @@ class InputError(UserError, ValueError):
 
 
 class MissingExtraError(InputError):
-    """What was asked for needs a package that is not installed; the message names the extra."""
+    """A package is missing that the work needs; the message names the extra."""
 
 
 class GLUnavailableError(UserError, RuntimeError):

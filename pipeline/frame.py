@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value
 class SourceFrame:
-    """What a renderer or camera saw: colour and depth (RGBZ).
+    """View of a renderer or camera: colour and depth (RGBZ).
 
     Parameters
     ----------

@@ -181,7 +181,7 @@ def in_display_window(
 
 
 def _bits(path: Path, name: str, attributes: Mapping[str, Any]) -> int | None:
-    """How many bits a format stores a number in, where it says so."""
+    """Number of bits in which a format stores a number; None where it does not say."""
     if name == "png":
         with path.open("rb") as file:
             bits, colour = file.read(_PNG_BITS + 2)[_PNG_BITS:]

@@ -1,4 +1,4 @@
-"""What an image file's header says, statement by statement, also where OpenImageIO drops it."""
+"""Statements in an image file's header, one by one, also where OpenImageIO drops them."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def _taken(file: BinaryIO, length: int) -> bytes:
 
 
 def _peek(file: BinaryIO) -> bool:
-    """Whether another part follows in a header of several."""
+    """True if another part follows in a header of several."""
     there = file.read(1)
     file.seek(-len(there), 1)
     return there not in (b"", b"\0")

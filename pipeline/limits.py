@@ -1,4 +1,4 @@
-"""How much a user's file may ask for before anything of it is unpacked.
+"""Limits of what a user's file may ask for before anything of it is unpacked.
 
 A small file can name any size: without limits, a picture of 1.7 MiB took 6.8 GiB. Each limit is
 raised by the environment variable ``METAMERLAB_LIMITS``, such as ``values=4e9,vertices=1e8``.
@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from protocols.outside import LIMITS_VARIABLE, limit
 
 MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
-"""What each byte of a file allows beyond the limits, where it is a photograph, ..."""
+"""Memory (bytes) and time (s) that each byte of a photograph allows beyond the limits, ..."""
 MEMORY_FOR_A_BYTE_OF_A_MESH: Final = 400
 PIXELS_OF_A_BYTE: Final = 20
 """... which has 0.1 bytes a pixel and more: flat colour has 0.003, and as JPEG 0.015."""
@@ -34,8 +34,9 @@ NEEDS: Final = {
     "texture bake": (180 * _MIB, 12, 1.1),
     "score": (170 * _MIB, 60, 12.0),
 }
-"""What commands take for a picture: bytes of memory in any case, bytes for each pixel, and seconds
-for each million pixels; measured on two cores without a graphics card."""
+"""Cost of a picture by command: bytes of memory in any case, bytes a pixel, and seconds for each
+million pixels; measured on two cores without a graphics card.
+"""
 RATIO_FROM = 100_000_000
 """Numbers up to which a picture may be packed as tightly as flat colour is."""
 

@@ -1,4 +1,4 @@
-"""How close a fill comes to the truth, inside a mask.
+"""Closeness of a fill to the truth, inside a mask.
 
 Every measure first sets all pixels outside the mask to the truth, so that only the fill
 counts, as in Kuffner dos Anjos et al. 2022, section 5.1.
@@ -145,7 +145,7 @@ def band_error(
     *,
     levels: int = BAND_LEVELS,
 ) -> float:
-    """How far the local statistics of the fill's bands are from the truth's.
+    """Distance of the local statistics of the fill's bands from the truth's.
 
     Mean and deviation of every band of the steerable pyramid in Y'CbCr, pooled over the
     mask's coefficients in a Gaussian window of 4: what two metamers share. Per level the

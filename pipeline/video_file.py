@@ -26,12 +26,12 @@ _CONTAINERS: Final = (
     (0, b"DKIF"), (0, b"GIF8"), (188, b"G"),
     *((4, kind) for kind in (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")),
 )  # fmt: skip
-"""How files begin that hold a video themselves: AVI, Matroska, Ogg, MPEG, ASF, ..., MP4 and MOV."""
+"""First bytes of files that hold a video: AVI, Matroska, Ogg, MPEG, ASF, ..., MP4 and MOV."""
 _LISTS: Final = (b"#EXTM3U", b"ffconcat", b"<MPD", b"c=IN IP")
-"""What FFmpeg takes for a list of other files, wherever it stands at the beginning."""
+"""Texts that FFmpeg takes for a list of other files, wherever they stand at the beginning."""
 _HEAD: Final = 4096
 VIDEOS: Final = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
-"""What is taken for a video, by its ending; FFmpeg decides whether it is one."""
+"""Endings of videos; FFmpeg decides whether a file is one."""
 LARGEST_SHIFT: Final = 0.5
 """Frames that a frame may come early or late: it is still nearest to its own place."""
 _ROUNDING_MS: Final = 1.0  # of times in Matroska
@@ -40,7 +40,7 @@ _NO_FRAMES: Final = Said("no frames", "has none, or is damaged, or its codec is 
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path names a file that is taken for a video."""
+    """True if a path names a file with the ending of a video."""
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 

@@ -1,4 +1,4 @@
-"""Where a hole's background lies: the direction of the parallax, and walks along it.
+"""Background of a hole: the direction of the parallax, and walks along it.
 
 What a hole uncovers lies behind the foreground that moved away, so its background side is where
 the foreground moves relative to the background, reversed.
@@ -17,7 +17,7 @@ _MARGIN_PX = 2.0  # by how much rounding may widen a hole beyond the motion that
 
 
 def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> NDArray[np.float64]:
-    """Where each hole's background side lies, shape (H, W, 2), (row, column), unit length.
+    """Direction to each hole's background side, shape (H, W, 2), (row, column), unit length.
 
     Zero outside holes. The direction is ``background motion - foreground motion``, the background's
     being the frame's own motion inside the hole and the foreground's that of the nearest pixel at
@@ -66,7 +66,7 @@ def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """What walks see: known pixels, depth, and which share of a depth counts as clearly nearer."""
+    """Scene of walks: known pixels, depth, and which share of a depth counts as clearly nearer."""
 
     known: NDArray[np.bool_]
     depth_m: NDArray[np.float32]
@@ -75,7 +75,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Ends:
-    """Where walks ended: pixel (N, 2), the step taken (N, 2), how many steps (N)."""
+    """Ends of walks: pixel (N, 2), the step taken (N, 2), how many steps (N), whether found (N)."""
 
     end: NDArray[np.intp]
     step: NDArray[np.float64]

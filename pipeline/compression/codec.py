@@ -39,7 +39,7 @@ DEFAULT_CODEC = "jpeg"
 DEFAULT_ANGLES = 512
 DEFAULT_QUALITY = 75
 LEAST_QUALITY = 50
-"""Where a size is asked for, fewer angles are better than less."""
+"""Lowest quality of the codec where a size is asked for: fewer angles are better than less."""
 MAP_QUALITY = 50
 """Of the atlas: maps are smooth, and half of an error in them is not seen."""
 FIRST_SHARE = 0.15
@@ -48,7 +48,7 @@ FIRST_SHARE = 0.15
 
 @dataclass(frozen=True)
 class Settings:
-    """How to compress.
+    """Settings of compression.
 
     Parameters
     ----------
@@ -164,15 +164,15 @@ class _Work:
 
     @property
     def has_every_pixel(self) -> bool:
-        """Whether no cell is wider than a pixel."""
+        """True if no cell is wider than a pixel."""
         return self._grid.density.turn_px >= self._grid.farthest_px
 
     def fits(self, size_bytes: int) -> bool:
-        """Whether so many bytes leave the bases `LEAST_QUALITY`."""
+        """True if so many bytes leave the bases `LEAST_QUALITY`."""
         return self._best_within(self._room(size_bytes)) >= LEAST_QUALITY
 
     def _room(self, size_bytes: int) -> float:
-        """What maps leave of a size, before they are made."""
+        """Bytes that maps leave of a size, before they are made."""
         return size_bytes * (1 - FIRST_SHARE) if self._maps else size_bytes
 
     def at_size(self, size_bytes: int) -> Compressed:
@@ -240,7 +240,7 @@ def decoded_base(base: bytes, grid: PolarGrid, codec: str) -> Floats:
 
 
 def decoded_maps(compressed: Compressed, frame: int = 0) -> list[LostMap]:
-    """What was lost in a frame; none without statistics."""
+    """Return the maps of what was lost in a frame, a level each; none without statistics."""
     grids = compressed.map_grids()
     if not grids:
         return []

@@ -180,7 +180,7 @@ def _parsed(body: bytes) -> Compressed:
 
 
 class _Rest:
-    """What is left to read."""
+    """Rest of a file's body, read block by block."""
 
     def __init__(self, body: bytes, at: int) -> None:
         self._body, self._at = body, at

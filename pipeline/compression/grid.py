@@ -103,7 +103,7 @@ class PolarGrid:
 
     @property
     def whole_turn(self) -> bool:
-        """Whether the last row goes on at the first one."""
+        """True if the last row goes on at the first one."""
         return self.arc[1] == TURN
 
     def cell_px(self) -> tuple[Floats, Floats]:
@@ -113,14 +113,14 @@ class PolarGrid:
         return np.diff(edges), middle * (TURN / self.rows_per_turn)
 
     def positions(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
-        """Where places in the grid lie on the picture: x and y, pixels."""
+        """Positions on the picture of places in the grid: x and y, pixels."""
         angle = self.arc[0] + rows * (TURN / self.rows_per_turn)
         radius = self.density.radius_px(columns)
         x, y = self.gaze_px
         return x + radius * np.cos(angle), y + radius * np.sin(angle)
 
     def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Where positions on the picture lie in the grid: rows and columns; undo `positions`."""
+        """Places in the grid of positions on the picture: rows and columns; undo `positions`."""
         across, down = x - self.gaze_px[0], y - self.gaze_px[1]
         # Measured from the middle of what the arc leaves out: no angle jumps within the arc.
         left_out = (TURN - self.arc[1]) / 2

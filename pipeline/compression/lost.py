@@ -39,7 +39,7 @@ VALUES = 5
 
 @dataclass(frozen=True, eq=False)
 class LostMap:
-    """What one level of the pyramid lost.
+    """Moments of what one level of the pyramid lost.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ MOST_SLOPE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class MomentMaps:
-    """What a metamer is made of.
+    """Base and moments that a metamer is made of.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class MomentMaps:
         return int(self.slopes.shape[2])
 
     def packed(self) -> Floats:
-        """What stands for blocks, in one array (h, w, levels * 5): deviations, then chroma's."""
+        """Moments of blocks in one array (h, w, levels * 5): deviations, then chroma's."""
         levels = self.levels
         bands = self.deviations.reshape(*self.deviations.shape[:2], levels, 3)
         luma = np.sqrt((bands**2).sum(axis=3) + SMALLEST_VARIANCE)
@@ -80,7 +80,7 @@ class MomentMaps:
         return MomentMaps(np.clip(base.astype(np.float64), 0, 1), deviations, slopes)
 
     def wanted(self) -> Wanted:
-        """What noise has to give; chroma that does not go with luma is left out, and its shape."""
+        """Moments that noise has to give; chroma beside luma is left out, and so is its shape."""
         nothing = np.zeros((*self.deviations.shape, 2))
         return Wanted(self.deviations**2, self.slopes, nothing)
 

@@ -45,7 +45,7 @@ _CURE = "make one with: metamerlab denoise train"
 
 @dataclass(frozen=True)
 class Facts:
-    """What a network is for, and how it was made.
+    """Purpose of a network, and how it was made.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def inputs_of(levels: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a network is fed, and what it corrects.
+    """Input of a network, and the maps that it corrects.
 
     Parameters
     ----------

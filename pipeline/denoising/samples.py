@@ -1,4 +1,4 @@
-"""How many light paths a pixel gets: most at the gaze, one in the periphery.
+"""Number of light paths of each pixel: most at the gaze, one in the periphery.
 
 Beyond Blur (Walton et al. 2021), section 5.3, says 1 in the periphery and 32 in the centre, and not
 how they fall between. Here the exponent falls linearly with the eccentricity: every so many degrees

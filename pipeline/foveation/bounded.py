@@ -52,7 +52,7 @@ BOUND_CONSTANTS = {
     "FARTHEST": FARTHEST,
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
 }
-"""What bounded.glsl is compiled with."""
+"""Constants that bounded.glsl is compiled with."""
 
 
 def added(

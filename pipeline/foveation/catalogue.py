@@ -162,7 +162,7 @@ class ContrastEnhanced(_Enhanced):
 
 
 class _Displaced(Pooled):
-    """What is displaced at random; see `DisplacementSettings`."""
+    """Base of conditions that displace at random; see `DisplacementSettings`."""
 
     match: ClassVar[bool]
     settings: DisplacementSettings

@@ -20,7 +20,7 @@ LEAST_EDGE = 8  # no halving of pictures whose longer edge is at most this
 
 
 def chain_length(width_px: int, height_px: int) -> int:
-    """How often a picture is halved, at least twice: until its longer edge is at most 8 pixels."""
+    """Number of halvings of a picture, at least 2, until its longer edge is at most 8 pixels."""
     count, edge = 2, -(-max(width_px, height_px) // 4)
     while edge > LEAST_EDGE:
         count, edge = count + 1, -(-edge // 2)

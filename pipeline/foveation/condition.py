@@ -1,4 +1,4 @@
-"""What every condition can do."""
+"""Interface of every condition."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Condition(Protocol):
 
     @property
     def pooling(self) -> Pooling | None:
-        """How widely the eye pools, where that plays a part."""
+        """Width of the eye's pools; None where it plays no part."""
         ...
 
     def apply(self, picture: Picture, look: Look) -> Picture:

@@ -359,7 +359,7 @@ def matched(warped: Floats, picture: NDArray[np.floating], pools: Pools, levels:
 
 
 def oriented_parts(image: Floats, *, wraps: bool) -> tuple[Floats, Floats]:
-    """What the two oriented bands of a level add to it: (h, w, channels) each.
+    """Parts that the two oriented bands of a level add to it: (h, w, channels) each.
 
     A band passes its kernel twice, the second time mirrored: together a column's profile times the
     squared differences across it.

@@ -214,7 +214,7 @@ class _SphereField(PicturePass):
 
 
 class _Match(PicturePass):
-    """What the displaced picture lacks of the pooled moments of the picture.
+    """Pooled moments of the picture that the displaced picture lacks.
 
     Both are pulled when they change, and pushed for each gaze. `lacking` is what the join reads.
     """
@@ -277,7 +277,7 @@ class _Match(PicturePass):
 
     @property
     def has_change(self) -> bool:
-        """Whether the join finds a change of bands one resolution down."""
+        """True if the join finds a change of bands one resolution down."""
         return bool(self._change)
 
     def pull(self, source: moderngl.Texture) -> None:

@@ -1,4 +1,4 @@
-"""What studies draw into pictures before an eye: Landolt rings, and cuts through the gaze.
+"""Drawings of studies in pictures before an eye: Landolt rings, and cuts through the gaze.
 
 Angles are counter-clockwise from the right, as the eye sees them. A ring is round for the eye: on
 a flat picture far from its middle, or on a panorama, its pixels are not.

@@ -167,7 +167,7 @@ class EnergyMetamer(Pooled):
         return finished(picture, _array(pixels).astype(np.float64), pools)
 
     def loss(self, picture: Picture, shown: Picture, look: Look) -> float:
-        """How far `shown` is from `picture`, over how far the blur of equal pooling is."""
+        """Distance of `shown` from `picture`, over the distance of the blur of equal pooling."""
         import torch
 
         pools = look.pools(self.pooling)

@@ -87,7 +87,7 @@ def octave_noise(size: tuple[int, int], count: int, seed: int, *, wraps: bool) -
 
 
 def octave_shares(pools: Pools, count: int) -> list[Floats]:
-    """How much of each octave, from 1/2 cycle per pixel down, is noise's: (H, W), 0 to 1."""
+    """Share of noise in each octave, from 1/2 cycle per pixel down: (H, W) each, 0 to 1."""
     eccentricity = pools.eccentricity_deg()
     density = pools.geometry.px_per_deg(*pixel_centres(pools.geometry))
     resolved, detected = (

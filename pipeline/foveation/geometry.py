@@ -1,4 +1,4 @@
-"""Where the pixels of a picture lie for the eye: directions, eccentricity, pixels per degree.
+"""Geometry of pictures before an eye: directions, eccentricity, pixels per degree.
 
 A `Viewing` says how pictures are looked at, whatever their size; `Viewing.of` binds it to a size.
 Positions are (x, y) in pixels, x right, y down, the first pixel's centre at (0.5, 0.5).
@@ -34,12 +34,12 @@ class Geometry(Protocol):
 
     @property
     def wraps(self) -> bool:
-        """Whether the right border goes on at the left one."""
+        """True if the right border goes on at the left one."""
         ...
 
     @property
     def on_sphere(self) -> bool:
-        """Whether this is a panorama, or a part of one."""
+        """True for a panorama, or a part of one."""
         ...
 
     def directions(self, x: Floats, y: Floats) -> Floats:

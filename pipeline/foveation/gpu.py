@@ -43,7 +43,7 @@ OPAQUE = {"rgba8": 255, "rgba32f": 1}
 
 @dataclass(frozen=True)
 class Call:
-    """How a pass is called: see `FoveationPass.show`."""
+    """Arguments of a call of a pass: see `FoveationPass.show`."""
 
     gaze_px: tuple[float, float]
     seed: int

@@ -90,7 +90,7 @@ def moment_chain(low_rgb: Floats, count: int, *, wraps: bool) -> list[Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What noise has to give each block of 4x4 pixels; arrays (h, w, ...).
+    """Moments that noise has to give each block of 4x4 pixels; arrays (h, w, ...).
 
     `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
     `remainders` (levels * 3, 2): variance of Cb and Cr that does not. `shape` (4): of the pool's
@@ -252,5 +252,5 @@ def band_variances(
 
 
 def skipped_moments(level: int, count: int) -> int:
-    """How many of a level's `count` chained moments are finer than blocks; one is always left."""
+    """Number of a level's `count` chained moments finer than blocks; one is always left."""
     return max(0, min(BLOCK_HALVINGS - level - 1, count - 1))

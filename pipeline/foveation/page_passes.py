@@ -53,7 +53,7 @@ _POWER_LAYERS = ((0, 1, 2, 10), (3, 4, 5, 11), (6, 7, 8, 9))
 
 @dataclass(eq=False)
 class PagePasses:
-    """What a page needs to draw a metamer for any gaze.
+    """Picture, textures and shaders with which a page draws a metamer for any gaze.
 
     Attributes
     ----------

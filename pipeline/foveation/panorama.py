@@ -65,13 +65,13 @@ def by_charts(condition: Condition, picture: Picture, look: Look) -> Picture:
 
 
 def cap_picture(picture: Picture, cap: CapGeometry) -> Picture:
-    """What is seen around a pole of a panorama, cubic between its pixels: (edge, edge, 3)."""
+    """Picture around a pole of a panorama, cubic between its pixels: (edge, edge, 3)."""
     found = seen_in(picture, cap.directions(*pixel_centres(cap)))
     return np.clip(found, 0, 1).astype(np.float32)
 
 
 def seen_in(panorama: NDArray[np.floating], rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What a panorama (h, 2 h, 3) shows in directions (..., 3), cubic between its pixels."""
+    """Colours of a panorama (h, 2 h, 3) in directions (..., 3), cubic between its pixels."""
     height, width = panorama.shape[:2]
     x, y = EquirectangularGeometry(width, height).positions(rays)
     tall = over_poles(panorama, OVER_POLES).astype(np.float64)
@@ -101,13 +101,13 @@ def cap_look(look: Look, cap: CapGeometry) -> Look:
 def cap_gaze_px(
     geometry: Geometry, cap: CapGeometry, gaze_px: tuple[float, float]
 ) -> tuple[float, float]:
-    """Where a gaze at the panorama meets the picture of a pole, or the plane around it."""
+    """Point where a gaze at the panorama meets the picture of a pole, or the plane around it."""
     x, y = cap.positions(geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1])))
     return float(x), float(y)
 
 
 def _cap_shift_px(look: Look, cap: CapGeometry) -> NDArray[np.float64]:
-    """How far surfaces have moved in the picture of a pole."""
+    """Motion of surfaces in the picture of a pole: (edge, edge, 2), x first, pixels."""
     geometry, shift = look.geometry, look.noise_shift_px
     assert shift is not None
     here_x, here_y = np.broadcast_arrays(*pixel_centres(cap))

@@ -1,4 +1,4 @@
-"""What passes over foveated pictures share: pools, sizes, noise that lies on the screen."""
+"""Parts that passes over foveated pictures share: pools, sizes, noise that lies on the screen."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ S = TypeVar("S", Shader, moderngl.Program)
 
 
 class Pooled:
-    """What every shader with pools.glsl is told: the geometry and law once, the gaze per call."""
+    """Uniforms of every shader with pools.glsl: the geometry and law once, the gaze per call."""
 
     def __init__(self, geometry: Geometry, pooling: Pooling) -> None:
         self.geometry = geometry
@@ -137,7 +137,7 @@ class PicturePass(Pass):
 
 
 def sphere_constants() -> dict[str, float]:
-    """What sphere.glsl is compiled with."""
+    """Constants that sphere.glsl is compiled with."""
     return {
         name: math.sin(math.radians(angle))
         for name, angle in (("BELT_SINE", BELT_DEG), ("CAP_SINE", CAP_DEG))
@@ -145,7 +145,7 @@ def sphere_constants() -> dict[str, float]:
 
 
 def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
-    """What shaders with weighed_noise.glsl are compiled with, unless told otherwise."""
+    """Constants that shaders with weighed_noise.glsl are compiled with, and changes to them."""
     constants: dict[str, Constant] = {
         "FADE_SHARE": FADE_SHARE,
         "LEVELS": levels,
@@ -162,7 +162,7 @@ def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
 
 
 def gains_constants(levels: int, *, chroma: bool, coarser: bool) -> dict[str, Constant]:
-    """What gains.comp.glsl is compiled with; `coarser`: resolution 2 is not the coarsest."""
+    """Constants of gains.comp.glsl; `coarser`: resolution 2 is not the coarsest."""
     return {
         **gain_constants(levels, aim=AIM),
         "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
@@ -182,7 +182,7 @@ def weight_layers(levels: int, *, bent: bool) -> int:
 
 
 def screen_noise(ctx: moderngl.Context, size: Size, levels: int, *, wraps: bool) -> NoisePass:
-    """What makes noise that lies on the screen. Twin: noise_tile(), panorama_noise()."""
+    """Make the pass of noise that lies on the screen. Twin: noise_tile(), panorama_noise()."""
     edge = tile_edge(size[1], size[0])
     return NoisePass(
         ctx,

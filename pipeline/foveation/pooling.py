@@ -1,4 +1,4 @@
-"""How wide the eye pools, by eccentricity: laws, and presets with published constants.
+"""Width of the eye's pools by eccentricity: laws, and presets with published constants.
 
 A law gives the deviation f(e) of a pooling Gaussian. Inside the fovea, up to `fovea_deg`, nothing
 is pooled, and beyond it variances differ by the law's: ``sigma(e)^2 = f(e)^2 - f(fovea)^2``. So
@@ -36,7 +36,7 @@ PRESETS: dict[str, tuple[Law, float]] = {
 }
 DEFAULT_PRESET = "v1"
 CONSTANTS = tuple(name for name, _, _ in LAWS.values())
-"""What the laws' constants are called."""
+"""Names of the laws' constants."""
 
 
 class PoolingParameters(TypedDict, total=False):

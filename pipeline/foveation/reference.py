@@ -208,12 +208,12 @@ def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wra
 
 
 def rgb_slopes(slopes: Floats) -> Floats:
-    """What goes with luma of R'G'B' (..., 3), where Cb and Cr (..., 2) do."""
+    """Slopes of R'G'B' (..., 3) on luma, from those of Cb and Cr (..., 2)."""
     return np.asarray(1 + slopes @ RGB_FROM_YCBCR[:, 1:].T)
 
 
 def reach_of(shape: Floats, deviation: Floats, coloured: Floats) -> tuple[Floats, Floats]:
-    """How far below and above their mean a pool's red, green and blue lie: (..., 3) each.
+    """Distance of a pool's red, green and blue below and above their mean: (..., 3) each.
 
     As far as the ends of the beta distribution of its moments: of two colours, these.
 

@@ -1,4 +1,4 @@
-"""What a metamer of the periphery is made with."""
+"""Settings of a metamer of the periphery."""
 
 from __future__ import annotations
 

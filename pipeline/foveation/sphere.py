@@ -1,4 +1,4 @@
-"""What the pictures that a panorama is worked out in have to agree on: see panorama.py.
+"""Shares and displacements that the pictures of a panorama have in common: see panorama.py.
 
 They are mixed between two latitudes. What is displaced has to be displaced alike in both, or the
 mixture would show it twice: so displacements are of directions. Other noise differs between
@@ -27,7 +27,7 @@ FINEST = -14  # power of two of the finest lattice's spacing, radians: 13 arcsec
 
 
 def cap_shares(rays: Floats) -> Floats:
-    """How much of what is seen in directions (..., 3) is the cap's: (...), 0 to 1."""
+    """Share of the cap in directions (..., 3): (...), 0 to 1."""
     start, end = (np.sin(np.radians(angle)) for angle in (BELT_DEG, CAP_DEG))
     share = np.clip((np.abs(rays[..., 1]) - start) / (end - start), 0, 1)
     return np.asarray(share * share * (3 - 2 * share))

@@ -1,4 +1,4 @@
-"""Which gaze a displacement follows, so that pictures do not swim, and noise carried along a clip.
+"""Gaze that a displacement follows, so that pictures do not swim, and noise carried along a clip.
 
 A displacement is as wide as pools are, and pools move with the gaze: content would creep by about
 4 % of the gaze's own way. Within a fixation nothing should move. So the field's gaze rests while
@@ -20,7 +20,7 @@ from pipeline.foveation.geometry import Geometry, check_gaze
 
 @dataclass(frozen=True)
 class SteadyGaze:
-    """Where the field's gaze is after some samples of the eye's; `after` gives the next one.
+    """Gaze of the field after some samples of the eye's; `after` gives the next one.
 
     Both gazes hold while the eye is lost, and stay at a pole while it is beyond it.
 

@@ -71,7 +71,7 @@ def flat_view(
 
 
 def samples_of(geometry: FlatGeometry, panorama_width_px: int) -> int:
-    """How often a view samples a panorama along each edge of a pixel."""
+    """Number of samples of a panorama along each edge of a view's pixel."""
     finest = math.radians(1) * geometry.distance_px  # px per degree in the middle: the least
     return min(max(1, math.ceil(panorama_width_px / 360 / finest - 0.01)), MOST_SAMPLES)
 
@@ -79,7 +79,7 @@ def samples_of(geometry: FlatGeometry, panorama_width_px: int) -> int:
 def anchored_shift_px(
     geometry: FlatGeometry, *, right_deg: float = 0.0, down_deg: float = 0.0
 ) -> NDArray[np.float64]:
-    """Where each pixel of a view finds noise that lies on directions: `noise_shift_px`, (H, W, 2).
+    """Shift of each pixel of a view to noise that lies on directions: `noise_shift_px`, (H, W, 2).
 
     At 45 degrees of latitude, where what lies along parallels meets what lies around a pole, noise
     changes from one pixel to the next.

@@ -33,7 +33,7 @@ _CAPITAL = re.compile(r"(?<!^)(?=[A-Z])")
 
 @dataclass(frozen=True)
 class _Slot:
-    """Where a resource is bound, and what the shader does with it."""
+    """Binding point of a resource, and what the shader does with it."""
 
     kind: str  # "image", "sampler", "buffer" or "block"
     point: int
@@ -330,7 +330,7 @@ def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
 
 
 def _argument(block: str) -> str:
-    """How callers write a block's name: OfGroups is of_groups."""
+    """Name of a block as callers write it: OfGroups is of_groups."""
     return _CAPITAL.sub("_", block).lower()
 
 

@@ -45,7 +45,7 @@ _CURE = {
 
 @dataclass(frozen=True)
 class Renderer:
-    """What draws: recorded beside every result that came from it."""
+    """Graphics card or software that draws: recorded beside every result that came from it."""
 
     vendor: str
     name: str
@@ -185,7 +185,7 @@ def require_compute(ctx: moderngl.Context) -> None:
 
 
 class _RefusedError(Exception):
-    """Why one EGL device gives no context, or which too old driver it has."""
+    """Reason why one EGL device gives no context, or has too old a driver."""
 
 
 def _open(device_index: int) -> moderngl.Context:

@@ -1,4 +1,4 @@
-"""What every pass on the GPU has in common: it owns what it made."""
+"""Base of every pass on the GPU: it owns what it made."""
 
 from collections.abc import Collection
 from typing import Protocol, TypeVar

@@ -1,4 +1,4 @@
-"""How long the GPU worked, by its own clock where it has one."""
+"""Time that the GPU worked, by its own clock where it has one."""
 
 import statistics
 import time

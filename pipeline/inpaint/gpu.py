@@ -175,7 +175,7 @@ class ChainPass(Pass):
         return range(self._finest, self._resolutions.top)
 
     def _chains(self, resolution: int) -> int:
-        """How many are stored at a resolution."""
+        """Number of chains stored at a resolution."""
         return 1 if self._is_base else min(resolution - FIRST_STORED + 1, self._resolutions.levels)
 
     def _regions(self, resolution: int) -> list[tuple[int, int, int]]:

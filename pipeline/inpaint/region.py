@@ -1,4 +1,4 @@
-"""Which part of a frame takes part in a fill: shared by both twins.
+"""Region of a frame that takes part in a fill: shared by both twins.
 
 Work follows the holes. What is far from every hole counts as unknown and is never read. How far is
 said in cells of the pyramid: one of resolution r is 8x8 of its texels, and so one texel of

@@ -76,7 +76,7 @@ _COUNTS_STRIDE = 16  # bytes of one uvec4
 
 @dataclass(frozen=True)
 class _List:
-    """Where its counts (`index`) and its entries (from `first`) are."""
+    """Place of its counts (`index`) and of its entries (from `first`)."""
 
     index: int
     resolution: int
@@ -86,7 +86,7 @@ class _List:
 
 @dataclass(frozen=True)
 class _Region:
-    """Where its flags start, and into which lists its tiles go."""
+    """Place of its flags, and the lists that its tiles go into."""
 
     resolution: int
     first: int
@@ -228,7 +228,7 @@ class WorkLists(Pass):
         return np.array([(first, columns) for first, columns, _ in self._grids], np.uint32)
 
     def region(self, key: RegionKey, resolution: int | None = None) -> tuple[int, int, int]:
-        """What is_active() takes for pixels of `resolution`, by default of the tiles' own."""
+        """Arguments of is_active() for pixels of `resolution`, by default of the tiles' own."""
         item = self._regions[key]
         coarser = 0 if resolution is None else resolution - item.resolution
         edge_log2 = CELL.bit_length() - 1 - coarser
@@ -253,7 +253,7 @@ class WorkLists(Pass):
         return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
 
     def active_tiles(self, key: RegionKey) -> NDArray[np.bool_]:
-        """Which tiles of a region were in it in the last frame, (rows, columns). Reads back."""
+        """Tiles of a region that were in it in the last frame: bool (rows, columns). Reads back."""
         item = self._regions[key]
         flags = self._read(self._active)[item.first : item.first + item.tiles]
         return np.asarray(flags.reshape(-1, self._columns(item.resolution)) != 0)

@@ -46,7 +46,7 @@ class Method(Protocol):
 
 @runtime_checkable
 class Plate(Protocol):
-    """What a method keeps of one source frame from view to view of a path."""
+    """Memory of a method for one source frame, from view to view of a path."""
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
         """Fill the next view as `Method.fill` does, with what earlier views got in their holes."""

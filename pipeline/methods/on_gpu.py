@@ -1,4 +1,4 @@
-"""What all fills of ours have in common: a pass that completes textures in place."""
+"""Base of all fills of ours: a pass that completes textures in place."""
 
 from abc import ABC, abstractmethod
 from typing import Generic, Protocol, TypeVar
@@ -18,7 +18,7 @@ from pipeline.plate.gpu import PlatePass, PlateTextures
 
 
 class FillPass(Protocol):
-    """What a pass of ours has."""
+    """Interface of a pass of ours."""
 
     def release(self) -> None: ...
 

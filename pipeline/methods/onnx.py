@@ -106,7 +106,7 @@ class OnnxNetwork:
 
 @dataclass(frozen=True)
 class _Inputs:
-    """Which of the planes R, G, B, mask goes into which input."""
+    """Planes R, G, B, mask that go into each input."""
 
     planes: dict[str, slice]
     height: int | None  # None: any

@@ -68,7 +68,7 @@ def open_session(path: Path, who_needs: str) -> Any:
 
 
 def one_line(error: Exception) -> str:
-    """What a library says, on one line, without control characters."""
+    """Message of a library, on one line, without control characters."""
     return visible_line(str(error) or type(error).__name__)
 
 

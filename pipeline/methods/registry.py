@@ -94,7 +94,7 @@ RETIRED = {
     " or take 'coherence-transport' for structure of the background; for the fills of"
     " texture = 'background' install revision 70b3711, the last that has them",
 }
-"""What a user is told of methods, and of their parameters, that were here once."""
+"""Messages about methods, and their parameters, that were here once."""
 
 
 def method_names() -> list[str]:

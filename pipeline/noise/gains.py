@@ -68,7 +68,7 @@ def spectral_gains(
 
 
 def gain_constants(levels: int, *, aim: float) -> dict[str, int | float | tuple[float, ...]]:
-    """What spectral_gains.glsl is compiled with."""
+    """Constants that spectral_gains.glsl is compiled with."""
     mixing = fitted_mixing(levels)
     return {
         "LEVELS": levels,

@@ -140,7 +140,7 @@ def layers_of(levels: int) -> int:
 
 
 def filter_constants() -> dict[str, dict[str, Constant]]:
-    """What the shaders `halve` and `raise` are compiled with."""
+    """Constants that the shaders `halve` and `raise` are compiled with."""
     taps = {name: tuple(own.ravel().tolist()) for name, own in vars(noise_taps()).items()}
     named = {"halve": ("soft", "halving"), "raise": ("high", "oriented", "raising")}
     return {
@@ -152,7 +152,7 @@ def filter_constants() -> dict[str, dict[str, Constant]]:
 
 
 def mix_constants(levels: int, step: float, most_steps: int) -> dict[str, Constant]:
-    """What the shader `mix` is compiled with."""
+    """Constants that the shader `mix` is compiled with."""
     bits = round(np.log2(step / MIXED_STEP))
     return {"TILE": WORK_EDGE, "LEVELS": levels, "STEP_BITS": bits, "MOST_STEPS": most_steps}
 

@@ -12,7 +12,7 @@ Bits: TypeAlias = NDArray[np.uint32]
 
 
 class Stream(IntEnum):
-    """What a seed makes: each has bits of its own."""
+    """Uses of a seed: each has bits of its own."""
 
     BANDS = 0
     FIELD = 1
@@ -22,7 +22,7 @@ class Stream(IntEnum):
 
 
 def key_of(seed: int, stream: Stream) -> tuple[int, int, int]:
-    """What to mix places with: three whole numbers of 32 bits."""
+    """Key to mix places with: three whole numbers of 32 bits."""
     # Philox's raw bits are specified; a library's other generators might change.
     low, high = np.random.Philox(key=[seed, stream]).random_raw(2)
     return int(low) & 0xFFFFFFFF, int(low) >> 32, int(high) & 0xFFFFFFFF

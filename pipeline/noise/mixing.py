@@ -1,4 +1,4 @@
-"""How noise bands are mixed before they are weighed: what `benchmarks/fit_mixing.py` found.
+"""Mixing of noise bands before they are weighed: what `benchmarks/fit_mixing.py` found.
 
 One matrix suits no two spectra alike: see gains.py for what corrects the rest.
 """
@@ -61,7 +61,7 @@ def fitted_mixing(levels: int) -> Mixing:
 
 
 def overlaps(covariances: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What mixed bands measure, from what unit bands do: both (B, B, B)."""
+    """Variances that mixed bands measure, from those of unit bands: both (B, B, B)."""
     return np.asarray(matrix.T @ covariances @ matrix)
 
 
@@ -83,7 +83,7 @@ def unpacked(halves: NDArray[np.float64]) -> NDArray[np.float64]:
 def measured_variances(
     wanted: NDArray[np.float64], overlap: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """What mixed bands weighed by deviations `wanted`, (..., B), measure on an endless plane."""
+    """Variances of mixed bands weighed by deviations `wanted`, (..., B), on an endless plane."""
     count = len(overlap)
     rows = wanted.reshape(-1, count)
     measured = np.stack([((rows @ form) * rows).sum(axis=1) for form in overlap], axis=1)

@@ -119,7 +119,7 @@ def unit(band: Steps) -> NDArray[np.float64]:
 
 
 def mixing_weights(squares: list[int], count: int) -> Steps:
-    """What mixed bands are the sums of, in `MIXED_STEP` for a step of a band: (mixed, bands).
+    """Weights of bands in mixed bands, in `MIXED_STEP` for a step of a band: (mixed, bands).
 
     Parameters
     ----------

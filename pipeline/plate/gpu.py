@@ -1,4 +1,4 @@
-"""What was filled once stays, on the GPU. Twin: reference.py."""
+"""Plate on the GPU: what was filled once stays. Twin: reference.py."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""What was filled once stays: a plate in the source frame.
+"""Plate in the source frame: what was filled once stays.
 
 Fills of one source frame's views differ where the same place of the background is uncovered
 again, and flicker. The plate keeps the colour that a place got when a view first uncovered it;
@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 
 
 def margin_px(size: tuple[int, int]) -> int:
-    """How far the plate goes beyond a frame of `size`."""
+    """Margin of the plate beyond a frame of `size`, pixels."""
     return round(MARGIN_SHARE * max(size))
 
 
@@ -90,7 +90,7 @@ class SourcePlate:
         self._margin = 0
 
     def recall(self, warped: WarpedFrame) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """Which of a view's hole pixels, (N,), were filled before, and their colours, (N, 3)."""
+        """Mask of a view's hole pixels, (N,), that were filled before; and their colours, (N, 3)."""
         if not self._depth_m.size:
             self._begin(warped.size)
         _, place = self._places(warped)

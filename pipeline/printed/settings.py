@@ -1,4 +1,4 @@
-"""What can be set about the printed method: one place, shared by both twins."""
+"""Settings of the printed method: one place, shared by both twins."""
 
 from dataclasses import dataclass
 

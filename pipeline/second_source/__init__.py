@@ -1,1 +1,1 @@
-"""What a second picture saw goes into the holes that the first one left."""
+"""Colours of a second picture in the holes that the first one left."""

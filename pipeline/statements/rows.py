@@ -60,7 +60,7 @@ def _primaries(values: Sequence[float], white: Sequence[float]) -> str | None:
 
 
 def _overridden(everything: Statements) -> bool:
-    """Whether what says more of its colour counts instead."""
+    """True if a statement that says more of the colour counts instead."""
     profile = everything.get("iCCP")
     usable = profile is not None and _png_profile(profile, everything) is None
     return usable or "sRGB" in everything or "cICP" in everything
@@ -227,7 +227,7 @@ def _exif_space(value: Any, everything: Statements) -> str | None:
 
 
 def _in_xmp(value: bytes, name: bytes) -> str:
-    """What XMP says by one name, as an attribute or an element; empty where it says nothing."""
+    """Text of one name in XMP, as an attribute or an element; empty where it says nothing."""
     found = re.search(name + rb"(?:\s*=\s*[\"']|>\s*)([\w-]+)", value)
     return "" if found is None else found[1].decode("latin-1")
 

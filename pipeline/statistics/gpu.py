@@ -1,4 +1,4 @@
-"""How much noise each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
+"""Noise that each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
 
 Twins: reference.py, lacking.py.
 """
@@ -131,7 +131,7 @@ class VariancePass(Pass):
             )
 
     def level_of(self, texels: NDArray[np.float32], k: int) -> NDArray[np.float32]:
-        """What `texels`, read back, holds of a level: (rows, columns, BANDS, 4)."""
+        """Values of a level in `texels`, read back: (rows, columns, BANDS, 4)."""
         columns, rows, left, top = self.places[k]
         here = texels[top : top + rows, left : left + BANDS * columns]
         return here.reshape(rows, columns, BANDS, 4)

@@ -1,4 +1,4 @@
-"""What noise a hole lacks: what its statistics ask for, less what its base already holds.
+"""Noise that a hole lacks: what its statistics ask for, less what its base already holds.
 
 Kuffner dos Anjos et al. 2022, 3.3 and 3.4, with the mends of docs/method.md.
 

@@ -1,4 +1,4 @@
-"""What can be set about a metameric fill: one place, shared by both twins."""
+"""Settings of a metameric fill: one place, shared by both twins."""
 
 import operator
 from dataclasses import dataclass, fields

@@ -28,7 +28,7 @@ _CHUNK = 1 << 21  # fragments at a time
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """What a picture reads: a mask (h, w) for each plane of which it reads anything."""
+    """Texels that a picture reads: a mask (h, w) for each plane of which it reads anything."""
 
     masks: Mapping[Key, Mask]
 

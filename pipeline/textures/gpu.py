@@ -98,7 +98,7 @@ class TexturePass:
         self._upload(ctx, baked, surface_noise(seed, layout))
 
     def program(self, output: Output) -> moderngl.Program:
-        """What draws ``colour``, or ``fragments``: x, y on the texture, rho and eta."""
+        """Program that draws ``colour``, or ``fragments``: x, y on the texture, rho and eta."""
         return self._programs[output]
 
     def use(self, output: Output, *, foveated: bool, strength: float = 1.0) -> moderngl.Program:

@@ -1,4 +1,4 @@
-"""How a baked texture is laid out: resolutions, planes, and what bounds them.
+"""Layout of a baked texture: resolutions, planes, and what bounds them.
 
 Resolution r is the texture halved r times, edges rounded up. At each there is the colour, and from
 resolution 1 on moments of all pyramid levels finer than it: those of level k lie at resolutions

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """What is drawn; arrays of one shape (H, W), `place_px` (H, W, 2).
+    """Fragments to draw; arrays of one shape (H, W), `place_px` (H, W, 2).
 
     `place_px`: x and y on the texture, in its finest texels. `rho`: logarithm to base 2 of texels
     per pixel. `eta`: level of detail of the pool, in pixels; 0: nothing is pooled.

@@ -1,4 +1,4 @@
-"""What can be set about coherence transport, and what is fixed: one place for both twins."""
+"""Settings of coherence transport, and what is fixed: one place for both twins."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""What a video file says of its pictures: read from its header, judged by one table."""
+"""Statements of a video file on its pictures: read from its header, judged by one table."""

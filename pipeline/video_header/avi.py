@@ -1,4 +1,4 @@
-"""What AVI files say: Microsoft's AVI RIFF reference, and OpenDML's extensions."""
+"""Statements of AVI files: Microsoft's AVI RIFF reference, and OpenDML's extensions."""
 
 from __future__ import annotations
 

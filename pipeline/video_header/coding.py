@@ -1,4 +1,4 @@
-"""What a coded stream itself says: fields, colours, alpha and depth."""
+"""Statements of a coded stream itself: fields, colours, alpha and depth."""
 
 from __future__ import annotations
 
@@ -281,7 +281,7 @@ def _skip_scaling(bits: _Bits, size: int) -> None:
 
 
 def _mpeg4_has_fields(header: bytes) -> bool:
-    """Whether a video object layer of MPEG-4 Part 2 says that its frames are fields."""
+    """True if a video object layer of MPEG-4 Part 2 says that its frames are fields."""
     at = header.find(b"\0\0\1\x20")
     if at < 0:
         return False

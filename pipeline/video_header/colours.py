@@ -1,4 +1,4 @@
-"""What numbers of ITU-T H.273 say of a video's colours, wherever they stand."""
+"""Meaning of numbers of ITU-T H.273 for a video's colours, wherever they stand."""
 
 from __future__ import annotations
 

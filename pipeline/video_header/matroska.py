@@ -1,4 +1,4 @@
-"""What Matroska and WebM files say: RFC 9559."""
+"""Statements of Matroska and WebM files: RFC 9559."""
 
 from __future__ import annotations
 

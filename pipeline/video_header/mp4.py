@@ -1,4 +1,4 @@
-"""What MP4 and QuickTime files say: ISO/IEC 14496-12 and -14, Apple's QuickTime File Format."""
+"""Statements of MP4 and QuickTime files: ISO/IEC 14496-12, -14, Apple's QuickTime File Format."""
 
 from __future__ import annotations
 

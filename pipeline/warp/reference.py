@@ -104,7 +104,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Which quads cover which pixel centres, and how their corners weigh there."""
+    """Quads that cover pixel centres, and the weights of their corners there."""
 
     quad: Ints  # (hits,)
     pixel: Ints  # (hits,): flat index in the window

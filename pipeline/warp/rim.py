@@ -1,4 +1,4 @@
-"""What becomes of the background's pixels along a hole, where they are mixed with the foreground.
+"""Background's pixels along a hole, where they are mixed with the foreground, are hole too.
 
 A photograph's pixel at a silhouette shows some of both sides, and its depth is that of one of
 them. Where that is the background's, the warp leaves the pixel behind at the far border of the

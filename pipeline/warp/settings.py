@@ -1,4 +1,4 @@
-"""What both twins of the warp are told: the target's window and how quads are treated."""
+"""Settings of the warp for both twins: the target's window and how quads are treated."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
@@ -64,7 +64,7 @@ class Window:
 
 @dataclass(frozen=True)
 class WarpSettings:
-    """How the warp treats its quads.
+    """Treatment of quads by the warp.
 
     Parameters
     ----------
