@@ -35,8 +35,7 @@ NEEDS: Final = {
     "score": (170 * _MIB, 60, 12.0),
 }
 """Cost of a picture by command: bytes of memory in any case, bytes a pixel, and seconds for each
-million pixels; measured on two cores without a graphics card.
-"""
+million pixels; measured on two cores without a graphics card."""
 RATIO_FROM = 100_000_000
 """Numbers up to which a picture may be packed as tightly as flat colour is."""
 

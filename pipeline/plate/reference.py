@@ -90,7 +90,7 @@ class SourcePlate:
         self._margin = 0
 
     def recall(self, warped: WarpedFrame) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """Mask of a view's hole pixels, (N,), that were filled before; and their colours, (N, 3)."""
+        """Mask of a view's hole pixels, (N,), filled before; and their colours, (N, 3)."""
         if not self._depth_m.size:
             self._begin(warped.size)
         _, place = self._places(warped)
