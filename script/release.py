@@ -3,8 +3,8 @@
   script/release 0.3.0 --dry-run   says what would change, and changes nothing
   script/release 0.3.0             makes the commit and the tag; nothing is pushed
 
-The lines of changelog.d/ move to CHANGELOG.md. A section that was written there by hand beforehand
-is kept, and they come after it. If a check fails, the commit is taken back.
+towncrier moves the lines of changelog.d/ to CHANGELOG.md. If a check fails, the commit is taken
+back.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from pathlib import Path
 from packaging.version import InvalidVersion, Version
 
 ROOT = Path(__file__).resolve().parents[1]
-KINDS = {"added": "Added", "changed": "Changed", "fixed": "Fixed", "removed": "Removed"}
 
 
 class RefusedError(Exception):
@@ -53,19 +52,17 @@ def release(root: Path, version: str, *, dry_run: bool = False) -> None:
     """
     refuse_what_is_not_ready(root, version)
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    fragments = sorted(p for p in (root / "changelog.d").glob("*.md") if p.name != "README.md")
-    texts = new_texts(root, version, today, fragments)
+    texts = new_texts(root, version, today)
+    told = changelog(root, version, today, "--draft")
     if dry_run:
-        print(f"{version}: would commit and tag v{version} with {', '.join(texts)}")
-        print(f"would remove {len(fragments)} fragments; CHANGELOG.md would say:\n")
-        print(section_of(texts["CHANGELOG.md"], version))
+        print(f"{version}: would commit and tag v{version} with {', '.join(texts)}, CHANGELOG.md")
+        print(f"would remove the fragments; CHANGELOG.md would say:\n\n{told}")
         return
     start = git(root, "rev-parse", "HEAD")
     for name, text in texts.items():
         (root / name).write_text(text, encoding="utf-8")
-    for fragment in fragments:
-        fragment.unlink()
-    git(root, "add", "--all", *texts, "changelog.d")
+    changelog(root, version, today, "--yes")
+    git(root, "add", "--all", *texts, "CHANGELOG.md", "changelog.d")
     git(root, "commit", "--quiet", "--message", f"Release {version}")
     try:
         wheel = build_and_check(root, version)
@@ -93,9 +90,11 @@ def refuse_what_is_not_ready(root: Path, version: str) -> None:
         raise RefusedError(f"everything must be committed or removed first:\n{changed}")
     if git(root, "tag", "--list", f"v{version}"):
         raise RefusedError(f"the tag v{version} exists; choose a later version")
+    if not [p for p in (root / "changelog.d").glob("*.md") if p.name != "README.md"]:
+        raise RefusedError("changelog.d/ is empty; write what users will notice there")
 
 
-def new_texts(root: Path, version: str, today: str, fragments: list[Path]) -> dict[str, str]:
+def new_texts(root: Path, version: str, today: str) -> dict[str, str]:
     """Return the files that name the version, as they will be, by path."""
     date = f'date-released: "{today}"\n'
     citation = re.sub(r"^date-released:.*\n", "", read(root, "CITATION.cff"), flags=re.MULTILINE)
@@ -104,39 +103,18 @@ def new_texts(root: Path, version: str, today: str, fragments: list[Path]) -> di
             r'^version = ".*"$', f'version = "{version}"', read(root, "pyproject.toml")
         ),
         "CITATION.cff": once(r"^version: .*\n", f"version: {version}\n{date}", citation),
-        "CHANGELOG.md": with_section(read(root, "CHANGELOG.md"), version, today, fragments),
     }
 
 
-def with_section(changelog: str, version: str, today: str, fragments: list[Path]) -> str:
-    """Return the changelog with the fragments in the section of `version`, which has the date."""
-    heading, lines = f"## {version} ({today})\n", grouped(fragments)
-    if f"## {version}\n" in changelog:  # written by hand before
-        written = section_of(changelog, version)
-        told = heading + written.removeprefix(f"## {version}\n").rstrip("\n") + "\n"
-        return changelog.replace(written, told + lines)
-    if not fragments:
-        raise RefusedError(f"changelog.d/ is empty, and CHANGELOG.md has no section '## {version}'")
-    before, mark, rest = changelog.partition("\n## ")
-    return f"{before.rstrip(chr(10))}\n\n{heading}{lines}{mark}{rest}"
-
-
-def grouped(fragments: list[Path]) -> str:
-    """Return the fragments as lists, a heading for each kind."""
-    text = ""
-    for kind, title in KINDS.items():
-        lines = [p.read_text("utf-8").strip() for p in fragments if p.suffixes[-2] == f".{kind}"]
-        if lines:
-            text += f"\n### {title}\n\n" + "".join(f"- {line}\n" for line in lines)
-    return text
-
-
-def section_of(changelog: str, version: str) -> str:
-    """Return the section of `version`, up to the next one."""
-    pattern = rf"^## {re.escape(version)}( \(.*\))?\n.*?(?=^## |\Z)"
-    found = re.search(pattern, changelog, re.MULTILINE | re.DOTALL)
-    assert found is not None
-    return found[0]
+def changelog(root: Path, version: str, today: str, *words: str) -> str:
+    """Let towncrier tell of a version; return what it printed."""
+    towncrier = [sys.executable, "-P", "-m", "towncrier", "build", "--version", version]
+    done = subprocess.run(
+        [*towncrier, "--date", today, *words], cwd=root, capture_output=True, text=True
+    )
+    if done.returncode:
+        raise RefusedError(f"towncrier: {done.stderr.strip()}")
+    return done.stdout
 
 
 def build_and_check(root: Path, version: str) -> Path:
