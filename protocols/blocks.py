@@ -92,14 +92,14 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """Where the figure of this name stands; nothing where there is none."""
+    """Place of the figure of this name; nothing where there is none."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Cautions:
-    """When not to trust what stands above; nothing where there are no notes."""
+    """Reasons not to trust what stands above; nothing where there are no notes."""
 
     title: str
     notes: tuple[str, ...]
@@ -112,7 +112,7 @@ class Cautions:
 
 @dataclass(frozen=True)
 class Box:
-    """What to read first."""
+    """Box to read first."""
 
     title: str
     lead: str
@@ -127,7 +127,7 @@ class Shot:
     caption: str = ""
     alt: str = ""
     link: str = ""
-    """Where a click on a picture leads."""
+    """Address that a click on a picture opens."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ class Column:
     unit: str
     meaning: str
     aliases: tuple[str, ...] = ()
-    """What other programs call it, small and with ``_`` between words."""
+    """Names in other programs, small and with ``_`` between words."""
     required: bool = False
     """A table of another program must have it."""
 

@@ -1,4 +1,4 @@
-"""What must hold between the sections of a study: names that exist, pairs, keys, texts."""
+"""Rules between the sections of a study: names that exist, pairs, keys, texts."""
 
 from __future__ import annotations
 

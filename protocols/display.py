@@ -11,7 +11,7 @@ from protocols.prose import shortest
 from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
 
 FRAME_TOLERANCE = 1e-6
-"""How far, in frames, a duration may be from a whole number of them."""
+"""Largest distance, in frames, of a duration from a whole number of them."""
 COMMON_RATES_HZ = (60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 
 

@@ -1,4 +1,4 @@
-"""What a display can do of a protocol, and what comes nearest where it cannot."""
+"""Checks of what a display can do of a protocol, and what comes nearest where it cannot."""
 
 from __future__ import annotations
 

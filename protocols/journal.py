@@ -55,7 +55,7 @@ Outcome = Literal["completed", "void"]
 
 
 class Event(Model):
-    """What every line says."""
+    """Fields of every line."""
 
     n: Count
     """Line number, from 0, without gaps."""
@@ -100,7 +100,7 @@ SlotFrom = Literal["link", "batch", "drawn"]
 
 
 class Machine(Model):
-    """What the gate found: nothing that tells one person from another."""
+    """Machine as the gate found it: nothing that tells one person from another."""
 
     browser: Text
     """Name and main version."""
@@ -134,7 +134,7 @@ class Remote(Model):
     slot_from: SlotFrom
     machine: Machine
     deviations_s: dict[str, float]
-    """How much longer times were than the study states, by their places in the study file."""
+    """Excess of times over those that the study states, by their places in the study file."""
     identifier: str | None = None
     """Value of the link's parameter that the study names."""
 
@@ -176,7 +176,7 @@ class SessionStart(Event, Grown):
     """Versions of Python and packages; of a session in a window also `renderer` and `opengl`."""
     platform: str
     timing_evidence: str = ""
-    """How flip times were verified: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`,
+    """Verification of flip times: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`,
     `virtual`, or in a browser `animation frame`."""
     remote: Remote | None = None
     """The session ran in the participant's own browser. Left out where it ran at a desk."""
@@ -191,7 +191,7 @@ class SessionResume(Event):
     display_report: DisplayReport | None
     gaze: GazeInfo | None
     torn_file: str | None
-    """Where an unfinished last line was moved. Null if there was none."""
+    """File that an unfinished last line was moved to. Null if there was none."""
 
 
 class Consent(Event):
@@ -267,7 +267,7 @@ class Phase(Model):
     dropped: Count
     """Refreshes at which nothing new could be shown."""
     stimuli: tuple[Count, ...] = ()
-    """Which of the attempt's stimuli it showed."""
+    """Numbers of the attempt's stimuli that it showed."""
 
 
 class ShownStimulus(Model):
@@ -283,7 +283,7 @@ class ShownStimulus(Model):
 
 
 class GazeQuality(Model):
-    """How well gaze was held while it was watched."""
+    """Quality of fixation while gaze was watched."""
 
     samples: Count
     lost_share: Share
@@ -324,9 +324,9 @@ class Attempt(Event, Grown):
     block: Count
     """0 is practice."""
     repeat: Count
-    """Which repeat of its condition, from 0."""
+    """Number of the repeat of its condition, from 0."""
     condition: dict[str, Scalar]
-    """What was shown, column by column."""
+    """Condition shown, column by column."""
     track: str | None
     """The adaptive track that chose the condition. Null if it was planned."""
     stimuli: tuple[ShownStimulus, ...]
@@ -337,11 +337,11 @@ class Attempt(Event, Grown):
     """The right answer. Null if there is none."""
     outcome: Outcome
     void_reason: VoidReason | None
-    """Why a void attempt must be repeated."""
+    """Reason why a void attempt must be repeated."""
     answer: Name | None
     """The answer given to the study's question."""
     correct: bool | None
-    """Whether it was right. Null without an answer or a right answer."""
+    """True if the answer was right. Null without an answer or a right answer."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
     """From the onset of the question to the key press."""
@@ -365,7 +365,7 @@ class Attempt(Event, Grown):
     """Answers to all other questions of the trial, in their order. Left out where there are none,
     as in a void attempt."""
     live: LiveFrames | None = None
-    """How old gaze was in frames that were drawn to it. Left out where there were none."""
+    """Age of gaze in frames that were drawn to it. Left out where there were none."""
 
     added_later: ClassVar[tuple[str, ...]] = ("further", "live")
 
@@ -422,7 +422,7 @@ class Note(Event, Grown):
     kind: Literal["note"] = "note"
     text: Text
     file: SideFile | None = None
-    """What the tracker recorded or sent, byte for byte. Left out if the note is of no file."""
+    """Data that the tracker recorded or sent, byte for byte. Left out if the note is of no file."""
 
     added_later: ClassVar[tuple[str, ...]] = ("file",)
 

@@ -37,7 +37,7 @@ class DamagedLine:
 
 @dataclass(frozen=True)
 class Journal:
-    """What a journal file holds."""
+    """Content of a journal file."""
 
     path: Path
     events: tuple[AnyEvent, ...]
@@ -61,12 +61,12 @@ class Journal:
 
     @property
     def has_lines(self) -> bool:
-        """Whether any line was ever finished."""
+        """True if any line was ever finished."""
         return bool(self.events or self.damaged)
 
     @property
     def withdrawn(self) -> bool:
-        """Whether the participant withdrew and only the stone is left."""
+        """True if the participant withdrew and only the stone is left."""
         return any(isinstance(event, Withdrawal) for event in self.events)
 
     @property
@@ -177,7 +177,7 @@ class _Checksums:
         self.lacking = 0
         """Lines that have none."""
         self.certain = True
-        """Whether the last line that was found wrong must itself have been changed: what stands
+        """True if the last line that was found wrong must itself have been changed: what stands
         before it was as written, or says what it said."""
         self._before: list[str] = []  # what the next line may build on
         self._begun = False

@@ -1,4 +1,4 @@
-"""What the keys of a format mean: the text below each attribute of its class.
+"""Meaning of a format's keys: the text below each attribute of its class.
 
 Read from the source when a schema or a new study asks for it, and not on import: every command
 imports the formats, and few need these texts.

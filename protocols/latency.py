@@ -1,4 +1,4 @@
-"""How old gaze is when a frame drawn to it is flipped: what is recorded, and a summary."""
+"""Age of gaze when a frame drawn to it is flipped: what is recorded, and a summary."""
 
 from __future__ import annotations
 

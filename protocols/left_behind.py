@@ -1,4 +1,4 @@
-"""What killed programs left of what they were writing, and whether it may go."""
+"""Files that killed programs left half-written, and whether they may go."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much a study or a file of one may ask for before anything is made of it.
+"""Limits of what a study or a file of one may ask for before anything is made of it.
 
 Each limit is raised by the environment variable ``METAMERLAB_LIMITS``, as those of pictures are:
 ``trials=1e6,unpacked=1e10``.

@@ -186,7 +186,7 @@ def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, D
 
 
 def is_display(raw: Mapping[str, object]) -> bool:
-    """Whether a parsed file is meant as a display, also where most of its keys are misspelt."""
+    """True if a parsed file is meant as a display, also where most of its keys are misspelt."""
     own = set(Display.model_fields) - {"name", "description"}
     return bool(own & set(raw)) and not {"study", "stimuli", "scenes"} & set(raw)
 

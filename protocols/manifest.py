@@ -1,4 +1,4 @@
-"""What a folder of clips holds: parameters and the SHA-256 of every frame.
+"""Manifest of a folder of clips: parameters and the SHA-256 of every frame.
 
 A manifest is written last, so a folder with one is complete. It holds no time stamps: the same
 inputs give the same bytes.
@@ -39,7 +39,7 @@ MANIFEST_NAME = "manifest.json"
 
 
 class Renderer(Model):
-    """What drew the clips. Bytes repeat on the same renderer only."""
+    """Graphics card or software that drew the clips. Bytes repeat on the same renderer only."""
 
     vendor: str
     renderer: str
@@ -52,7 +52,7 @@ class Clip(Model):
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9]+([-_]{1,2}[a-z0-9]+)*$")]
     """Its name in plans and journals, and its folder. Warped clips: `scene__size__method`."""
     condition: dict[Name, Scalar]
-    """What it shows, column by column."""
+    """Condition shown, column by column."""
     width_px: Pixels
     height_px: Pixels
     fps: Hertz

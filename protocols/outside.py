@@ -1,4 +1,4 @@
-"""What comes from outside, met in one way: limits, what libraries say of a file, hostile text.
+"""Files and texts from outside, met in one way: limits, libraries' messages, hostile text.
 
 Every package shares this module, `pipeline` too; so it imports nothing of ours, and is told which
 exception its caller raises.
@@ -42,7 +42,7 @@ LIMITS: Final = {
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 """Characters that no text of a user's needs, and XML does not allow."""
 FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
-"""How a cell begins that a spreadsheet would run, or that looks as if it had been made safe."""
+"""Beginning of a cell that a spreadsheet would run, or that looks as if made safe already."""
 _ZIP_TAIL = (1 << 16) + 200
 """Bytes at the end of a zip file, of which the last 65,535 may be a comment."""
 _ZIP_ENTRY = 46 + 64
@@ -56,7 +56,7 @@ _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*_HIDDEN, *_NO_CHARACTERS)
 
 _ON_PAGES = {code: ascii(chr(code))[1:-1] for code in _NOT_IN_XML}
 _MARKDOWN = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])|\|")
-"""Where HTML, a link, a picture or another cell would begin in Markdown."""
+"""Beginnings of HTML, a link, a picture or another cell in Markdown."""
 
 
 def limit(name: str, error: type[Exception]) -> int:

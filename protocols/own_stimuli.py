@@ -1,4 +1,4 @@
-"""What a new study says of a user's own scenes, pictures and methods: the text of its file."""
+"""Text of a new study's file for a user's own scenes, pictures and methods."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from protocols.units import NAME_LENGTH
 
 REFERENCE = "reference"
 PLAINLY_WORSE = "push-pull"
+"""Method that catch trials show beside the true view, where the study has it."""
 _OWN_SIZE = "own"
-"""What catch trials show beside the true view, where the study has it."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class OwnScene:
     label: str | None
     lines: tuple[str, ...]
     has_truth: bool = True
-    """Whether its true view is known, so that `reference` can be shown."""
+    """True if its true view is known, so that `reference` can be shown."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ FOVEATED_METHODS = tuple(map(OwnMethod, ("metamer", "blur", REFERENCE)))
 
 @dataclass(frozen=True)
 class OwnClips:
-    """What sequences of a user's own ask of every clip: they are shown pixel for pixel."""
+    """Demands of a user's own sequences on every clip: they are shown pixel for pixel."""
 
     width_px: int
     height_px: int

@@ -1,4 +1,4 @@
-"""What a task says of a trial: a list of phases in refreshes, with what each draws, in degrees.
+"""Phases of a trial as a task states them: in refreshes, with what each draws, in degrees.
 
 `protocols.script` makes of it what machine and stages read; neither knows a task.
 """
@@ -21,7 +21,7 @@ class Image:
     """A still of the trial."""
 
     stimulus: int
-    """Which of the trial's stimuli."""
+    """Number of the trial's stimulus, from 0."""
     x_deg: float = 0.0
     """Place of its middle, right of the screen's centre."""
     y_deg: float = 0.0
@@ -99,13 +99,13 @@ def rgba_sha256(width_px: int, height_px: int, rgba: bytes) -> str:
 
 
 Drawable: TypeAlias = Fixation | Image | Clip | Live | Optotype | Bar | QuestionText | Bitmap
-"""What a flip can show; a phase that draws nothing is blank. What is none of these is refused:
-a task of your own draws it as a `Bitmap`."""
+"""Drawables of a flip; a phase that draws nothing is blank. Anything else is refused: a task of
+your own draws it as a `Bitmap`."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What a phase asks. A key of an answer ends the phase."""
+    """Question of a phase. A key of an answer ends the phase."""
 
     name: str
     answers: tuple[str, ...] = ()
@@ -113,7 +113,7 @@ class Question:
     keys: tuple[tuple[str, ...], ...] = ()
     """A list of keys per answer."""
     text: Mapping[str, str] = field(default_factory=dict)
-    """What is asked, by language."""
+    """Text of the question, by language."""
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """A label per answer, by language."""
 
@@ -136,7 +136,7 @@ class Phase:
     show: tuple[Drawable, ...] = ()
     """Drawn in this order; empty: blank."""
     gate_frames: int | None = None
-    """Where gaze must be held for `frames` before the phase ends: how long it waits for that."""
+    """Longest wait, in refreshes, for gaze to be held for `frames`; None: no such wait."""
     watched: bool = False
     """Gaze that leaves the dot voids the attempt; missed refreshes count."""
     asks: Question | None = None

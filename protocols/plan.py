@@ -26,7 +26,7 @@ class PlannedTrial(Model):
     role: Role
     repeat: Count
     condition: dict[str, Scalar]
-    """What is shown, column by column, as the task defines it."""
+    """Condition shown, column by column, as the task defines it."""
     stimuli: tuple[str, ...]
     """Names in the manifest, as the task counts them; empty until an adaptive rule chooses."""
     answers: tuple[Name, ...]
@@ -38,7 +38,7 @@ class PlannedTrial(Model):
 
     @property
     def shown(self) -> frozenset[str]:
-        """What is shown, whatever the order: no two trials in a row show the same."""
+        """Names of the stimuli, whatever the order: no two trials in a row show the same."""
         return frozenset(self.stimuli)
 
 

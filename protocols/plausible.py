@@ -1,4 +1,4 @@
-"""What a study or a display may well say by mistake: notes of `protocol check`, never refusals.
+"""Notes of `protocol check` on what a study or a display may well say by mistake; never refusals.
 
 Each bound is far from what laboratories do, so that a note is worth reading: mostly a number in
 another unit.

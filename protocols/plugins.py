@@ -1,4 +1,4 @@
-"""What other installed packages add to a registry of ours: Python entry points.
+"""Registries to which other installed packages add: Python entry points.
 
 A package that declares, say, ``[project.entry-points."metamerlab.tasks"]`` with
 ``my-task = "my_package.tasks:MyTask"`` adds a task without a change here.
@@ -21,7 +21,7 @@ from protocols.outside import plug_in, visible_line
 
 T = TypeVar("T")
 Fits = Callable[[str, Any], bool]
-"""Whether what a plug-in of that name names is what its group needs."""
+"""Test of a plug-in's name and object: does it fit its group?"""
 GROUPS = (
     "tasks", "recipes", "observers", "analyses", "parts", "builders", "methods", "metrics",
     "trackers",

@@ -1,4 +1,4 @@
-"""What a task gets of a study: stimuli, scenes and repeats."""
+"""Stimuli, scenes and repeats that a task gets of a study."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def _overview(protocol: StudyProtocol) -> Section:
 
 
 def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
-    """How many participants, why so many, and when collection ends."""
+    """Section on participants: how many, why so many, and when collection ends."""
     looks = (
         "It may end earlier, by the planned looks that the section on analysis states."
         if _looks(protocol)
@@ -167,7 +167,7 @@ def _power(found: Mapping[str, Any]) -> str:
 
 
 def _texts(protocol: StudyProtocol) -> Section:
-    """What participants read, in the language that a session has where none is named."""
+    """Section on what participants read, in the language of a session that names none."""
     language = protocol.text.default_language
     texts = protocol.text.languages[language]
     others = [name for name in protocol.text.languages if name != language]

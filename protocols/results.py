@@ -28,16 +28,16 @@ class Results(Model):
     """The numbers of each part of the report, by its name; a part that could not be had is not
     there. Installed packages add parts of their own."""
     flow: list[Row]
-    """What each rule of exclusion left out, in order; empty for a table."""
+    """Counts of what each rule of exclusion left out, in order; empty for a table."""
     participants: Row | None = None
-    """How many participants began, consented, completed the session and are analysed, and why the
-    others are not; null for a table."""
+    """Counts of participants who began, consented, completed the session and are analysed, and why
+    the others are not; null for a table."""
     without_exclusions: Row | None
     """The main numbers with and without exclusions; null: nothing was left out."""
     sessions: list[Row]
     """A row per session, as in `sessions.csv`; empty for a table."""
     warnings: list[str]
-    """What is odd about the data as a whole, and why a number is not there."""
+    """Notes on what is odd about the data as a whole, and why a number is not there."""
     provenance: Row
     """Hashes, versions and seeds that the numbers depend on."""
 

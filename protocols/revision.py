@@ -1,4 +1,4 @@
-"""Which code this is: the version, and the git revision it was made from.
+"""Version of this code, and the git revision it was made from.
 
 Standard library only: the build hook (`script/hatch_build.py`) runs this file
 before any dependency is there.
@@ -14,7 +14,7 @@ from pathlib import Path
 
 UNKNOWN = "unknown"
 REVISION_PATTERN = r"^(unknown|[0-9a-f]{7,40}(\+dirty|\+unchecked)?)$"
-"""What `code_revision` returns, for schemas that store it."""
+"""Pattern of what `code_revision` returns, for schemas that store it."""
 
 # Made by git in an archive of the repository and by the build hook in a wheel.
 STAMP_NAME = "_revision.txt"

@@ -62,13 +62,13 @@ class StudyProtocol(Grown):
     stimuli: AnyRecipe
     """The recipe: where the stimuli come from."""
     task: AnyTask
-    """What a participant does in a trial."""
+    """Task of a participant in a trial."""
     design: Design
     """Repeats, order, blocks, practice."""
     trial: TrialTiming
     """Times around the stimuli, fixation target, tolerated dropped frames."""
     gaze: Gaze
-    """What gaze must do, and what happens when it does not."""
+    """Rules for gaze, and what happens when it breaks them."""
     response: Response
     """Keys and time-out."""
     text: TextSection
@@ -78,7 +78,7 @@ class StudyProtocol(Grown):
     privacy: Privacy
     """Participant codes, consent, what is stored."""
     web: Web | None = None
-    """How the study runs in a browser. Default: at the desk only."""
+    """Settings for a browser. Default: at the desk only."""
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
 
@@ -103,8 +103,8 @@ class StudyProtocol(Grown):
 
     @property
     def order_seed(self) -> int:
-        """What seeds the order of trials: the design's seed, with the study's secret if it has one;
-        in a browser, the participant's own.
+        """Seed of the order of trials: the design's seed, with the study's secret if it has one; in
+        a browser, the participant's own.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class StudyProtocol(Grown):
 
     @property
     def pool(self) -> Pool:
-        """What the main trials show."""
+        """Stimuli, scenes and repeats of the main trials."""
         return Pool(self.stimuli, self.main_scenes(), self.design.repeats)
 
     def practice_cells(self) -> list[Cell]:

@@ -75,7 +75,7 @@ Grey = Annotated[int, Field(ge=0, le=255)]
 
 
 class GazeMode(Enum):
-    """What follows from a violation or a loss."""
+    """Consequence of a violation or a loss."""
 
     ENFORCE = "enforce"
     WARN = "warn"
@@ -127,7 +127,7 @@ class Words(Model):
     labels: tuple[Text, ...] = ()
     """Of the answers, from left to right."""
     keys: tuple[Text, ...] = ()
-    """What stands below each label."""
+    """Text below each label."""
 
 
 class Stored(Model):
@@ -140,7 +140,7 @@ class Stored(Model):
 
 
 Drawn: TypeAlias = Annotated[Dot | Ring | Words | Stored, Field(discriminator="kind")]
-"""What a picture is of."""
+"""Subject of a picture."""
 
 
 class Frames(Model):
@@ -148,7 +148,7 @@ class Frames(Model):
 
     kind: Literal["frames"] = "frames"
     stimulus: Count
-    """Which of the trial's stimuli, from 0."""
+    """Number of the trial's stimulus, from 0."""
     every: Count
     """Refreshes that each frame stands for. 0: the first one stays."""
     last: Count
@@ -170,7 +170,7 @@ class Live(Model):
 
     kind: Literal["live"] = "live"
     stimulus: Count
-    """Which of the trial's stimuli, from 0."""
+    """Number of the trial's stimulus, from 0."""
     at: Place
 
     @property
@@ -215,7 +215,7 @@ Entry: TypeAlias = Annotated[Frames | Live | Picture | Fill, Field(discriminator
 
 
 class Question(Model):
-    """What a phase asks. The picture of its words is one of those that the phase shows."""
+    """Question of a phase. The picture of its words is one of those that the phase shows."""
 
     name: Name
     """`answer`: the study's own question."""
@@ -273,7 +273,7 @@ class ScriptPhase(Model):
     show: tuple[Entry, ...] = ()
     """Drawn in this order on the background's grey."""
     gate_frames: Positive | None = None
-    """Where gaze must be held for `frames`: how long the phase waits for that."""
+    """Longest wait, in refreshes, for gaze to be held for `frames`."""
     watched: bool = False
     """Gaze that leaves the dot voids the attempt. Missed refreshes count."""
     question: Question | None = None
@@ -282,8 +282,8 @@ class ScriptPhase(Model):
     """Refreshes of this phase after which the attempt is void without an answer. Null: no limit. A
     phase without a length that asks the study's question has the study's `response.timeout_s`."""
     follows: dict[str, Picture] = Field(default_factory=dict)
-    """What is drawn first, by how the attempt stands: `right` or `wrong`; in the last phase the
-    reason why it is void, or `warned`."""
+    """Picture that is drawn first, by how the attempt stands: `right` or `wrong`; in the last phase
+    the reason why it is void, or `warned`."""
 
 
 class ScriptStimulus(Grown):
@@ -295,7 +295,7 @@ class ScriptStimulus(Grown):
     """Of the hashes of its frames."""
     frames: Positive
     live: LiveMethod | None = None
-    """What draws it to the gaze. Left out where its frames are shown as they are."""
+    """Method that draws it to the gaze. Left out where its frames are shown as they are."""
 
     added_later: ClassVar[tuple[str, ...]] = ("live",)
 
@@ -321,7 +321,7 @@ class TrialScript(Model):
     correct: Name | None
     """The right answer to the study's question. Null where there is none."""
     gaze: Annotated[GazeMode, WithJsonSchema({"enum": [mode.value for mode in GazeMode]})]
-    """What follows where gaze leaves the dot."""
+    """Consequence where gaze leaves the dot."""
     dropped_max: Count
     """More missed refreshes than this make the attempt void."""
     pause_keys: Keys
@@ -420,7 +420,7 @@ class TrialScript(Model):
 
     @cached_property
     def frames(self) -> tuple[tuple[Frames | Live, ...], ...]:
-        """What of the trial's stimuli each phase shows."""
+        """Frames of the trial's stimuli that each phase shows."""
         return tuple(
             tuple(entry for entry in phase.show if isinstance(entry, Frames | Live))
             for phase in self.phases
@@ -447,7 +447,7 @@ class TrialScript(Model):
 
     @cached_property
     def questions(self) -> int:
-        """How many questions are asked."""
+        """Number of questions asked."""
         return len({phase.question.name for phase in self.phases if phase.question})
 
     def pictures(self) -> Iterator[Picture]:

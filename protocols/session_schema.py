@@ -67,17 +67,17 @@ class Practice(Model):
 
     @property
     def rounds(self) -> int:
-        """How many rounds are planned."""
+        """Largest number of rounds."""
         return 1 if self.criterion_share is None else self.rounds_max
 
     @property
     def judged(self) -> bool:
-        """Whether its answers must be right or wrong."""
+        """True if its answers must be right or wrong."""
         return self.feedback or self.criterion_share is not None
 
 
 class Design(Grown):
-    """How often each condition is shown, and in which order."""
+    """Design: repeats of each condition, and their order."""
 
     added_later: ClassVar[tuple[str, ...]] = ("places",)
 
@@ -90,8 +90,8 @@ class Design(Grown):
     scene_order: Literal["random", "balanced"] = "balanced"
     """`balanced`: each round shows every scene once, in a Latin-square order given by the slot."""
     side: Literal["by-participant", "by-trial", "fixed"] = "by-participant"
-    """How the response keys swap. Tasks with more than two answers, or whose answers name a side,
-    need `fixed`."""
+    """Rule by which response keys swap. Tasks with more than two answers, or whose answers name a
+    side, need `fixed`."""
     blocks: Few = 1
     """Number of blocks, with a break between blocks."""
     break_s: SecondsOrNone = 30.0
@@ -115,9 +115,9 @@ class TrialTiming(Model):
     """
 
     fixation_s: Seconds = 0.5
-    """How long gaze must rest on the target before the first stimulus."""
+    """Time that gaze must rest on the target before the first stimulus."""
     fixation_timeout_s: Seconds = 10.0
-    """How long the target waits for gaze. Then the attempt is void."""
+    """Longest time that the target waits for gaze. Then the attempt is void."""
     iti_s: Seconds = 0.5
     """Blank after the answer."""
     feedback_s: Seconds = 0.8
@@ -135,7 +135,7 @@ class TrialTiming(Model):
 
 
 class Gaze(Model):
-    """When gaze counts as held, and what happens when it is not."""
+    """Fixation rule: when gaze counts as held, and what happens when it is not."""
 
     mode: Literal["enforce", "warn", "monitor", "none"]
     """`enforce`: the attempt is void and the trial repeated. `warn`: the participant is told
@@ -175,7 +175,7 @@ Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]
 
 
 POINTER = "pointer"
-"""What a journal calls the key of an answer that was clicked or touched."""
+"""Name in a journal for the key of an answer that was clicked or touched."""
 
 
 class Response(Grown):
@@ -212,13 +212,13 @@ class Question(Model):
     name: Name
     """Its column in tables."""
     text: Text
-    """What is asked."""
+    """Text of the question."""
     choices: tuple[Text, ...] = ()
     """Default: free text."""
 
 
 PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
-"""What `{...}` in a text may stand for: keys, and the numbers of blocks done and in all."""
+"""Names in `{...}` that a text may hold: keys, and the numbers of blocks done and in all."""
 
 
 class Texts(Grown):
@@ -276,7 +276,7 @@ class TextSection(Model):
 
 
 class Exclusions(Model):
-    """What the analysis leaves out, fixed before data collection."""
+    """Exclusions by the analysis, fixed before data collection."""
 
     completed_min_share: Share = 0.8
     """Sessions with fewer completed main trials are left out."""
@@ -291,13 +291,13 @@ class Exclusions(Model):
 
 
 class Web(Model):
-    """How the study runs in a participant's own browser."""
+    """Settings of the study in a participant's own browser."""
 
     gaze: Literal["none"]
     """A browser does not watch gaze: fixation is not controlled there, whatever `[gaze]` says."""
     tolerance_s: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "s"})] = 0.0
-    """How far times may be from those stated, to be whole refreshes. 150 ms are 10.8 refreshes at
-    72 Hz. A refresh rate that needs more is refused. Preregister it."""
+    """Largest change of times to make them whole refreshes. 150 ms are 10.8 refreshes at 72 Hz. A
+    refresh rate that needs more is refused. Preregister it."""
     identifier: (
         Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")] | None
     ) = None
@@ -312,7 +312,7 @@ class Web(Model):
 
 
 class Privacy(Model):
-    """What is kept about a participant."""
+    """Rules on what is kept about a participant."""
 
     code_pattern: Text = r"[A-Za-z0-9_-]{2,32}"
     """Regular expression that a whole participant code must match. Codes are pseudonyms, never
@@ -322,7 +322,7 @@ class Privacy(Model):
     store_gaze: bool = True
     """Keep the gaze samples of every attempt."""
     retention_months: Few | None = None
-    """When the data must be deleted. Default: not stated."""
+    """Months after which the data must be deleted. Default: not stated."""
     contact: str = ""
     """Whom participants may ask. Printed on the consent page."""
     secret_sha256: Sha256 | None = None

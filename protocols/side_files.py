@@ -24,7 +24,7 @@ class WrongFile:
 
 @dataclass(frozen=True)
 class SideFiles:
-    """What was found of the files that a journal names."""
+    """Check of the files that a journal names."""
 
     checked: int
     wrong: tuple[WrongFile, ...]

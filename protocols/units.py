@@ -144,7 +144,7 @@ Vector3 = tuple[Number, Number, Number]
 
 Scalar: TypeAlias = bool | int | float | str
 Condition: TypeAlias = Mapping[str, Scalar]
-"""What a stimulus or a trial shows, column by column: ``scene``, ``method``, ..."""
+"""Condition of a stimulus or a trial, column by column: ``scene``, ``method``, ..."""
 Parameters: TypeAlias = Annotated[
     dict[str, Scalar | tuple[Scalar, ...]], AfterValidator(meant_parameters)
 ]
@@ -170,7 +170,7 @@ UNIT_OF_SUFFIX: dict[str, str] = {
     "mib": "mebibytes",
     "gib": "gibibytes",
 }
-"""What a name's last word says about its unit."""
+"""Unit by the last word of a name."""
 
 CONVERSIONS: dict[tuple[str, str], float] = {
     ("ms", "s"): 1e-3,

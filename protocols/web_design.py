@@ -1,4 +1,4 @@
-"""What a browser needs to make a participant's plan and follow it: cells in place of tasks.
+"""Design of a study as a browser plans and follows it: cells in place of tasks.
 
 The kernel in TypeScript (`study_app/web/src/kernel/`) makes of it what `plan.py` and
 `study_app.session` make of a study. So no task, recipe or rule is written twice, and a lab's own
@@ -36,7 +36,7 @@ class Cell(Model):
 
     scene: str
     parity: int
-    """Which arrangement comes first at place 0."""
+    """Index of the arrangement that comes first at place 0."""
     arrangements: tuple[Arrangement, ...]
 
 
@@ -78,7 +78,7 @@ class Track(Model):
 
 
 class Adaptive(Model):
-    """How trials are chosen from answers."""
+    """Rule that chooses trials from answers."""
 
     trials: Positive
     """Per track."""

@@ -34,12 +34,12 @@ Microseconds = Annotated[int, Field(ge=0, le=2**53 - 1, json_schema_extra={"unit
 
 
 class Line(Model):
-    """What every line says."""
+    """Fields of every line."""
 
     study: Name
     participant: ParticipantCode
     run: Count
-    """Which opening of the page wrote it, from 0."""
+    """Number of the opening of the page that wrote it, from 0."""
     n: Count
     """Number of the line, from 0, over all runs."""
     t_s: Stamp
@@ -122,7 +122,7 @@ class Press(Model):
     """Number of the flip after which it was read."""
     key: Text
     at_us: Microseconds
-    """When, on the page's clock."""
+    """Time on the page's clock."""
     x: Share | None = None
     """Of the pointer: place across the study's screen."""
 
@@ -135,7 +135,7 @@ class Attempt(Line):
     attempt: Positive
     position: Count
     flips_us: tuple[Microseconds, ...]
-    """When each flip was shown: the first on the page's clock, each other one since that before."""
+    """Times of flips: the first on the page's clock, each other one since that before."""
     presses: tuple[Press, ...]
     disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
     """After which flip something came between participant and page, and what."""

@@ -30,9 +30,9 @@ from protocols.web_design import WebDesign
 
 MB = 1_000_000
 BUDGET_MB = 300.0
-"""What one participant may have to fetch, unless an option says more."""
+"""Largest size of what one participant has to fetch, in MB, unless an option says more."""
 DECODED_MB = 500.0
-"""What the decoded stimuli of two trials may take, unless an option says more."""
+"""Largest size of the decoded stimuli of two trials, in MB, unless an option says more."""
 RATES_HZ = (50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 """Refresh rates of participants' displays that a study is made ready for, where it can be."""
 
@@ -84,8 +84,8 @@ class Rate(Model):
 
     refresh_hz: Hertz
     deviations_s: dict[str, Number]
-    """How much longer each time is than the study states, by its place in the study file. Times
-    that are kept are left out."""
+    """Excess of each time over the study's, by its place in the study file. Times that are kept are
+    left out."""
     scripts: dict[LanguageCode, tuple[WebScript, ...]]
 
 
@@ -98,7 +98,7 @@ class Pack(Model):
     sha256: tuple[Sha256, ...]
     """Of each frame, as the manifest has it."""
     ends: tuple[Count, ...]
-    """Where each frame ends in the file."""
+    """End of each frame in the file."""
 
 
 class ClosingQuestion(Model):
@@ -111,7 +111,7 @@ class ClosingQuestion(Model):
 
 
 class Pages(Model):
-    """What a participant reads beside trials, placeholders of keys filled."""
+    """Texts that a participant reads beside trials, placeholders of keys filled."""
 
     consent: Text
     instructions: tuple[Text, ...]

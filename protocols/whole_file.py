@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 PART = ".part"
-"""What a file ends in while it is written; a killed program leaves it behind."""
+"""Ending of a file while it is written; a killed program leaves it behind."""
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""What participants read: placeholders filled, keys named."""
+"""Texts that participants read: placeholders filled, keys named."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ _HALF_LOG_TWO_PI = 0.5 * float(np.log(2.0 * np.pi))
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What the answers say about the scores, as a normal distribution.
+    """Posterior of the scores, as a normal distribution.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a list of levels and a history of answers must be, for every adaptive rule."""
+"""Checks of a list of levels and a history of answers, for every adaptive rule."""
 
 from __future__ import annotations
 

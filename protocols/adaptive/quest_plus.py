@@ -70,7 +70,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Grid:
-    """What may be shown, and every observer that is thought possible.
+    """Levels that may be shown, and every observer that is thought possible.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What depends on the grid alone; all (levels, grid points) but the prior."""
+    """Tables that depend on the grid alone; all (levels, grid points) but the prior."""
 
     rows: Mapping[float, int]
     correct: Floats

@@ -145,7 +145,7 @@ class UpDown:
 
 @dataclass(frozen=True)
 class Track:
-    """Where a history led.
+    """State of a track after a history.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every stimulus recipe offers: a pool of named stimuli with their conditions."""
+"""Base of stimulus recipes: a pool of named stimuli with their conditions."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Stimulus:
     name: str
     """Its folder among the clips."""
     condition: Condition
-    """What it shows, column by column."""
+    """Condition shown, column by column."""
 
     @property
     def scene(self) -> str:
-        """What is to be seen; empty where the recipe does not say."""
+        """Scene to be seen; empty where the recipe does not say."""
         return str(self.condition.get(SCENE, ""))
 
 
@@ -54,7 +54,7 @@ class Cut(Model):
 
 
 class LiveMethod(Model):
-    """What is drawn of a stimulus that follows the gaze."""
+    """Method that draws a stimulus to the gaze."""
 
     method: Text
     """A condition of `metamerlab foveate --list`; `reference`: the picture itself."""
@@ -67,13 +67,13 @@ class LiveMethod(Model):
 
 
 class Recipe(Model):
-    """How the stimuli of a study come into being: the section `[stimuli]`."""
+    """Recipe of a study's stimuli: the section `[stimuli]`."""
 
     kind: str
-    """Where the stimuli come from: scenes that are rendered, or files that were made elsewhere."""
+    """Source of the stimuli: scenes that are rendered, or files that were made elsewhere."""
 
     section: ClassVar[str] = "stimuli"
-    """Where a file says size, rate and duration."""
+    """Section of a file that says size, rate and duration."""
 
     @property
     def size_unit(self) -> str:
@@ -126,12 +126,12 @@ class Recipe(Model):
 
     @property
     def clip_s(self) -> float | None:
-        """How long a clip plays; None for stills, which are shown as long as the task says."""
+        """Length of a clip, s; None for stills, which are shown as long as the task says."""
         return None if self.frames == 1 else self.frames / self.frame_hz
 
     @property
     def follows_gaze(self) -> bool:
-        """Whether stimuli are drawn to the gaze, frame by frame: `Live` in place of `Image`."""
+        """True if stimuli are drawn to the gaze, frame by frame: `Live` in place of `Image`."""
         return False
 
     def live_methods(self) -> Mapping[str, LiveMethod]:

@@ -22,10 +22,10 @@ from protocols.suggest import did_you_mean
 from protocols.units import NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
 
 COLUMNS = ("stimulus", "file")
+"""Columns that the table must have; every other column is one of the condition."""
 _FIRST_LINE = 2  # of the rows: the header is before it
-"""What the table must have; every other column is one of the condition."""
 _TOLD = 3
-"""How many missing files are named one by one."""
+"""Number of missing files that are named one by one."""
 _NAME: TypeAdapter[str] = TypeAdapter(Name)
 
 
@@ -37,7 +37,7 @@ class FileEntry(Model):
     file: Text
     """Path relative to the study file."""
     condition: dict[Name, Scalar]
-    """What it shows, column by column."""
+    """Condition shown, column by column."""
 
 
 class Files(Recipe):

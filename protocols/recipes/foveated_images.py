@@ -72,7 +72,7 @@ class Picture(Grown):
     """For a whole 2:1 equirectangular panorama: the view to show, at the display's angles. Default:
     the picture is flat."""
     crop: Crop | None = None
-    """What `fit = "cover"` keeps of this picture. Default: `stimuli.crop`."""
+    """Part of this picture that `fit = "cover"` keeps. Default: `stimuli.crop`."""
 
     added_later: ClassVar[tuple[str, ...]] = ("crop",)
 
@@ -99,7 +99,7 @@ class Shown(Model):
 
 
 class GazePoint(Model):
-    """Where the eye looks. The fixation target must be there."""
+    """Point that the eye looks at. The fixation target must be there."""
 
     name: Name
     """Its name in this study."""
@@ -128,11 +128,11 @@ class Rings(Model):
     gaps_deg: Annotated[tuple[SignedDegrees, ...], Field(min_length=1)] = (0.0,)
     """Directions of the gap, counter-clockwise from the right."""
     closed: bool = True
-    """Whether to show closed rings too."""
+    """Show closed rings too."""
     grey: Share = 0.0
     """Gamma-encoded grey of the ring."""
     background: Literal["foveated", "undistorted"] = "foveated"
-    """What surrounds the ring: the method's picture, or the original."""
+    """Surroundings of the ring: the method's picture, or the original."""
     rim_deg: Degrees = 0.625
     """For an undistorted background: how far around the ring the method's picture is shown."""
 
@@ -181,7 +181,7 @@ class Rings(Model):
 
     @property
     def around(self) -> str:
-        """What a reader is told of the background; nothing where it is the method's."""
+        """Sentence for a reader about the background; empty where it is the method's."""
         if self.background == "foveated":
             return ""
         return (
@@ -206,7 +206,7 @@ class Cuts(Model):
 
 
 class _Drawn(TypedDict, total=False):
-    """What of a stimulus differs by what is drawn into it."""
+    """Parameters of a stimulus that depend on what is drawn into it."""
 
     seed: Required[int]
     eccentricity_deg: float
@@ -251,14 +251,14 @@ class FoveatedImages(Grown, Recipe):
     fit: Literal["exact", "cover"] = "exact"
     """`exact`: pictures have this size. `cover`: they are scaled to cover it, then cropped."""
     crop: Crop = "middle"
-    """What `cover` keeps: the middle, an edge, or the surroundings of a point, such as
-    `[0.5, 0.2]`, in shares of the picture's width and height from its upper left corner."""
+    """Part that `cover` keeps: the middle, an edge, or the surroundings of a point, such as `[0.5,
+    0.2]`, in shares of the picture's width and height from its upper left corner."""
     pictures: Annotated[tuple[Picture, ...], Field(min_length=1)]
     """The scenes."""
     methods: Annotated[tuple[Shown, ...], Field(min_length=1)]
     """Ways to show a picture. `reference` is the picture itself."""
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
-    """Where the eye looks."""
+    """Points that the eye looks at."""
     draws: Few = 1
     """Stimuli that differ in the seed only, if nothing is drawn in."""
     texture_seed: Seed = 0
@@ -447,7 +447,7 @@ class FoveatedImages(Grown, Recipe):
 
     @property
     def follows_gaze(self) -> bool:
-        """Whether stimuli are drawn to the gaze."""
+        """True if stimuli are drawn to the gaze."""
         return self.live
 
     def live_methods(self) -> dict[str, LiveMethod]:

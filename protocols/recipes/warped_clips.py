@@ -48,14 +48,14 @@ from protocols.units import (
 )
 
 PHOTOGRAPH_RIM_PX = 1
-"""Where nothing else is said: how wide the rim of mixed pixels along its silhouettes is."""
+"""Width of the rim of mixed pixels along a photograph's silhouettes, unless stated."""
 
 
 class View(Model):
-    """Where the camera starts. The world is right-handed, y up, in metres."""
+    """View that the camera starts from. The world is right-handed, y up, in metres."""
 
     position_m: Vector3
-    """Where the camera stands."""
+    """Position of the camera."""
     look_at_m: Vector3
     """The point it looks at."""
     vertical_fov_deg: Degrees | None = None
@@ -115,7 +115,7 @@ class StereoPath(Model):
 
     kind: Literal["stereo"]
     baselines: Annotated[float, Field(ge=1e-3, le=1000)] = 1.0
-    """Where the last frame lies, in baselines of the pair."""
+    """Place of the last frame, in baselines of the pair."""
 
 
 class UpsamplingPath(Grown):
@@ -127,7 +127,7 @@ class UpsamplingPath(Grown):
     along: Annotated[CirclePath | LinePath | KeyframesPath, Field(discriminator="kind")] | None = (
         None
     )
-    """How the camera of a rendered scene moves."""
+    """Motion of the camera of a rendered scene."""
     second_source: bool = False
     """First fill holes from the next real frame, then with the method."""
 
@@ -150,23 +150,23 @@ CameraPath: TypeAlias = Annotated[
 
 
 class SceneBase(Model):
-    """What every scene says."""
+    """Keys of every scene."""
 
     name: Name
     """Its name in this study."""
     label: Text | None = None
     """Its name in reports. Default: the name."""
     camera: CameraPath
-    """How the camera moves during a clip."""
+    """Motion of the camera during a clip."""
     view: View | None = None
-    """Where the camera starts. Default: the scene's own camera."""
+    """View that the camera starts from. Default: the scene's own camera."""
     seed: Seed = 0
     """Seed of a scene made from noise."""
     parameters: Annotated[Parameters, Field(default_factory=dict)]
     """Parameters of the scene."""
     reference: bool | None = None
-    """Whether a true view exists. Default: true for rendered scenes and for a stereo pair on the
-    stereo path."""
+    """A true view exists. Default: true for rendered scenes and for a stereo pair on the stereo
+    path."""
 
     @model_validator(mode="after")
     def _a_way_to_go(self) -> Self:
@@ -183,16 +183,16 @@ class SceneBase(Model):
         return self
 
     is_pair: ClassVar[bool] = False
-    """Whether there is another photograph to move towards."""
+    """True if there is another photograph to move towards."""
 
     @property
     def has_own_path(self) -> bool:
-        """Whether the files tell all motion, so that no size changes it."""
+        """True if the files tell all motion, so that no size changes it."""
         return False
 
     @property
     def has_reference(self) -> bool:
-        """Whether the true view of every frame exists."""
+        """True if the true view of every frame exists."""
         return self._can_have_reference if self.reference is None else self.reference
 
     @property
@@ -204,7 +204,7 @@ class BuiltinScene(SceneBase):
     """A scene that comes with metamerlab."""
 
     kind: Literal["builtin"]
-    """Where the scene comes from."""
+    """Source of the scene."""
     builtin: Name
     """Name of the built-in scene."""
 
@@ -266,7 +266,7 @@ class StereoScene(Grown, _PhotoScene):
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """Width of the mixed pixels along a silhouette. They become part of the hole."""
     depth_speckle: bool = True
-    """Whether outliers of depth are mended before the warp."""
+    """Mend outliers of depth before the warp."""
 
     added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown", "depth_speckle")
 
@@ -310,7 +310,7 @@ class ExrScene(Grown, _PhotoScene):
     ]
     """Names of channels that differ from those of Blender, Nuke and Unreal."""
     motion: Literal["project", "nuke", "blender", "unreal"] | None = None
-    """Whose units and axes the motion uses. Default: recognised by the channel names."""
+    """Program whose units and axes the motion uses. Default: recognised by the channel names."""
     motion_scale: Number = 1.0
     """Factor on the motion."""
     depth_is: Literal["distance", "inverse", "ray"] = "distance"
@@ -319,7 +319,7 @@ class ExrScene(Grown, _PhotoScene):
     depth_scale: Factor = 1.0
     """Metres per unit of depth. Unreal's centimetres are recognised."""
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
-    """How to encode scene-linear values. `linear`: they are encoded already."""
+    """Encoding of scene-linear values. `linear`: they are encoded already."""
     rim_px: RimPixels = 0
     """As for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
     depth_speckle: bool = False
@@ -329,7 +329,7 @@ class ExrScene(Grown, _PhotoScene):
 
     @property
     def has_own_path(self) -> bool:
-        """Whether it is a sequence, shown pixel for pixel by its own motion."""
+        """True if it is a sequence, shown pixel for pixel by its own motion."""
         return self.camera.kind == "upsampling"
 
 
@@ -361,7 +361,7 @@ class Size(Model):
 
     @property
     def is_own(self) -> bool:
-        """Whether it says nothing, for sequences that bring their own motion."""
+        """True if it says nothing, for sequences that bring their own motion."""
         return self.hole_share is None and self.extent_m is None
 
 
@@ -390,7 +390,7 @@ class Method(Model):
 
     @property
     def is_reference(self) -> bool:
-        """Whether this is the true view."""
+        """True if this is the true view."""
         return self.registry_name == "reference"
 
 
@@ -406,7 +406,7 @@ class TrueView(Model):
 
 
 class Clips(Grown):
-    """How every clip is made.
+    """Settings of every clip.
 
     Give its size in degrees or in pixels of the display.
     """
@@ -625,7 +625,7 @@ class WarpedClips(Recipe):
 
     @property
     def clip_s(self) -> float:
-        """How long a clip plays: one of a single frame is a clip too."""
+        """Length of a clip, s: one of a single frame is a clip too."""
         return self.frames / self.frame_hz
 
     @property

@@ -1,4 +1,4 @@
-"""What every task offers: its conditions, its phases, and the row that an attempt becomes.
+"""Base of tasks: conditions, phases, and the row that an attempt becomes.
 
 A task is the section `[task]` of a study. Plan, trial machine, presenter and tables ask it, and
 know no task themselves.
@@ -45,7 +45,7 @@ class Cell:
     scene: str
     arrangements: tuple[Arrangement, ...]
     parity: int = 0
-    """Which arrangement comes first at place 0."""
+    """Index of the arrangement that comes first at place 0."""
 
     def arranged(self, turn: int) -> Arrangement:
         """Return the arrangement of a repeat at a place: `turn` is the sum of both."""
@@ -59,7 +59,7 @@ class Slot:
     track: str
     """The trials of a track are chosen from each other's answers."""
     condition: Condition
-    """What is fixed beforehand."""
+    """Part of the condition that is fixed beforehand."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Turn:
     """One trial whose stimuli are chosen now, and all that decides the choice."""
 
     condition: Condition
-    """What was fixed beforehand."""
+    """Part of the condition that was fixed beforehand."""
     past: Sequence[Attempt]
     """Completed attempts of its track, oldest first."""
     person: tuple[int, str, int]
@@ -82,10 +82,10 @@ class Turn:
 
 
 class Adaptive(Model):
-    """What every rule has."""
+    """Base of adaptive rules."""
 
     rule: str
-    """How the next level or pair follows from the answers."""
+    """Rule by which the next level or pair follows from the answers."""
     trials: Positive
     """Trials per track."""
 
@@ -116,7 +116,7 @@ class Adaptive(Model):
 
 
 class Analysis(Grown):
-    """What will be tested, fixed before the data: what every kind of analysis has."""
+    """Test that is fixed before the data: keys of every kind of analysis."""
 
     added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
 
@@ -151,24 +151,24 @@ class CatchTrials(Model):
 
 
 class Task(Grown):
-    """What a participant does in a trial, and which conditions there are."""
+    """Task of a participant in a trial, and its conditions."""
 
     added_later: ClassVar[tuple[str, ...]] = ("confidence",)
 
     kind: str
-    """What a participant does; 'metamerlab new-study --help' names the tasks."""
+    """Kind of task; 'metamerlab new-study --help' names them."""
     stimulus_s: Seconds | None = None
-    """How long a still is shown. Clips are shown once, whole."""
+    """Time for which a still is shown. Clips are shown once, whole."""
     confidence: Confidence | None = None
-    """How sure participants are, asked after each answer. Default: not asked."""
+    """Question after each answer: how sure are participants? Default: not asked."""
 
     analysis: ClassVar[type[Analysis]]
     """The kind of analysis that goes with it."""
     sided: ClassVar[bool] = False
-    """Whether the answers name sides of the screen, so that keys never swap."""
+    """True if the answers name sides of the screen, so that keys never swap."""
     stimuli_per_trial: ClassVar[int] = 1
     decides: ClassVar[bool] = False
-    """Whether an answer is a decision, right or wrong or a preference: one can be sure of it."""
+    """True if an answer is a decision, right or wrong or a preference: one can be sure of it."""
 
     # The design.
 
@@ -186,7 +186,7 @@ class Task(Grown):
 
     @property
     def catch_trials(self) -> int:
-        """How many catch trials there are."""
+        """Number of catch trials."""
         return 0
 
     def judged_cells(self, pool: Pool) -> list[Cell]:

@@ -1,4 +1,4 @@
-"""What tasks share in which two stimuli are told apart: which pairs there are."""
+"""Pairs of stimuli in tasks that have two told apart."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Standards(Task):
     """Stimuli may have a standard, with which they are compared."""
 
     standard: dict[Name, Scalar] | None = None
-    """What every other stimulus of its scene is compared with, such as `{ method = "reference"
-    }`."""
+    """Condition that every other stimulus of its scene is compared with, such as `{ method =
+    "reference" }`."""
     matched: tuple[Name, ...] = ("scene",)
     """Columns in which a stimulus and its standard agree."""
 

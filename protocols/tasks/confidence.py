@@ -25,12 +25,12 @@ COLUMNS = (
 
 
 class Confidence(Model):
-    """How sure a participant is, asked after each answer, without a time limit."""
+    """Confidence of a participant, asked after each answer, without a time limit."""
 
     steps: Annotated[int, Field(ge=2, le=11)]
-    """How many steps there are, from the least sure."""
+    """Number of steps, from the least sure."""
     question: Annotated[dict[LanguageCode, Text], Field(min_length=1)]
-    """What is asked, by language."""
+    """Text of the question, by language."""
     labels: Annotated[dict[LanguageCode, tuple[Text, ...]], Field(default_factory=dict)]
     """A label per step, by language. Default: the numbers of the steps."""
     keys: tuple[Keys, ...] = ()

@@ -1,4 +1,4 @@
-"""What analyses by mixed models share: contrasts that a study names, and p by bootstrap."""
+"""Settings that analyses by mixed models share: contrasts that a study names, p by bootstrap."""
 
 import math
 import re

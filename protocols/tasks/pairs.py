@@ -1,4 +1,4 @@
-"""What tasks share that ask for the preferred of two stimuli: pairs, catch pairs, the table."""
+"""Base of tasks that ask for the preferred of two stimuli: pairs, catch pairs, the table."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class CatchPair(Model):
     trials: Positive
     """Number of catch trials."""
     better: Name
-    """What an attentive participant picks."""
+    """Value that an attentive participant picks."""
     worse: Name
-    """What it is shown against."""
+    """Value that it is shown against."""
     where: dict[Name, Scalar]
     """Condition in which the difference is obvious, such as `{ size = "large" }`."""
 
@@ -73,14 +73,14 @@ class PrimaryComparison(Model):
 
 
 class Preferences(Analysis):
-    """How preferences are tested, whatever is compared."""
+    """Tests of preferences, whatever is compared."""
 
     added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes", "interaction")
 
     smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
     test: Literal["participant-scene", "participant", "pooled"] = "participant-scene"
-    """Whose variation the test accounts for."""
+    """Units whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
     bayes: bool = False
@@ -286,7 +286,7 @@ class PairTask(Task):
 
     @property
     def catch_trials(self) -> int:
-        """How many catch trials there are."""
+        """Number of catch trials."""
         return 0 if self.catch is None else self.catch.trials
 
     def judged_cells(self, pool: Pool) -> list[Cell]:

@@ -1,4 +1,4 @@
-"""What the analyses share of tasks whose answers are right or wrong."""
+"""Settings of the analyses of tasks whose answers are right or wrong."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ class RatesAnalysis(MixedAnalysis):
     """The column whose values are compared. Several columns: every combination is a condition,
     written with commas, such as `"noise, standard"`."""
     baseline: Scalar | None = None
-    """What the others are compared with. Default: the first declared."""
+    """Value that the others are compared with. Default: the first declared."""
     level: Name | None = None
     """Column of numbers along which answers get better or worse. Default: none."""
     falling: bool = False
     """Answers get worse as `level` rises, as with eccentricity."""
     test: Literal["participant-scene", "participant"] = "participant-scene"
-    """Whose variation the test accounts for."""
+    """Units whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all comparisons with the baseline."""
     interaction: Name | None = None
@@ -159,7 +159,7 @@ class RatesAnalysis(MixedAnalysis):
 
     @property
     def by_name(self) -> str:
-        """What `by` is called in a sentence."""
+        """Name of `by` in a sentence."""
         return BETWEEN.join(self.by_columns)
 
     def known(self, task: Task, pool: Pool) -> tuple[Scalar, ...]:

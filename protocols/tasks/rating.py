@@ -30,7 +30,7 @@ class RatingsAnalysis(MixedAnalysis):
     by: Name = "method"
     """The column whose values are compared."""
     baseline: Scalar | None = None
-    """What the others are compared with. Default: all pairs are compared."""
+    """Value that the others are compared with. Default: all pairs are compared."""
     link: Literal["probit", "logit"] = "probit"
     """Of the model."""
     correction: Literal["holm", "none"] = "holm"

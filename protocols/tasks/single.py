@@ -1,4 +1,4 @@
-"""What tasks share that show one stimulus with a right answer."""
+"""Base of tasks that show one stimulus with a right answer."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class RightOrWrong(Task):
 
     @property
     def catch_trials(self) -> int:
-        """How many catch trials there are."""
+        """Number of catch trials."""
         return 0 if self.catch is None else self.catch.trials
 
     def catch_sentence(self) -> str:
