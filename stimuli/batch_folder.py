@@ -1,4 +1,4 @@
-"""What lies where in a batch's folder, and how things get to their place.
+"""Layout of a batch's folder, and how things get to their place.
 
 While a build runs, unfinished work lies in ``.build``, named by its hash:
 
@@ -48,7 +48,7 @@ N = TypeVar("N")
 
 @dataclass
 class Outcome(Generic[N]):
-    """What a build did, with the names of the clips."""
+    """Result of a build: the names of the clips it made and kept."""
 
     manifest: Manifest
     built: list[N] = field(default_factory=list)
@@ -147,7 +147,7 @@ def remove_unfinished(out: Path, work: Path | None = None) -> None:
 
 
 class _Own:
-    """What builds recorded of a folder as their own: each file that they write, by its name.
+    """Files in a folder that builds recorded as their own, each by its name.
 
     Of clips that only the manifest names, and that are not `wanted`, frames, masks and previews
     must be those that were recorded: a manifest can be edited. Of a wanted clip of several frames

@@ -46,7 +46,7 @@ class Batch:
 
 
 class DepthShaders:
-    """What draws depth alone: one shader looks for gaps, and one that does not is faster."""
+    """Shaders that draw depth alone: one looks for gaps, and one that does not is faster."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._solid = program(ctx, "surface.vert.glsl", "solid_depth.frag.glsl")

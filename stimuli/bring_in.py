@@ -64,7 +64,7 @@ class PairFiles:
 
     @property
     def is_built_in(self) -> bool:
-        """Whether it is one that comes with a package, named three times."""
+        """True if it is one that comes with a package, named three times."""
         names = {str(self.left), str(self.right), str(self.disparity)}
         return len(names) == 1 and names <= set(BUILT_IN) and not self.left.exists()
 

@@ -1,4 +1,4 @@
-"""Which channel of an OpenEXR file means what: one table for every reader of this package.
+"""Meaning of the channels of OpenEXR files: one table for every reader of this package.
 
 Colour is scene-linear. Depth is brought to metres along the optical axis, motion to pixels,
 right and down, from where a pixel is to where it goes. What each program writes, and where
@@ -82,7 +82,7 @@ class Known:
 
 @dataclass(frozen=True)
 class MotionStyle:
-    """How a program writes motion.
+    """Notation of motion in a program's files.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class MotionStyle:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where each pixel goes: target minus this place in pixels, (H, W, 2), x then y."""
+    """Motion of each pixel: target minus this place in pixels, (H, W, 2), x then y."""
 
     flow_px: NDArray[np.float32]
     to_previous: bool
@@ -151,7 +151,7 @@ OPTIONS = {
     "motion_x": "flow_x",
     "motion_y": "flow_y",
 }
-"""What `metamerlab warp --channel` calls the keys of a study's ``channels``."""
+"""Names in `metamerlab warp --channel` of the keys of a study's ``channels``."""
 
 
 @dataclass(frozen=True)
@@ -405,7 +405,7 @@ def _one(
 
 
 def _lacking(planes: Planes, given: tuple[str | None, str | None]) -> str:
-    """What would be enough, to be read by people: the other half where one is there."""
+    """Channels that would be enough, in words: the other half where one is there."""
     if any(name is not None for name in given):
         return " and ".join(name or "of your naming" for name in given if name not in planes)
     pairs = [(style.x, style.y) for style in MOTION.values()]

@@ -23,7 +23,7 @@ _ENDS = ("least", "most")
 
 @dataclass
 class Verdict:
-    """What a check found; paths are relative to the folder."""
+    """Result of a check; paths are relative to the folder."""
 
     manifest: Manifest
     missing: list[str] = field(default_factory=list)
@@ -33,7 +33,7 @@ class Verdict:
 
     @property
     def in_order(self) -> bool:
-        """Whether every file is as the manifest says."""
+        """True if every file is as the manifest says."""
         return not (self.missing or self.changed or self.extra)
 
 

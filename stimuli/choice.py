@@ -1,4 +1,4 @@
-"""What is asked for by name and parameters."""
+"""Name and parameters, as a study or an option gives them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

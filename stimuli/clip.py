@@ -42,7 +42,7 @@ IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the
 
 @dataclass(frozen=True)
 class Survey:
-    """What is known of a scene at a size before anything is filled."""
+    """Measures of a scene at a size before anything is filled."""
 
     key: str
     extent_m: float

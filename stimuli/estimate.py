@@ -1,4 +1,4 @@
-"""What a build will make, before it is made: clips, frames, disk, time."""
+"""Estimate of what a build will make: clips, frames, disk, time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Estimate:
     time_s: float
     renderer: str
     measured: str = ""
-    """What sizes and times were multiplied from."""
+    """Frame or picture that sizes and times were multiplied from."""
 
 
 def estimate(orders: Orders, out: Path, workers: int) -> Estimate:

@@ -1,4 +1,4 @@
-"""Where jobs run: processes on this machine, or a Dask cluster."""
+"""Executors of jobs: processes on this machine, or a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What another program needs to fill a study's holes: warped frames, masks, depth, names.
+"""Files that another program needs to fill a study's holes: warped frames, masks, depth, names.
 
 A folder for each scene and size. Its extent, margin and masks are those of a build.
 """

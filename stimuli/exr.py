@@ -53,7 +53,7 @@ NEARLY = 1 / 256
 
 
 class Transfer(enum.StrEnum):
-    """What the numbers of a float file stand for."""
+    """Meaning of the numbers of a float file."""
 
     LINEAR = "linear"  # scene-linear light, sRGB primaries
     ENCODED = "encoded"  # display-referred R'G'B', as this project works on
@@ -104,7 +104,7 @@ class Channels:
 
 @dataclass(frozen=True)
 class WarpInput:
-    """What a warp needs: a source frame, and where each of its pixels goes.
+    """Input of a warp: a source frame, and where each of its pixels goes.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def load_colour(
 
 
 def is_layered(path: Path, pixels: Pixels) -> bool:
-    """Whether a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
+    """True if a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
     if pixels.kind != "openexr":
         return False
     return not {*pixels.channels} <= {*"RGBAYL"} or count_pictures(path) > 1

@@ -13,7 +13,7 @@ from pipeline.methods.on_gpu import filled_colour
 
 
 class Views(Protocol):
-    """What `Footage` has of it."""
+    """Views of `Footage` that a fill needs."""
 
     def warped(self, frame: int) -> WarpedFrame:
         """Warp the source to `frame`."""

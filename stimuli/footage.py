@@ -27,7 +27,7 @@ MARGIN_ROUNDS = 8
 
 @dataclass(frozen=True)
 class Shot:
-    """How a clip is taken: the path at its extent, and the picture's size.
+    """Path of a clip's camera at its extent, and the picture's size.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What light needs before a view is drawn: the sun's shadow map and the sky that a vertex sees."""
+"""Lamps, made before a view is drawn: the sun's shadow map and the sky that a vertex sees."""
 
 from __future__ import annotations
 

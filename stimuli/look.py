@@ -61,7 +61,7 @@ class ScenePreview:
 
     @property
     def is_built_in(self) -> bool:
-        """Whether it comes with metamerlab."""
+        """True if it comes with metamerlab."""
         return self.scene in scene_names() and not Path(self.scene).exists()
 
     def light_lines(self) -> list[str]:
@@ -235,7 +235,7 @@ def _ring(centre: np.ndarray, distance_m: float) -> Iterator[Viewpoint]:
 
 
 def _detail(world: World) -> tuple[np.ndarray, float]:
-    """Where most vertices are: a wide ground or a sky of a few triangles does not count."""
+    """Middle and spread (m) of the vertices; wide grounds or skies of few triangles do not count."""
     corners = np.concatenate([part.mesh.position_m for part in world.parts]).astype(np.float64)
     middle = np.median(corners, axis=0)
     return middle, float(np.median(np.linalg.norm(corners - middle, axis=1)))

@@ -156,7 +156,7 @@ class LookServer:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self._server.server_port}/{self._key}/"
 
     def run(self) -> None:

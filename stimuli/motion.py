@@ -69,7 +69,7 @@ class MotionPass:
 def border_gap_px(
     source: Camera, target: Camera, depth_m: NDArray[np.float32], margin_px: int
 ) -> float:
-    """How far the source's outermost pixels fall short of covering the window's border.
+    """Distance (pixels) by which the source's outermost pixels fall short of the window's border.
 
     The window is the source without `margin_px` on every side. At most 0 means that every
     hole in it was uncovered by something, and none comes from outside the source.

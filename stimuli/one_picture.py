@@ -1,4 +1,4 @@
-"""What a warp needs, from one picture and its motion, or its depth and two poses."""
+"""Input of a warp, from one picture and its motion, or its depth and two poses."""
 
 from __future__ import annotations
 

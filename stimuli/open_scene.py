@@ -78,7 +78,7 @@ def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
 
 
 def scene_inputs(scene: Scene, folder: Path) -> Json:
-    """What decides the scene's pixels: its entry, its files' hashes and its sources' modules."""
+    """Inputs that decide the scene's pixels: its entry, its files' hashes, its sources."""
     entry = scene.model_dump(mode="json", exclude={"name", "label"})
     return {"scene": entry, "files": {name: sha256_file(path) for name, path in
                                       scene_files(scene, folder).items()}}  # fmt: skip

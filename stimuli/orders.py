@@ -1,4 +1,4 @@
-"""What is to be made: every clip of a study with all that decides its pixels."""
+"""Clips of a study to make, with all that decides their pixels."""
 
 from __future__ import annotations
 

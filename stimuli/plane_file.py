@@ -209,7 +209,7 @@ def _ask_about_impossible(
 def _unknown(
     stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
 ) -> NDArray[np.bool_]:
-    """Where a number stands for "unknown" for sure: by its type, its header, or what was told."""
+    """True where a number stands for "unknown" for sure: by type, header, or what was told."""
     numbers = [*(told or ()), *(() if named is None else (named,))]
     if zero and stored.dtype.kind in "iu":
         numbers.append(0)
@@ -289,7 +289,7 @@ def _check_sign(path: Path, below: NDArray[np.float64], known: int) -> None:
 
 
 def _held(stored: NDArray[Any], where: NDArray[np.bool_]) -> str:
-    """What stands at some pixels, and at how many."""
+    """Numbers at some pixels, and at how many each, in words."""
     numbers, counts = np.unique(stored[where], return_counts=True)
     listed = [
         f"{_digits(number)} at {count} pixels"
@@ -300,7 +300,7 @@ def _held(stored: NDArray[Any], where: NDArray[np.bool_]) -> str:
 
 
 def _say(*values: Any, told: Unknown = None) -> str:
-    """What says that numbers stand for "unknown", beside those that were told."""
+    """Cure in words: how to say that numbers stand for "unknown", beside those that were told."""
     numbers = [*dict.fromkeys([*map(float, told or ()), *values])]
     if len(numbers) > _LISTED:
         return "store NaN in its place, in a file of floats"

@@ -63,7 +63,7 @@ def decode(path: Path) -> NDArray[Any]:
 
 
 def is_whole(data: bytes) -> bool:
-    """Whether `data` is a PNG in which every chunk is there and unharmed."""
+    """True if `data` is a PNG in which every chunk is there and unharmed."""
     if data[:8] != _SIGNATURE:
         return False
     at = 8

@@ -23,7 +23,7 @@ FLICKERS = 2.0  # of the reference's change: a fill that changes more than this 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found in one clip.
+    """Findings about one clip.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Finding:
 
     @property
     def flickers(self) -> bool:
-        """Whether the holes change far more than the truth does."""
+        """True if the holes change far more than the truth does."""
         return self.flicker_ratio is not None and self.flicker_ratio > FLICKERS
 
 

@@ -90,12 +90,12 @@ def read_picture(path: Path) -> Frame:
 
 
 class Stated(NamedTuple):
-    """What the header of a stimulus says."""
+    """Statements in the header of a stimulus."""
 
     size_px: tuple[int, int] | None
     """Width and height; None where a picture cannot be read: `read_frames` says why."""
     notes: Sequence[str] = ()
-    """What it says besides and is not followed."""
+    """Other statements, which are not followed."""
 
 
 def stated(path: Path, fps: float | None) -> Stated:

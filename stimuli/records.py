@@ -1,4 +1,4 @@
-"""What a batch knows of its clips: which are there whole, and what the manifest says of each."""
+"""Records of a batch's clips: which are there whole, and what the manifest says of each."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class ManifestDraft:
         return records
 
     def is_stale(self, clips: Iterable[Clip]) -> bool:
-        """Whether the folder has no manifest, or one that says other things than `clips`."""
+        """True if the folder has no manifest, or one that says other things than `clips`."""
         # Not for the revision: it says who made the clips, and sessions cite the manifest's hash.
         made_by = {"revision": "", "versions": {}}
         try:
@@ -109,7 +109,7 @@ class ManifestDraft:
 
 
 def is_whole(folder: Path, record: Clip, endings: Sequence[str] = (".png",)) -> bool:
-    """Whether `folder` holds the frames of `record`, unchanged, and nothing else."""
+    """True if `folder` holds the frames of `record`, unchanged, and nothing else."""
     frames = range(len(record.frames_sha256))
     wanted = {f"{index:06d}{ending}" for index in frames for ending in endings}
     try:
@@ -132,7 +132,7 @@ class WarpedDraft(ManifestDraft):
         self._noted: dict[str, str] = {}  # of mesh scenes, by name
 
     def _notes(self, scene: MeshScene) -> str:
-        """What a mesh says and is not drawn, without the folder that it lies in."""
+        """Statements of a mesh that are not drawn, without the folder that it lies in."""
         if scene.name not in self._noted:
             folder = self._orders.folder
             notes = "; ".join(open_world(scene, folder).notes)
@@ -140,7 +140,7 @@ class WarpedDraft(ManifestDraft):
         return self._noted[scene.name]
 
     def is_done(self, name: ClipName, record: Clip | None) -> bool:
-        """Whether `name` is there whole, made from what is wanted now."""
+        """True if `name` is there whole, made from what is wanted now."""
         if record is None or record.cache_key != self._orders.clip_key(name):
             return False
         masks = self._out / HOLES_FOLDER / survey_name(name)

@@ -1,4 +1,4 @@
-"""What a camera can be pointed at, and the sceneries that are drawn."""
+"""Sceneries that a camera can be pointed at, and those that are drawn."""
 # ruff: noqa: ARG002 - each scenery uses what it needs of what all are told
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from stimuli.render import Renderer, check_view
 
 
 class Scenery:
-    """What a camera can be pointed at; where nothing else is said, a path moves the camera."""
+    """Scenery that a camera can be pointed at; unless it says else, a path moves the camera."""
 
     rim_px = 0
-    """How wide the rim of mixed pixels along silhouettes is; 0 where edges are exact."""
+    """Width of the rim of mixed pixels along silhouettes; 0 where edges are exact."""
     largest_extent_m = float("inf")
-    """How far a path may reach; inf where nothing limits it."""
+    """Largest reach of a path; inf where nothing limits it."""
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int

@@ -1,4 +1,4 @@
-"""Which of our source files decide a clip's pixels, as one hash.
+"""Source files of ours that decide a clip's pixels, as one hash.
 
 The files are those that a module imports, directly or through others of our packages, with
 the shaders and tables in their folders. A change to one fill method leaves the hashes of all

@@ -62,7 +62,7 @@ class Row:
     """One for each method of the figure."""
     crops: tuple[Crop, ...]
     frame: int
-    """Which frame of the clips."""
+    """Index of the clips' frame."""
     size: str | None = None
     """The size of its clips, where there are any."""
 

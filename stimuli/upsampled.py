@@ -33,7 +33,7 @@ FRAMES = ((255, 220, 0), (0, 200, 255), (255, 90, 200))
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """Where somebody looks, and how far from there the true view is shown.
+    """Gaze of a viewer, and the radius around it in which the true view is shown.
 
     Parameters
     ----------
@@ -68,12 +68,12 @@ class Eye:
             )
 
     def share(self) -> NDArray[np.float32]:
-        """How much of each pixel is the true view's, (H, W, 1)."""
+        """Share of the true view in each pixel, (H, W, 1)."""
         return share_around(self.geometry, self.gaze_px, self.within_deg)[..., None]
 
 
 def periphery(eye: Eye) -> NDArray[np.bool_]:
-    """Where nothing of the true view is mixed in, (H, W)."""
+    """True where nothing of the true view is mixed in, (H, W)."""
     return np.asarray(eye.share()[..., 0] == 0)
 
 
@@ -113,7 +113,7 @@ def upsampled_sheet(
 def crops_of(
     shown: Sequence[pictures.Picture], away: NDArray[np.bool_], gaze_px: tuple[float, float]
 ) -> list[Crop]:
-    """Where to look: at the gaze, then where pictures differ most among what is `away` from it."""
+    """Crops to show: the gaze, then where pictures differ most among what is `away` from it."""
     found = auto_crops(difference(shown) * away, CROPS - 1)
     height, width = away.shape
     across, down = found[0].width, found[0].height

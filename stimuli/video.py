@@ -21,7 +21,7 @@ from protocols.whole_file import whole_path
 from stimuli.png import encode_bytes
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
-"""What is written, by ending: .avi keeps every pixel, the others are smaller."""
+"""Codec by ending: .avi keeps every pixel, the others are smaller."""
 _SEGMENT = b"\x18\x53\x80\x67"  # of Matroska: the element of all that follows the head
 _TRACK_UID = b"s\xc5\x88"  # of Matroska: the element's name, and that eight bytes follow
 _HEAD = 4096  # bytes that hold everything before the frames
@@ -35,7 +35,7 @@ class Unpacked:
     fps: float
     frames: int
     notes: list[str]
-    """What a user should know of it."""
+    """Notes for the user."""
 
 
 @contextmanager
@@ -193,7 +193,7 @@ def _check_whole(path: Path, written: Path, count: int) -> None:
 
 
 def _ends_where_it_says(path: Path) -> bool:
-    """Whether a video's outermost parts, as their sizes say, fill the file to its last byte."""
+    """True if a video's outermost parts, as their sizes say, fill the file to its last byte."""
     size, at = path.stat().st_size, 0
     with path.open("rb") as file:
         head = file.read(_HEAD)

@@ -1,5 +1,4 @@
-"""What a worker process does: surveys, clips and previews, one at a time, with one GL
-context.
+"""Jobs of a worker process: surveys, clips and previews, one at a time, with one GL context.
 
 The same functions run in local processes and on a Dask cluster; folders lie on a disk that
 all of them see.
@@ -34,7 +33,7 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class RendererInfo:
-    """What draws in a worker."""
+    """Renderer of a worker."""
 
     vendor: str
     renderer: str

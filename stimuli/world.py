@@ -1,4 +1,4 @@
-"""What the renderer draws: textured triangles, their light, the sky, and where one stands.
+"""World that the renderer draws: textured triangles, their light, the sky, and the viewpoint.
 
 World axes: right-handed, y up, metres. Colours of textures are encoded R'G'B'; colours of
 light and of vertices are linear factors.
@@ -199,7 +199,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the camera stands before it moves."""
+    """Place of the camera before it moves."""
 
     position_m: Vector
     look_at_m: Vector

@@ -58,7 +58,7 @@ class Missed:
 
 @dataclass(frozen=True)
 class Measured:
-    """What can be said of a rival.
+    """Measures of a rival.
 
     Attributes
     ----------

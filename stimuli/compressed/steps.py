@@ -1,4 +1,4 @@
-"""What a compressed picture consists of, as pictures to look at.
+"""Parts of a compressed picture, as pictures to look at.
 
 Beyond Blur, Fig. 9 (the picture in polar cells, the maps, and what is made of them) and Fig. 10
 (how dense the cells are, and how many each level has).

@@ -112,7 +112,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Rendering:
-    """How views are rendered.
+    """Settings by which views are rendered.
 
     Parameters
     ----------

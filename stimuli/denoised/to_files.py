@@ -196,7 +196,7 @@ def denoise_file(
 
 
 def network_words(name: str, facts: Facts) -> str:
-    """What a network is for, in a line."""
+    """Purpose of a network, in a line."""
     what = "a metamer from moments" if facts.kind == "moments" else "the picture's colour"
     scenes = facts.made.get("scenes")
     trained = f", trained on {', '.join(map(str, scenes))}" if isinstance(scenes, list) else ""
@@ -205,7 +205,7 @@ def network_words(name: str, facts: Facts) -> str:
 
 @dataclass(frozen=True)
 class Written:
-    """What `render_scene` wrote, and how noisy it is."""
+    """Files that `render_scene` wrote, and how noisy the picture is."""
 
     noisy: Path
     clean: Path | None

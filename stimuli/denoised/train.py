@@ -65,7 +65,7 @@ Pictures = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Training:
-    """What is trained on what.
+    """Settings of a training.
 
     Parameters
     ----------
@@ -130,13 +130,13 @@ class Training:
         return [View(scene, number) for scene in self.scenes for number in range(self.views)]
 
     def facts(self, kind: Kind, made: Mapping[str, Any] | None = None) -> Facts:
-        """What a network of this training says of itself."""
+        """Facts of a network of this training."""
         return Facts(
             kind, LEVELS, self.pooling, self.sampling, WIDTH_DEG, self.rendering.edge_px, made or {}
         )
 
     def described(self) -> dict[str, Any]:
-        """What decides the weights, for the network's file."""
+        """Settings that decide the weights, for the network's file."""
         return asdict(self)
 
 
@@ -362,7 +362,7 @@ class Trainer:
 
 
 def rgb_path(out: Path) -> Path:
-    """Where the network for colour goes, beside the one for moments."""
+    """Path of the network for colour, beside the one for moments."""
     return out.with_name(f"{out.stem}-rgb{out.suffix}")
 
 

@@ -38,7 +38,7 @@ _GREY = ("Y", "L", "I")
 
 @dataclass(frozen=True)
 class Reading:
-    """What is said about a file.
+    """Options for reading a file.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ TILE_PX = 1024
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a condition made of a picture, and whether the GPU did."""
+    """Picture that a condition made, and whether the GPU did."""
 
     choice: Choice
     colour: NDArray[np.float32]

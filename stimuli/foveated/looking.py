@@ -1,4 +1,4 @@
-"""Where somebody looks, and from how far: gaze and display as people write them."""
+"""Gaze and display as people write them: where somebody looks, and from how far."""
 
 from __future__ import annotations
 

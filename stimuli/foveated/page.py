@@ -29,7 +29,7 @@ MOST_PX = LONGEST_PX**2
 MANTISSA_BITS = 14
 """Of what is baked but `WHOLE`: a metamer changes by a tenth of 1/255 at most."""
 WHOLE = "powers"
-"""Where a pool has two colours their third and fourth moments nearly cancel out: 24 bits."""
+"""Texture with 24 bits: where a pool has two colours its third and fourth moments nearly cancel."""
 
 
 def check_page(

@@ -1,4 +1,4 @@
-"""What the eye pools, drawn over a picture: circles around the gaze, and pools on them."""
+"""Pools of the eye, drawn over a picture: circles around the gaze, and pools on them."""
 
 from __future__ import annotations
 

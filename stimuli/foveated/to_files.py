@@ -30,7 +30,7 @@ METAMER = Choice("metamer")
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is written. Folders are made; what is there is replaced.
+    """Files to write. Folders are made; what is there is replaced.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the builder of a stimulus recipe offers to `metamerlab stimuli build`."""
+"""Builder of a stimulus recipe, as `metamerlab stimuli build` calls it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Builder", "Estimate", "Outcome", "Report", "Where"]
 
 @dataclass(frozen=True)
 class Where:
-    """Which machine does the work."""
+    """Machine that does the work."""
 
     workers: int | None = None
     """Processes or threads here; None: one per core."""

@@ -22,7 +22,7 @@ from stimuli.worker import RendererInfo
 
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
-"""How many files with a wrong header are named one by one."""
+"""Number of files with a wrong header that are named one by one."""
 _SOURCES = ("stimuli.read_file", "stimuli.png")
 
 
@@ -73,7 +73,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
 
     @cached_property
     def _headers(self) -> dict[str, Stated | InputError]:
-        """What the header of every file that is here says, or why it is refused, by name."""
+        """Header of every file that is here, or why it is refused, by name."""
         found: dict[str, Stated | InputError] = {}
         for entry in self.recipe.entries:
             path = self.folder / entry.file

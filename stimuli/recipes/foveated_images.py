@@ -297,7 +297,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         )  # fmt: skip
 
     def _picture_hash(self, entry: FoveatedStimulus) -> str:
-        """What decides the scene: the file's bytes, or our sources of a picture made here."""
+        """Hash of what decides the scene: the file's bytes, or our sources of a built-in one."""
         name = entry.picture.file.removeprefix(BUILTIN)
         if name == entry.picture.file:
             return _file_hash(self.folder / entry.picture.file)

@@ -46,7 +46,7 @@ Colour = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Order:
-    """Which stills are made; small, and the same on every machine that reads the same files.
+    """Stills to make; small, and the same on every machine that reads the same files.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Order:
         return viewing.of(self.recipe.width_px, self.recipe.height_px)
 
     def gaze_px(self, entry: FoveatedStimulus) -> tuple[float, float]:
-        """Where the eye looks in a still."""
+        """Gaze in a still, pixels."""
         return read_gaze(f"{entry.gaze.x_deg}deg,{entry.gaze.y_deg}deg", self.geometry)
 
     def condition(self, shown: Shown) -> str:

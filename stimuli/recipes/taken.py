@@ -43,7 +43,7 @@ class Entry(Protocol):
 
 E = TypeVar("E", bound=Entry)
 Made: TypeAlias = "tuple[list[bytes | str], RendererInfo]"
-"""What a job returns: of each frame the PNG file itself, or the hash of the one that it wrote; and
+"""Result of a job: of each frame the PNG file itself, or the hash of the one that it wrote; and
 what drew them."""
 
 
@@ -51,7 +51,7 @@ class TakingBuilder(Builder, Generic[E]):
     """Makes stimuli one by one; what they are made of is for each builder to say."""
 
     renderer = RendererInfo("", "none: files made elsewhere", "")
-    """What draws in this process; bytes repeat on one only."""
+    """Renderer of this process; bytes repeat on one only."""
 
     @property
     def recipe_of_all(self) -> Recipe:
@@ -79,7 +79,7 @@ class TakingBuilder(Builder, Generic[E]):
         raise NotImplementedError
 
     def executor(self, where: Where) -> AbstractContextManager[tuple[Executor, int]]:
-        """Where the work is done, and how many jobs it is given at once.
+        """Executor of the work, and how many jobs it is given at once.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class TakingBuilder(Builder, Generic[E]):
         return _threads(where.workers or cores())
 
     def drawn_by(self, executor: Executor) -> RendererInfo:  # noqa: ARG002
-        """What the workers draw with."""
+        """Renderer of the workers."""
         return self.renderer
 
     def submit(self, executor: Executor, entry: E, work: Path) -> Future[Made]:

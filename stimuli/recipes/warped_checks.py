@@ -1,4 +1,4 @@
-"""What the files of a study of warped clips show before anything is built.
+"""Checks of the files of a study of warped clips before anything is built.
 
 Files that are not there are no mistake here: where sessions run, built clips are enough.
 """
@@ -27,12 +27,12 @@ from stimuli.scenes.sequence import too_small
 
 @dataclass(frozen=True)
 class Findings:
-    """What must change, and what may be a mistake."""
+    """Mistakes that must change, and what may be one."""
 
     wrong: list[Problem] = field(default_factory=list)
     doubtful: list[Problem] = field(default_factory=list)
     missing: list[Problem] = field(default_factory=list)
-    """What only a build needs."""
+    """Files that only a build needs."""
 
 
 def look_at_scenes(orders: Orders) -> Findings:

@@ -22,7 +22,7 @@ class WarpedClipBuilder(Builder):
 
     @cached_property
     def orders(self) -> Orders:
-        """What is to be made."""
+        """Clips to make."""
         return Orders(self.protocol, self.display, self.folder)
 
     def problems(self) -> list[Problem]:

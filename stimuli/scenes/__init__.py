@@ -1,1 +1,1 @@
-"""Where frames come from: one module per built-in scene or importer."""
+"""Sources of frames: one module per built-in scene or importer."""

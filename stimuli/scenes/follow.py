@@ -1,4 +1,4 @@
-"""Where a pixel of one frame is some frames later, by the motion that files tell."""
+"""Place of a pixel of one frame some frames later, by the motion that files tell."""
 
 from __future__ import annotations
 

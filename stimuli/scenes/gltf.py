@@ -34,7 +34,7 @@ _SUMS_APART = 0.05  # of a corner's weights, from 1
 
 @dataclass(frozen=True)
 class _Placed:
-    """Where a texture lies on a mesh."""
+    """Place of a texture on a mesh."""
 
     texcoord: int = 0
     offset: tuple[float, ...] = (0.0, 0.0)
@@ -52,7 +52,7 @@ class _Placed:
 
 
 def _fallback(name: str) -> bool:
-    """Whether an extension stands for what it does not say itself: it may have a fallback."""
+    """True if an extension stands for what it does not say itself: it may have a fallback."""
     row = row_of("glTF extension", name)
     return row is not None and row.verdict == "refused"
 

@@ -1,4 +1,4 @@
-"""What a mesh file may say: every statement is honoured, refused or noted.
+"""Statements that a mesh file may make: each is honoured, refused or noted.
 
 The readers (`gltf`, `wavefront`) draw what is honoured here and nothing else; `docs/stimuli.md`
 shows the rows. What is in no row is noted, or refused where it must change the picture: an
@@ -190,12 +190,12 @@ _AT: Final = {
     "KHR_materials_pbrSpecularGlossiness": "material", "EXT_mesh_gpu_instancing": "node",
     "KHR_node_visibility": "node", "EXT_texture_webp": "texture",
 }  # fmt: skip
-"""Where an extension has a meaning; elsewhere it is noted."""
+"""Place where an extension has a meaning; elsewhere it is noted."""
 
 
 @dataclass
 class Notes:
-    """What a file says and is not drawn, collected to be said once.
+    """Statements of a file that are not drawn, collected to be said once.
 
     Parameters
     ----------
@@ -323,7 +323,7 @@ def _extension(notes: Notes, name: str, content: Any, kind: str) -> None:
 
 
 def check_statement(notes: Notes, of: str, word: str, line: int) -> bool:
-    """Whether a statement of an .obj or .mtl file is to be drawn; what is left out is noted.
+    """Judge a statement of an .obj or .mtl file: True if it is drawn; what is left out is noted.
 
     Raises
     ------

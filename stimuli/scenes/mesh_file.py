@@ -113,7 +113,7 @@ def _within_limits(path: Path, shapes: Iterator[Shape]) -> list[Shape]:
 
 
 def _brings_light(shape: Shape) -> bool:
-    """Whether a surface has a texture, colours at its vertices, or asks for no light."""
+    """True if a surface has a texture, colours at its vertices, or asks for no light."""
     surface = shape.surface
     return surface.picture is not None or surface.unlit or shape.colour is not None
 

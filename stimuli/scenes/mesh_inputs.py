@@ -36,11 +36,11 @@ _MOST_CORNERS = 1000
 _LONGEST_NAME = 10_000
 """Characters of a statement that names files; it may name several, with options."""
 _MOST_BYTES = 1 << 60
-"""What is longer is as much too long, and can be counted in floats."""
+"""Largest count of bytes: what is longer is as much too long, and this fits a float."""
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
 _TEXEL_BYTES, _LARGEST_TEXEL_BYTES = 12, 40
-"""What parts of a mesh take in memory, measured: a vertex twice as much each time that it is shown,
-a texture more while it is unpacked."""
+"""Memory of parts of a mesh, measured, in bytes: a vertex takes twice as much each time that it is
+shown, a texture more while it is unpacked."""
 _PARTS = {"VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Numbers of an entry by its type."""
 _DRAWN = (
@@ -48,7 +48,7 @@ _DRAWN = (
     ("extensions", "KHR_materials_pbrSpecularGlossiness", "diffuseTexture"),
     ("emissiveTexture",),
 )
-"""Where a material names pictures that are drawn."""
+"""Places where a material names pictures that are drawn."""
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _VALUES_OF = {"-s": (1, 3), "-o": (1, 3), "-t": (1, 3), "-mm": (2, 2)}
 
@@ -307,7 +307,7 @@ def _check_pictures(path: Path, found: Iterable[tuple[str, Path | bytes]], packe
 
 
 def is_data(uri: str) -> bool:
-    """Whether a uri holds its data itself."""
+    """True if a uri holds its data itself."""
     return uri[:5].lower() == "data:"
 
 
@@ -452,7 +452,7 @@ def words_after(path: Path, key: str) -> list[str]:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it is a file; a name that is too long for one is none."""
+    """True if it is a file; a name that is too long for one is none."""
     try:
         return path.is_file()
     except OSError:
@@ -460,7 +460,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _leads_out(folder: Path, place: Path) -> bool:
-    """Whether a file lies outside a folder: a symbolic link leads out as well as ".." does."""
+    """True if a file lies outside a folder: a symbolic link leads out as well as ".." does."""
     try:
         return not place.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # links in a circle, names that cannot be

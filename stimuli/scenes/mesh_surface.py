@@ -1,4 +1,4 @@
-"""What the readers of mesh files hand on: triangles as a file places them, and their surfaces."""
+"""Triangles as a mesh file places them, and their surfaces: what its readers hand on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the files of a stereo pair belong together: left, right, and disparity in pixels.
+"""Check that the files of a stereo pair belong together: left, right, disparity in pixels.
 
 A left pixel with disparity d must be seen again in the right photograph at x - d. Where the picture
 is flat that holds for any d, so only pixels with texture along their row are asked.
@@ -34,7 +34,7 @@ _ROWS = (1, 2, 3, 4, 6, 8, 12, 16)
 
 @dataclass(frozen=True)
 class PairVerdict:
-    """What a comparison of both photographs found.
+    """Result of a comparison of both photographs.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class PairVerdict:
 
     @property
     def refused(self) -> bool:
-        """Whether the files cannot be a pair as they are given."""
+        """True if the files cannot be a pair as they are given."""
         if self.wide is not None:
             return True
         if self.agreeing is None:
@@ -62,7 +62,7 @@ class PairVerdict:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a person should look at it."""
+        """True if a person should look at it."""
         unsure = self.agreeing is None or self.agreeing < DOUBTED_BELOW
         return unsure or self.cause is not None or self.wide is not None
 
@@ -184,7 +184,7 @@ def _agreeing(pair: StereoPair, rows: NDArray[np.intp], lower: int = 0) -> float
 def _in_front(
     column: NDArray[np.intp], disparity: NDArray[np.float64], seen: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Whether no nearer pixel of the row lands in the same column, shape (rows, width)."""
+    """True where no nearer pixel of the row lands in the same column, shape (rows, width)."""
     line = np.broadcast_to(np.arange(len(column))[:, None], column.shape)
     nearest = np.full(column.shape, -np.inf)
     np.maximum.at(nearest, (line[seen], column[seen]), disparity[seen])

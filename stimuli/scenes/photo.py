@@ -36,7 +36,7 @@ from stimuli.scenes.stereo import (
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a photograph lies in the picture: `scale` pixels per pixel, left top corner in it."""
+    """Place of a photograph in the picture: `scale` pixels per pixel, left top corner in it."""
 
     scale: float
     left: float
@@ -176,7 +176,7 @@ def read_pair(scene: StereoScene, folder: Path) -> StereoPair:
 
 
 def is_built_in(scene: StereoScene, folder: Path) -> bool:
-    """Whether the pair comes with a package and not from files."""
+    """True if the pair comes with a package and not from files."""
     return scene.left in BUILT_IN and not (folder / scene.left).exists()
 
 

@@ -14,7 +14,7 @@ from stimuli.world import Material, Mesh, Part
 
 @dataclass(frozen=True, eq=False)
 class Foliage:
-    """What grows here."""
+    """Materials of what grows here."""
 
     bark: Material
     leaf: Material

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from stimuli.world import Mesh
 
 WHOLE_TEXTURE = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
-"""Where the corners of a sheet of two rows and two columns lie in its texture."""
+"""Places in its texture of the corners of a sheet of two rows and two columns."""
 
 Height = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 

@@ -24,7 +24,7 @@ from stimuli.plane_file import Unknown, read_disparity
 BUILT_IN: Final = ("motorcycle",)
 
 PAIR_WARP: Final = WarpSettings(rim_px=PHOTOGRAPH_RIM_PX, depth_speckle=True)
-"""How a pair is warped where nothing else is asked for."""
+"""Warp of a pair where nothing else is asked for."""
 
 # Middlebury 2014 "Motorcycle" at the size that scikit-image ships.
 _MOTORCYCLE_FOCAL_PX = 994.978

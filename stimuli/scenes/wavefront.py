@@ -264,7 +264,7 @@ def _turn(a: Array, b: Array, c: Array) -> Array:
 
 
 def _holds(a: Array, b: Array, c: Array, points: Array) -> bool:
-    """Whether a triangle holds any of some points besides its corners."""
+    """True if a triangle holds any of some points besides its corners."""
     inside = (_turn(a, b, points) >= 0) & (_turn(b, c, points) >= 0) & (_turn(c, a, points) >= 0)
     corner = ((points == a) | (points == b) | (points == c)).all(axis=1)
     return bool((inside & ~corner).any())
@@ -275,7 +275,7 @@ def _holds(a: Array, b: Array, c: Array, points: Array) -> bool:
 
 @dataclass(frozen=True)
 class _Laid:
-    """How a picture lies on the coordinates of a mesh: by -s, -o and -clamp."""
+    """Placement of a picture on the coordinates of a mesh: by -s, -o and -clamp."""
 
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)

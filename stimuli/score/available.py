@@ -1,4 +1,4 @@
-"""Which metrics this machine can compute, and how to get the others."""
+"""Metrics that this machine can compute, and how to get the others."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INSTALL = (
 
 @dataclass(frozen=True)
 class Missing:
-    """Why metrics are left out, in one sentence with its cure."""
+    """Metrics that are left out, and why, in one sentence with its cure."""
 
     metrics: tuple[str, ...]
     reason: str

@@ -1,4 +1,4 @@
-"""What there is to score: the clips of a finished batch, or two clips or pictures."""
+"""Subjects to score: the clips of a finished batch, or two clips or pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured before, by the hash of all that decides the numbers."""
+"""Cache of measurements, by the hash of all that decides the numbers."""
 
 from __future__ import annotations
 

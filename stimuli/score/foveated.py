@@ -33,7 +33,7 @@ PANORAMA_NOTE = (
 
 @dataclass(frozen=True)
 class FoveatedScores:
-    """What the metrics say of a clip or picture under a gaze.
+    """Scores of a clip or picture under a gaze.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def subjects_of_panoramas(
 
 
 def is_foveated(manifest: Manifest) -> bool:
-    """Whether a batch was made by the recipe `foveated-images`."""
+    """True if a batch was made by the recipe `foveated-images`."""
     return not manifest.simulated and all("gaze_x_px" in c.parameters for c in manifest.clips)
 
 

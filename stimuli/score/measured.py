@@ -1,4 +1,4 @@
-"""What a family of metrics found on one clip."""
+"""Measurements of a family of metrics on one clip."""
 
 from __future__ import annotations
 

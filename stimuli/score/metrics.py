@@ -1,4 +1,4 @@
-"""What can be measured: every metric by name, what it needs, and what its numbers mean.
+"""Metrics by name: what each needs, and what its numbers mean.
 
 To add a metric, write its family (a module with ``measure(pair, viewing, gaze)``) and add its
 lines here. A package of another lab adds its own by an entry point, see `PluginMetrics`.
@@ -79,7 +79,7 @@ class Metric:
 
     @property
     def blind(self) -> str:
-        """What it does not see, in a sentence."""
+        """Sentence on what it does not see."""
         return BLIND.get(self.name, "its package does not say")
 
     def badness(self, value: float) -> float:
@@ -207,17 +207,17 @@ BLIND = {
     "cvvdp": "Where the eye looks: every pixel is seen as in the fovea, so any metamer is far.",
     "lpips": "Where the eye looks, and what a network trained on photographs was not shown.",
 }
-"""What each metric does not see; scores pages print it beside the numbers."""
+"""Sentences on what each metric does not see; scores pages print them beside the numbers."""
 
 
 @dataclass(frozen=True)
 class PluginMetrics:
-    """What a package adds: entry points of the group ``metamerlab.metrics`` name such objects."""
+    """Metrics of a package: entry points of the group ``metamerlab.metrics`` name such objects."""
 
     family: Family
     metrics: tuple[Metric, ...]
     blind: Mapping[str, str] = field(default_factory=dict)
-    """What each of them does not see, in a sentence, by name."""
+    """Sentence on what each metric does not see, by name."""
 
 
 def _add_plugins() -> None:

@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Pair:
-    """What one job measures; small, since it is sent to other processes.
+    """Pair of clips that one job measures; small, since it is sent to other processes.
 
     Attributes
     ----------
@@ -46,17 +46,17 @@ class Pair:
 
     @property
     def frames(self) -> int:
-        """How many there are; a picture has 1."""
+        """Number of frames; a picture has 1."""
         return len(self.test)
 
     @property
     def is_picture(self) -> bool:
-        """Whether it has no time."""
+        """True if it has no time."""
         return self.fps == 0
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Where it can be measured."""
+        """Regions where it can be measured."""
         return (HOLES, "frame") if self.masks else ("frame",)
 
     def truth_frame(self, index: int) -> Image:

@@ -65,7 +65,7 @@ def _whole_psnr(per_frame: list[float | None]) -> float | None:
 def _excess_change(
     before: tuple[Image, Image, Mask], now: tuple[Image, Image, Mask]
 ) -> float | None:
-    """How far the clip's change differs from the reference's, in steps of 1/255."""
+    """Mean difference of the clip's change from the reference's, in steps of 1/255."""
     both = before[2] & now[2]
     if not both.any():
         return None

@@ -275,7 +275,7 @@ def _saved(
 
 
 def pictured(table: Table) -> bool:
-    """Whether a table is worth a figure: those over the whole frame say less about the fill."""
+    """True if a table is worth a figure: those over the whole frame say less about the fill."""
     finite = [
         value
         for _, values in table.rows

@@ -32,7 +32,7 @@ TOGETHER = ("pixels", "statistics", "band-ratios", "flip")
 
 @dataclass(frozen=True)
 class Settings:
-    """What is wanted, and how it is looked at."""
+    """Metrics that are wanted, and the display and gaze that they assume."""
 
     metrics: tuple[Metric, ...]
     viewing: Viewing

@@ -1,4 +1,4 @@
-"""How long each method takes for one frame of the clips, on this machine."""
+"""Time (ms) that each method takes for one frame of the clips, on this machine."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from stimuli.score.run import Results
 
 OURS, RIVAL = "metameric", "push-pull"
 RIVALS = (RIVAL, "push-pull-depth")
-"""What ours is compared with in words: the paper's rival, and what depth alone buys."""
+"""Methods that ours is compared with in words: the paper's rival, and what depth alone buys."""
 PAPERS = {
     ("lpips", HOLES): "Table 1",
     ("fvvdp-1.0", HOLES): "Table 2",
@@ -53,12 +53,12 @@ class Table:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """What people read for the methods."""
+        """Headings of the methods, as people read them."""
         return tuple(map(self.shown, self.methods))
 
     @property
     def title(self) -> str:
-        """Which table of the paper it is, or only what it shows."""
+        """Title: the number of the paper's table, if it is one of them, and what is shown."""
         paper = PAPERS.get((self.metric.name, self.region))
         unit = f", {self.metric.unit}" if self.metric.unit else ""
         text = f"{self.metric.label}{unit} ({self.metric.arrow}) {REGION_TEXT[self.region]}"
@@ -210,7 +210,7 @@ def _mean(column: list[float | None]) -> float | None:
 
 @dataclass(frozen=True)
 class Duel:
-    """How one method does against another by one table.
+    """Comparison of one method with another by one table.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class Duel:
 
     @property
     def loses_on_average(self) -> bool:
-        """Whether the mean is worse, by the digits printed."""
+        """True if the mean is worse, by the digits printed."""
         ours, theirs = (self.table.printed_badness(value) for value in self.means)
         return ours > theirs
 

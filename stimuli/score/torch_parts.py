@@ -14,7 +14,7 @@ from stimuli.score.pair import Pair
 
 @dataclass(frozen=True)
 class Frames:
-    """What the packages of visual difference predictors ask of any video source."""
+    """Video source as the packages of visual difference predictors ask for it."""
 
     pair: Pair
     region: str

@@ -22,7 +22,7 @@ _FARTHEST_PX = 1e6  # no clip is as wide
 
 @dataclass(frozen=True)
 class Viewing:
-    """What metrics need to know of a display.
+    """Display, as metrics need to know it.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def open_viewing(name_or_path: str) -> Viewing:
 
 @dataclass(frozen=True)
 class Gaze:
-    """Where the viewer looks, in pixels of the clip from its upper left corner.
+    """Points at which the viewer looks, in pixels of the clip from its upper left corner.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from stimuli.textured.scenes import Globe, TexturedScene, globe_vertices
 
 Look = Literal["reference", "blur", "metamer"]
 LOOKS: tuple[Look, ...] = ("reference", "blur", "metamer")
-"""What a pixel reads: the texture at its own size; at its pool's; and noise of what that lost."""
+"""Sources of a pixel: the texture at its own size; at its pool's; and noise of what that lost."""
 BACKDROP = 0.02
 _NEAR_M = 0.01
 
@@ -98,7 +98,9 @@ class TexturedRenderer:
         foveated: bool,
         turn_deg: float = 0.0,
     ) -> tuple[Fragments, NDArray[np.bool_]]:
-        """What each pixel reads, and which pixels show a globe (H, W); elsewhere numbers are 0."""
+        """Fragments of the pixels, and the pixels that show a globe (H, W); elsewhere numbers are
+        0.
+        """
         program = self._texture.use("fragments", foveated=foveated)
         nowhere = (0.0, 0.0, 0.0, -1.0)
         self._draw(scene, program, gaze_px, turn_deg, nowhere)
@@ -142,7 +144,7 @@ class TexturedRenderer:
             self._draw_globe(program, globe, turn_deg)
 
     def _read(self) -> NDArray[np.float32]:
-        """What was drawn last, (H, W, 4)."""
+        """Pixels that were drawn last, (H, W, 4)."""
         width, height = self._target.size
         pixels = np.empty((height, width, 4), np.float32)
         self._target.read_into(pixels, alignment=1)

@@ -1,4 +1,4 @@
-"""What surfaces are made of: noise, photographs that come with scikit-image, ramps of colour."""
+"""Parts of textures: noise, photographs that come with scikit-image, ramps of colour."""
 
 from __future__ import annotations
 

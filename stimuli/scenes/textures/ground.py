@@ -1,4 +1,4 @@
-"""What one stands on."""
+"""Textures of the ground."""
 
 from __future__ import annotations
 

@@ -85,13 +85,13 @@ def planks(rng: np.random.Generator, boards: int = 6, tone: Colour = (128, 98, 6
 
 
 def _texels(size: int) -> tuple[Plane, Plane]:
-    """Where texels lie, in textures: a column of places and a row of them."""
+    """Places of texels, in textures: a column of places and a row of them."""
     place = np.arange(size) / size
     return place[:, None], place[None, :]
 
 
 def _counted(place: Plane, count: int) -> tuple[NDArray[np.int32], Plane]:
-    """Which of `count` pieces `place` lies in, over and over, and how far into it."""
+    """Index, among `count` that repeat, of the piece that `place` lies in, and how far into it."""
     whole = np.floor(place)
     return whole.astype(np.int32) % count, place - whole
 
