@@ -235,7 +235,7 @@ def _ring(centre: np.ndarray, distance_m: float) -> Iterator[Viewpoint]:
 
 
 def _detail(world: World) -> tuple[np.ndarray, float]:
-    """Middle and spread (m) of the vertices; wide grounds or skies of few triangles do not count."""
+    """Middle and spread (m) of the vertices; a wide ground of few triangles does not count."""
     corners = np.concatenate([part.mesh.position_m for part in world.parts]).astype(np.float64)
     middle = np.median(corners, axis=0)
     return middle, float(np.median(np.linalg.norm(corners - middle, axis=1)))

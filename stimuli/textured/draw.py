@@ -98,9 +98,7 @@ class TexturedRenderer:
         foveated: bool,
         turn_deg: float = 0.0,
     ) -> tuple[Fragments, NDArray[np.bool_]]:
-        """Fragments of the pixels, and the pixels that show a globe (H, W); elsewhere numbers are
-        0.
-        """
+        """Fragments of the pixels, and where a globe is shown (H, W); elsewhere numbers are 0."""
         program = self._texture.use("fragments", foveated=foveated)
         nowhere = (0.0, 0.0, 0.0, -1.0)
         self._draw(scene, program, gaze_px, turn_deg, nowhere)
