@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
-import math
-
 import pytest
-from fake_pylink import EDF, EPOCH_MS, SETUP_TARGETS_PX, FakePylink, Sample, Side
+from fake_pylink import EDF, SETUP_TARGETS_PX, FakePylink
 from tracker_session import FHD, MIDDLE_PX, Eye, pumped, sit
 
 from protocols.errors import StudyError
@@ -139,45 +136,6 @@ def opened(rest, fake, clock):
     )
     source.open()
     return source
-
-
-def numbers(line: str) -> list[float]:
-    fields = [field for field in line.split()[:7] if field != "..."]
-    return [math.nan if field == "." else float(field) for field in fields]
-
-
-@pytest.mark.parametrize(
-    ("name", "eye", "column"),
-    [("mono500", "", 1), ("mono1000", "", 1), ("bino500", "", 1), ("bino500", "right", 4)],
-)
-def test_gaze_of_a_recorded_stream_comes_through_unchanged(shared_data, name, eye, column):
-    path = shared_data / "gaze" / f"eyelink_{name}.asc.gz"
-    if not path.is_file():
-        pytest.skip(f"needs {path.name} of the shared data")
-    lines = gzip.decompress(path.read_bytes()).decode("latin-1").splitlines()
-    rows = [numbers(line) for line in lines if line[:1].isdigit()][:3000]
-    clock = VirtualClock()
-    fake = FakePylink(Eye(), clock)
-    source = opened(f"100.1.1.1,eye={eye}" if eye else "", fake, clock)
-    missing = fake.MISSING_DATA
-
-    def side(x, y):
-        return Side(missing, missing) if math.isnan(x) else Side(x, y)
-
-    binocular = name.startswith("bino")
-    for row in rows:
-        sample = Sample(row[0], side(*row[1:3]), side(*row[4:6]) if binocular else None)
-        fake.queue.append((fake.SAMPLE_TYPE, sample))
-    got = []
-    while fake.queue:
-        got += EyelinkGaze.poll(source)
-
-    assert len(got) == len(rows) > 100
-    for sample, row in zip(got, rows, strict=True):
-        assert sample.raw_t == row[0] / 1000
-        assert sample.t_s == pytest.approx(row[0] / 1000 - EPOCH_MS / 1000, abs=1e-6)
-        place = row[column : column + 2]
-        assert (sample.x_px, sample.y_px) == pytest.approx(place, nan_ok=True)
 
 
 def test_what_is_not_there_is_told_with_a_cure(monkeypatch):
