@@ -154,6 +154,11 @@ def validate(
     Returns
     -------
     list of PointQuality, or None where someone quit.
+
+    Raises
+    ------
+    EyeUnseenError
+        If nothing is sent.
     """
     points = []
     for target in nine_points_px(viewing):
@@ -162,6 +167,11 @@ def validate(
         for duration_s, into in ((SETTLE_S, []), (HOLD_S, kept)):
             if not look_at(target, duration_s, partial(_collect, source, into)):
                 return None
+        if not kept:
+            raise EyeUnseenError(
+                "gaze: the tracker must send samples (none came at a target); see its cable and its"
+                " program, and calibrate it again"
+            )
         quality = point_quality(viewing, target, kept)
         if quality.samples < MIN_VALID_SHARE * len(kept):
             quality = replace(quality, accuracy_deg=math.nan, precision_deg=math.nan)

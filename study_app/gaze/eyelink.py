@@ -10,7 +10,7 @@ import math
 import re
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,21 +152,29 @@ class EyelinkGaze:
                 self._news.append(f"the EyeLink did not take the marker {text!r} ({error})")
 
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
-        """Open the tracker's setup; it ends with the operator, and places its own nine targets."""
+        """Open the tracker's setup; it ends with the operator, and places its own nine targets.
+
+        Raises
+        ------
+        StudyError
+            If nothing answers.
+        """
         del points_px
-        if self._tracker is None:
-            return None
-        self._routine(self._tracker.doTrackerSetup)
+        self._routine("doTrackerSetup")
         error_deg, said = self._said()
         self._news.append(f"the EyeLink says of its calibration: {said}")
         return None if math.isnan(error_deg) else CalibrationResult(error_deg, math.nan, 9)
 
     def check_drift(self, point_px: tuple[float, float]) -> float | None:
-        """Run the tracker's drift correction; infinite where it asks to calibrate again."""
-        if self._tracker is None:
-            return None
+        """Run the tracker's drift correction; infinite where it asks to calibrate again.
+
+        Raises
+        ------
+        StudyError
+            If nothing answers.
+        """
         x_px, y_px = (round(place) for place in point_px)
-        ended = self._routine(lambda: self._tracker.doDriftCorrect(x_px, y_px, 1, 0))
+        ended = self._routine("doDriftCorrect", x_px, y_px, 1, 0)
         if ended != 0:
             return math.inf
         error_deg, said = self._said()
@@ -288,18 +296,34 @@ class EyelinkGaze:
         )
         self._record()
 
-    def _routine(self, run: Callable[[], Any]) -> Any:
-        """Run one of the tracker's own routines with its targets in our window, then record."""
-        self._begin_file()
-        self._tracker.stopRecording()
-        self._tracker.setOfflineMode()
-        self._pylink.openGraphicsEx(graphics(self._pylink, self._desk))
+    def _routine(self, name: str, *arguments: int) -> Any:
+        """Run one of the tracker's own routines with its targets in our window, then record.
+
+        A link that broke before is made again.
+
+        Raises
+        ------
+        StudyError
+            If nothing answers.
+        """
+        if self._broke:
+            self._connect_again()
+        cure = "see its cable and its Host PC, then run 'metamerlab session resume'"
+        if self._tracker is None:
+            raise StudyError(f"gaze: the EyeLink must be connected (its link broke); {cure}")
         try:
-            ended = run()
-        except RuntimeError as error:  # escape in a drift correction comes as one, too
-            self._news.append(f"the EyeLink's routine ended with: {error}")
-            ended = None
-        self._record()
+            self._begin_file()
+            self._tracker.stopRecording()
+            self._tracker.setOfflineMode()
+            self._pylink.openGraphicsEx(graphics(self._pylink, self._desk))
+            try:
+                ended = getattr(self._tracker, name)(*arguments)
+            except RuntimeError as error:  # escape in a drift correction comes as one, too
+                self._news.append(f"the EyeLink's routine ended with: {error}")
+                ended = None
+            self._record()
+        except RuntimeError as error:
+            raise StudyError(f"gaze: the link to the EyeLink broke ({error}); {cure}") from None
         return ended
 
     def _said(self) -> tuple[float, str]:

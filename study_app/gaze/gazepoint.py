@@ -150,6 +150,7 @@ class GazepointGaze:
                     if 0 <= x <= 1 and 0 <= y <= 1:  # nan is neither
                         target = x * width, y * height
                 elif step.get("ID") == "CALIB_RESULT":
+                    self._clock.renew()  # a connection may be new
                     self._wire.send(_set("CALIBRATE_START", STATE="0"))
                     return self._quality(step, len(points_px))
             self._steps = []

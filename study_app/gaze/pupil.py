@@ -152,6 +152,7 @@ class PupilGaze:
                 f"gaze: the glasses must see the eyes at four targets or more (they did at"
                 f" {len(seen)}); seat them well, then run 'metamerlab session resume'"
             )
+        self._clock.renew()  # a connection may be new
         self._map = homography([place for place, _ in seen], [point for _, point in seen])
         viewing = Viewing.of(self._desk.display)
         errors_deg = [

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from protocols.errors import StudyError
@@ -132,16 +133,19 @@ class TobiiGaze:
             *((self._collect(point), point) for point in points_px),
             (tracker.calibration_compute_and_apply, points_px[-1]),
         ]
-        tracker.enter_calibration_mode(False)
         try:
+            tracker.enter_calibration_mode(False)
             result = self._ended(points_px[0])
             for run, place in steps:
                 if result is None or not self._desk.look_at(place, SETTLE_S, _nothing, _nothing):
                     return None
                 run()
                 result = self._ended(place)
+        except RuntimeError as error:  # as the library where nothing answers
+            raise self._failed(error) from None
         finally:
-            tracker.leave_calibration_mode(False)
+            with suppress(RuntimeError):
+                tracker.leave_calibration_mode(False)
         if result is None:
             return None
         return _quality(result["calibration_result"], Viewing.of(self._desk.display))
@@ -163,8 +167,9 @@ class TobiiGaze:
     def close(self) -> None:
         """Disconnect; safe to call twice."""
         if self._tracker is not None:
-            self._tracker.stop("gaze")
-            self._tracker.stop("notification")
+            with suppress(RuntimeError):  # the tracker may be gone
+                self._tracker.stop("gaze")
+                self._tracker.stop("notification")
             self._tracker = None
 
     def _collect(self, point_px: tuple[float, float]) -> Callable[[], Any]:
@@ -183,10 +188,13 @@ class TobiiGaze:
                 break
             if not self._desk.look_at(place, 0.0, _nothing, _nothing):
                 return None
-        said = "it did not end" if result is None else result["status_string"]
-        raise StudyError(
-            f"gaze: the Tobii's calibration must succeed (found: {said}); seat the participant in"
-            " its view, then run 'metamerlab session resume'"
+        raise self._failed("it did not end" if result is None else result["status_string"])
+
+    def _failed(self, said: object) -> StudyError:
+        return StudyError(
+            f"gaze: the Tobii's calibration must succeed (found: {said}); see the tracker in"
+            " Tobii's own manager, seat the participant in its view, then run 'metamerlab session"
+            " resume'"
         )
 
     def _measure_offset(self) -> None:

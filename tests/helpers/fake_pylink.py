@@ -80,7 +80,7 @@ class FakePylink:
         self._next = 0
 
     def EyeLink(self, host):  # noqa: N802
-        if self.refuses or self.eye.now(self.clock()) == "death":
+        if self.refuses or self.eye.now(self.clock()) in ("break", "death"):
             raise RuntimeError("Link terminated")
         self.calls.append(("EyeLink", host))
         self.connected = True
@@ -116,10 +116,18 @@ class Tracker:
         """Note every call that has no effect here."""
 
         def call(*arguments):
+            self._answers()
             self._host.calls.append((name, *arguments))
             return 0
 
         return call
+
+    def _answers(self):
+        """As pylink where nothing answers."""
+        if self._host.eye.now(self._host.clock()) in ("break", "death"):
+            self._host.connected = False
+        if not self._host.connected:
+            raise RuntimeError("Link terminated")
 
     def isConnected(self):  # noqa: N802
         return int(self._host.connected)
@@ -128,6 +136,7 @@ class Tracker:
         return "EYELINK CL 5.15 "
 
     def startRecording(self, samples, _events, _link, _link_events):  # noqa: N802
+        self._answers()
         self._host.recording, self._host.into_file = True, bool(samples)
         return 0
 
@@ -192,6 +201,7 @@ class Tracker:
         for target in targets:
             host.graphics.draw_cal_target(*target)
             for _ in range(30):
+                self._answers()
                 if any(key.code == host.TERMINATE_KEY for key in host.graphics.get_input_key()):
                     host.graphics.exit_cal_display()
                     return

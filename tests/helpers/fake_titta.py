@@ -40,7 +40,13 @@ class FakeTitta:
         self.calls.append(("start", stream))
 
     def stop(self, stream):
+        self._answers()
         self.calls.append(("stop", stream))
+
+    def _answers(self) -> None:
+        """As Tobii's library where nothing answers."""
+        if self.eye.now(self.clock()) in ("break", "death"):
+            raise RuntimeError("Error code 7: TOBII_RESEARCH_STATUS_SE_CONNECTION_FAILED")
 
     def advance(self, now_s: float) -> int:
         """Have all samples up to a time; return how many."""
@@ -81,6 +87,7 @@ class FakeTitta:
         return {name: np.array(each) for name, each in zip(names, columns, strict=True)}
 
     def _later(self, action, more=None) -> None:
+        self._answers()
         self.calls.append((action,))
         status = {"status": int(action == self.fails), "status_string": f"{action} failed"}
         self.results.extend([None, status | {"calibration_result": more}])
@@ -107,6 +114,7 @@ class FakeTitta:
         self._later("compute", {"points": found})
 
     def leave_calibration_mode(self, _force):
+        self._answers()
         self.calls.append(("leave",))
 
     def calibration_retrieve_result(self):

@@ -28,6 +28,8 @@ VIEWING = Viewing.of(FHD)
 MIDDLE_PX = (960.0, 540.0)
 AT_S = 1.5
 """After the beginning of its attempt, something happens."""
+FOREVER = 10**6
+"""Targets: a tracker that is gone so long does not come back."""
 
 
 @dataclass
@@ -40,9 +42,15 @@ class Eye:
     attempt: int = -1
     began_s: float = 0.0
     offset_px: tuple[float, float] = (6.0, -4.0)
+    targets: int = 0
+    """How many were shown so far, by calibration, drift check and validation."""
+    gone: range = range(0)
+    """Targets at which the tracker is not there."""
 
     def now(self, t_s: float) -> str:
         """Return what happens at a time."""
+        if self.targets in self.gone:
+            return "death" if self.gone.stop >= FOREVER else "break"
         if not 0 <= self.attempt < len(self.plan):
             return ""
         what, since_s = self.plan[self.attempt], t_s - self.began_s - AT_S
@@ -64,6 +72,23 @@ class Sat:
     source: TrustedGaze
     shown_px: list[tuple[float, float] | None] = field(default_factory=list)
     """Targets that the tracker had shown, without repeats."""
+
+
+class Operated(ArtificialObserver):
+    """Someone is there who brings the tracker back, and has it calibrated again."""
+
+    tracker: tuple[Eye, TrustedGaze]
+
+    def turn_page(self, page):
+        """Go on where a calibration is offered, as at every page."""
+        turned = super().turn_page(page)
+        if page.name != "calibration":
+            return turned
+        eye, gaze = self.tracker
+        if eye.gone.stop < FOREVER:
+            eye.gone = range(0)
+        gaze.poll()
+        return turned._replace(key=self._response.continue_keys[0])
 
 
 def pumped(adapter, server, eye: Eye, clock: VirtualClock):
@@ -107,12 +132,13 @@ def study_of(**changes) -> StudyProtocol:
 def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **changes) -> Sat:
     """Conduct a session; `make` makes the adapter of a `Desk`."""
     study, shown = study_of(**changes), []
-    observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
+    observer = Operated(PreferenceModel(), study.response, 0, "S001")
     stage, targets = VirtualStage(clock, 60.0, observer), Targets()
 
     def look_at(place_px, duration_s, poll, _on_key=None):
         if shown[-1:] != [place_px]:
             shown.append(place_px)
+            eye.targets += place_px is not None
         eye.target_px = place_px or MIDDLE_PX
         until_s = clock() + duration_s
         while True:
@@ -126,6 +152,7 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     desk = Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, targets, store=study.privacy.store_gaze)
     gaze = TrustedGaze(make(desk), clock)
     gaze.open()
+    observer.tracker = eye, gaze
     setting = Simulation(study, FHD).setting(folder, clock)
     recorder, plan = begin(setting, "S001", "en", stage, gaze)
     calibrated = Calibrated(gaze, targets, study.gaze, VIEWING, recorder)

@@ -12,6 +12,7 @@ import io
 import math
 import struct
 import time
+from functools import cache
 from itertools import product
 from threading import Thread
 from typing import NamedTuple
@@ -35,7 +36,7 @@ from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
 WIDTH_PX, HEIGHT_PX = FHD.width_px, FHD.height_px
-ROWS = 600
+ROWS = 400
 OUR_OWN = "our own"
 RECORDINGS = (
     OUR_OWN, "eyelink_mono250", "eyelink_mono500", "eyelink_mono1000", "eyelink_bino500",
@@ -51,6 +52,7 @@ class Row(NamedTuple):
     eyes: list[tuple[float, float, float]]
 
 
+@cache
 def of_shared(path) -> list[Row]:
     """Return the part of an ASC file around its first lost sample, else its beginning."""
     wide = 7 if "bino" in path.name else 4
