@@ -17,7 +17,7 @@ PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 
 
 def _folder() -> str:
-    """Where the five lie: beside this file in a checkout, one folder deeper once installed."""
+    """Folder of the five: beside this file in a checkout, one folder deeper once installed."""
     here = Path(__file__).absolute().parent
     installed = here / "metamerlab-packages"
     return str(installed if installed.is_dir() else here)

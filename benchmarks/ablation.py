@@ -1,4 +1,4 @@
-"""What each correction of `metameric` is worth: `script/bench ablation --help`.
+"""Worth of each correction of `metameric`: `script/bench ablation --help`.
 
 One correction at a time is switched off, in the numpy twin; beside them settings, the number of
 levels, what was tried and left out, `metameric-paper` and `push-pull-depth`. Measured on the stereo

@@ -96,7 +96,7 @@ def observers(count: int, trials: int, guess: float, seed: int) -> Observers:
 
 @dataclass(frozen=True)
 class Recovery:
-    """How well thresholds come back, in widths (.05 to .95) of the psychometric function.
+    """Recovery of thresholds, in widths (.05 to .95) of the psychometric function.
 
     `worst_bias` is the bias furthest from 0 among the five thresholds. `lost` counts observers
     without an estimate. `same_levels` is the share of trials at the package's level.
@@ -118,7 +118,7 @@ class Recovery:
 
 @dataclass(frozen=True)
 class Run:
-    """What one rule did: estimates (observers,), NaN where lost, and levels (observers, trials)."""
+    """Run of one rule: estimates (observers,), NaN where lost, and levels (observers, trials)."""
 
     estimate: Floats
     level: Floats
@@ -322,7 +322,7 @@ def recoveries(count: int) -> list[Recovery]:
 
 @dataclass(frozen=True)
 class PairRecovery:
-    """How well scores come back after 5, 10 and 15 batches of n - 1 comparisons.
+    """Recovery of scores after 5, 10 and 15 batches of n - 1 comparisons.
 
     Root mean square error in JOD and rank correlation, both of the posterior mean under the
     prior that the scores were drawn with, whoever chose the pairs. `most` is how often the busiest

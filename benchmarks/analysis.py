@@ -83,7 +83,7 @@ class TestRates:
 
 @dataclass(frozen=True)
 class ShareRates:
-    """What p and the 95 % limits of a share do at a true rate: one line of decision 0160's table.
+    """Rates of p and of 95 % limits of a share at a true rate: one line of decision 0160's table.
 
     `significant` is the share of studies with p < .05 against one half: false positives where the
     rate is .5. `contradictions` counts studies whose p and limits disagree.

@@ -1,4 +1,4 @@
-"""What no pass can do without: every input read once, every output written once."""
+"""Copies that no pass can do without: every input read once, every output written once."""
 
 from __future__ import annotations
 

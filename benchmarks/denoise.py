@@ -71,7 +71,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a denoiser makes, and the moments that it goes by."""
+    """Picture that a denoiser makes, and the moments that it goes by."""
 
     picture: Picture
     maps: MomentMaps | None

@@ -1,4 +1,4 @@
-"""What is sent to the GPU: every call of a compute shader, and every draw, watched from outside."""
+"""Dispatches to the GPU: every call of a compute shader, and every draw, watched from outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rule's answers say of a threshold: what a session needs not, and its proof does."""
+"""Estimates of a threshold from a rule's answers: a session does not need them, its proof does."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Marginal:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the answers say about each parameter.
+    """Estimates of each parameter from the answers.
 
     Attributes
     ----------

@@ -147,7 +147,7 @@ class Bench:
         return measure(self.ctx, work, repeats=1, warm_up=0).median_ms
 
     def work(self, method: str) -> tuple[Callable[[], None], int | None, Callable[[], None]]:
-        """What to time, the bytes it holds, and how to free it."""
+        """Work to time, the bytes it holds, and how to free it."""
         if method in METAMERIC:
             metameric = MetamericPass(self.ctx, self.size, METAMERIC[method])
 

@@ -154,7 +154,7 @@ def timed(
 
 
 def banks() -> list[Bank]:
-    """What is compared as printed: kernels, bands, orientations."""
+    """Banks to compare, as printed: kernels, bands, orientations."""
     return [
         small_kernels(5),
         small_kernels(5, high_everywhere=False),

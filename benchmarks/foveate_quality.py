@@ -1,4 +1,4 @@
-"""What each condition keeps of a picture: `script/bench foveate_quality --help`.
+"""Quality of each condition on pictures: `script/bench foveate_quality --help`.
 
 Per picture and condition: the least and greatest ratio of a band's luma deviation to the picture's,
 the statistics distance (`stimuli.score.statistics`), the difference between two seeds and the

@@ -1,4 +1,4 @@
-"""What `script/bench foveate` found: as a table, in Markdown, and drawn."""
+"""Report of `script/bench foveate`: as a table, in Markdown, and drawn."""
 
 from __future__ import annotations
 

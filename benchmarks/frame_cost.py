@@ -1,4 +1,4 @@
-"""What a frame takes: of the GPU, pass by pass, and of its host."""
+"""Cost of a frame: of the GPU, pass by pass, and of its host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a frame takes of the GPU and of its host: `script/bench gpu --help`.
+"""Cost of a frame on the GPU and on its host: `script/bench gpu --help`.
 
 Every pass by the GPU's own clock, the host's time and Python's calls, the ratio to a copy of the
 frame, bytes held. `script/prove-gpu` runs this on graphics cards. Telea runs beside the fills, on

@@ -1,4 +1,4 @@
-"""What a measurement depends on beside the code: the machine, and how busy it was."""
+"""Conditions of a measurement beside the code: the machine, and how busy it was."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where benchmarks put what they measured; what could not be stored is refused beforehand."""
+"""Output of benchmarks; what could not be stored is refused beforehand."""
 
 import json
 from argparse import ArgumentTypeError

@@ -1,4 +1,4 @@
-"""Where the time of a fill goes, pass by pass: `script/bench passes --help`.
+"""Time of a fill, pass by pass: `script/bench passes --help`.
 
 `benchmarks.frame_cost` says how passes are timed. Their sum is less than a fill takes, which also
 waits for the host.

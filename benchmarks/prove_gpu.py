@@ -54,7 +54,7 @@ class CannotError(Exception):
 
 @dataclass
 class Proof:
-    """What was found so far, and where it is kept."""
+    """Record of what was found so far, and where it is kept."""
 
     path: Path
     record: dict[str, Any]
@@ -206,7 +206,7 @@ def missing(needed: Iterable[str], folder: Path | None = None) -> dict[str, str]
 
 
 def _reader() -> Any:
-    """What reads requirements: its package, or the one inside pip."""
+    """Reader of requirements: its package, or the one inside pip."""
     try:
         from packaging import requirements as found
     except ImportError:

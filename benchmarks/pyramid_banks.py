@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """What a bank makes of luma: `bands` are (halvings of the grid, coefficients (h, w))."""
+    """Bands of luma by a bank: `bands` are (halvings of the grid, coefficients (h, w))."""
 
     bands: list[tuple[int, Floats]]
     residual: Floats

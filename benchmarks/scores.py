@@ -202,7 +202,7 @@ def luma_error(results: Results) -> str:
 
 
 def shown(table: Table) -> bool:
-    """Whether a table goes into the document: all in holes, and two over the whole frame."""
+    """True if a table goes into the document: all in holes, and two over the whole frame."""
     return table.region == HOLES or table.metric.name in ("fvvdp", "statistics")
 
 

@@ -38,7 +38,7 @@ class SessionTiming:
     wall_s: float
     cpu_s: float
     mib: float
-    """What it left on the disk."""
+    """Size of what it left on the disk, MiB."""
 
     @property
     def us_per_flip(self) -> float:

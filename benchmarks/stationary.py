@@ -125,7 +125,7 @@ def whole_coefficients(front: Mask, uncovered: Mask, levels: int) -> list[Mask]:
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """What the fill's bands measure against the plane's, each (textures, levels, 3)."""
+    """Bands of the fill against the plane's, each (textures, levels, 3)."""
 
     ratio: Numbers  # of deviations
     offset: Numbers  # of means, in the plane's deviations

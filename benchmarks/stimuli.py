@@ -1,4 +1,4 @@
-"""How fast clips are made: `script/bench stimuli --write --docs benchmarks/results/stimuli.md`.
+"""Speed of making clips: `script/bench stimuli --write --docs benchmarks/results/stimuli.md`.
 
 One scene, one size: frames per second of the pipeline alone (warp and fill), of PNG encoding
 alone, and of a whole build; the build's wall time over the larger of the two (wanted: at most

@@ -1,4 +1,4 @@
-"""What `benchmarks.stimuli` found, for people, for the docs, and as JSON."""
+"""Findings of `benchmarks.stimuli`, for people, for the docs, and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is one pixel thin in the source, through the warp: `script/bench thin --help`.
+"""Thin things of one pixel through the warp: `script/bench thin --help`.
 
 Every built-in scene, seen from four places around its camera. A pixel *stands alone* if all
 quads around it are torn; a warp that draws quads only loses it. Measured are how many there are,

@@ -1,4 +1,4 @@
-"""What the twins' tests found, for `script/prove-gpu`: a plug-in of pytest.
+"""Report of the twins' tests for `script/prove-gpu`: a plug-in of pytest.
 
 ``-p benchmarks.twin_report --twins-to FILE`` leaves out tests that need no GPU. It writes one line
 of JSON with the names of all tests, and one for each test that ended. A failure comes with the
@@ -48,7 +48,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def needs_gpu(item: pytest.Item) -> bool:
-    """Whether a test asks for a context, or its file opens contexts of its own."""
+    """True if a test asks for a context, or its file opens contexts of its own."""
     asked = getattr(item, "fixturenames", ())
     return "shared_gl_context" in asked or OPENS_CONTEXTS in item.path.read_text(encoding="utf-8")
 
@@ -149,7 +149,7 @@ def _name_of(function: ast.expr) -> str:
 
 
 def _value(expression: ast.expr, frame: FrameType) -> Any:
-    """What an expression without calls gives in a frame; None where it cannot be known."""
+    """Value of an expression without calls in a frame; None where it cannot be known."""
     if not all(isinstance(node, _PURE) for node in ast.walk(expression)):
         return None
     try:

@@ -118,7 +118,7 @@ def flicker(fills: Sequence[NDArray[np.float32]], clip: Clip) -> float:
 
 
 def _glided(image: NDArray[np.float32], by_px: float, order: int = 3) -> NDArray[np.float64]:
-    """What lies `by_px` to the right of each pixel."""
+    """Image shifted: each pixel gets what lies `by_px` to its right."""
     return np.asarray(
         ndimage.shift(image.astype(np.float64), (0, -by_px, 0), order=order, mode="nearest")
     )

@@ -16,7 +16,7 @@ from study_app.stage import KeyPress, Picture, Shown, Stage
 from study_app.trial import Observed, Trial, Watch, advance
 
 BLANK = ScriptPhase(name=ITI, frames=1)
-"""What is shown while nothing else is."""
+"""Phase that is shown while nothing else is."""
 TRACKER_PATIENCE_S = 2.0
 """A tracker that is silent for longer between two attempts ends the run."""
 
@@ -25,7 +25,7 @@ class Flipped(NamedTuple):
     """One flip of an attempt."""
 
     phase: int
-    """Which phase it showed."""
+    """Index of the phase that it showed."""
     frames: tuple[tuple[int, int], ...]
     """(stimulus, frame) of everything of the trial's that it showed."""
     flip: Flip
@@ -37,7 +37,7 @@ class Given(NamedTuple):
     answer: str
     press: KeyPress
     onset_s: float
-    """When the question was first shown, on the stage's clock."""
+    """Time at which the question was first shown, on the stage's clock."""
 
     @property
     def rt_s(self) -> float:
@@ -47,17 +47,17 @@ class Given(NamedTuple):
 
 @dataclass
 class Log:
-    """What is collected during an attempt, in memory."""
+    """Data that are collected during an attempt, in memory."""
 
     flips: list[Flipped] = field(default_factory=list)
     shown: list[Shown] = field(default_factory=list)
-    """What the stage said of each of `flips`."""
+    """Report of the stage on each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
     given: dict[str, Given] = field(default_factory=dict)
     """The answers by question, in their order."""
     quality: GazeQuality | None = None
     disturbance: str = ""
-    """What came between participant and display, if it voided the attempt."""
+    """Disturbance between participant and display, if it voided the attempt."""
 
 
 @dataclass
@@ -112,7 +112,7 @@ class Watcher:
 
 @dataclass(frozen=True)
 class AttemptResult:
-    """How an attempt ended, and what was collected."""
+    """End of an attempt, and what was collected."""
 
     trial: Trial
     log: Log

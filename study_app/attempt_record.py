@@ -1,4 +1,4 @@
-"""What is written of an attempt: the journal's event, and its side files of gaze and flips."""
+"""Records of an attempt: the journal's event, and its side files of gaze and flips."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ class _Slot:
     left: int = 0
     """Frames not yet uploaded."""
     error: Exception | None = None
-    """What came up while it was read; told when the trial comes, not in another trial."""
+    """Error while it was read; told when the trial comes, not in another trial."""
 
 
 @dataclass

@@ -60,7 +60,7 @@ Mark = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run of the program ended."""
+    """End of a run of the program."""
 
     reason: EndReason
     main_done: int

@@ -62,8 +62,7 @@ class DisplayCheck(Model):
     nominal_hz: Hertz
     measured_hz: Hertz
     evidence: str
-    """What vouches for the stamps: `glXGetSyncValuesOML`, `fence`, `unverified`, `software
-    timer`."""
+    """Evidence for the stamps: `glXGetSyncValuesOML`, `fence`, `unverified`, `software timer`."""
     intervals: MeasuredIntervals
     every_interval_s: tuple[float, ...]
     renderer: str

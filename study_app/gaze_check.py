@@ -27,9 +27,9 @@ class Targets:
     """The targets that a tracker asks for, in a window that is opened after it."""
 
     show: LookAt | None = None
-    """What shows them, once it is there."""
+    """Function that shows them, once it is there."""
     quit: bool = False
-    """Whether someone pressed a quit key meanwhile."""
+    """True if someone pressed a quit key meanwhile."""
 
     def __call__(
         self,
@@ -54,7 +54,7 @@ class Calibrated:
     viewing: Viewing
     recorder: Recorder
     fit: bool = False
-    """Whether the last validation was good enough."""
+    """True if the last validation was good enough."""
 
     def __call__(self) -> bool:
         """Calibrate, or check drift, if the tracker can; False where someone quit."""

@@ -1,4 +1,4 @@
-"""Which monitor a display file names, and whether it runs in the mode that the file states."""
+"""Monitor that a display file names, and check of the mode that the file states."""
 
 from __future__ import annotations
 

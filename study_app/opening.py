@@ -51,7 +51,7 @@ class Setting:
     drawn_by: Mapping[str, str] = field(default_factory=dict)
     """Renderer and driver of the window, by the names that `versions` has."""
     simulation: str = ""
-    """What artificial observers depend on besides; recorded, and the same when they go on."""
+    """Options of artificial observers besides; recorded, and the same when they go on."""
 
 
 def begin(

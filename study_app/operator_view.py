@@ -1,4 +1,4 @@
-"""What the operator sees: one line per attempt in the session's own terminal, or a table elsewhere.
+"""View of the operator: one line per attempt in the session's own terminal, or a table elsewhere.
 
 Both are made of journal events alone, so a second process shows the same by reading the journal.
 """
@@ -14,7 +14,7 @@ from protocols.journal import AnyEvent, Attempt, Calibration, SessionEnd, Sessio
 
 @dataclass(frozen=True)
 class Standing:
-    """How a session stands."""
+    """State of a session."""
 
     done: int
     planned: int
@@ -29,7 +29,7 @@ class Standing:
     accuracy_deg: float | None
     ended: str
     message: str
-    """Why it ended, where that is an error."""
+    """Reason why it ended, where that is an error."""
 
 
 def standing(events: Sequence[AnyEvent]) -> Standing:

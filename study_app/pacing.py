@@ -1,4 +1,4 @@
-"""Which refresh each flip fell on, and which were missed: a pure fold over flip stamps.
+"""Refresh that each flip fell on, and missed refreshes: a pure fold over flip stamps.
 
 The display refreshes on a grid. A flip is on time when it lies near a grid line, late when it
 lies clearly behind one (its frame is still on that refresh), and every grid line without a flip
@@ -14,7 +14,7 @@ FlipKind = Literal["first", "on-time", "late", "missed", "doubled"]
 LATE_SHARE = 0.15
 """Share of a refresh period behind the grid from which a flip counts as late."""
 _FOLLOW_SHARE = 0.1
-"""How far each on-time flip pulls the grid: real clocks drift by up to a few parts in 10^4."""
+"""Share by which each on-time flip pulls the grid: real clocks drift by some parts in 10^4."""
 
 
 class Flip(NamedTuple):

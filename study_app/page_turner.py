@@ -14,7 +14,7 @@ from study_app.virtual import Observer
 from study_app.window import Window
 
 NOTICE_S = 1.5
-"""How long a page without keys can be read."""
+"""Time for which a page without keys can be read."""
 _SIMULATED_PAGE_S = 0.4
 
 

@@ -52,7 +52,7 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Sheet:
-    """What a participant reads at once: blocks of text on a screen."""
+    """Text that a participant reads at once: blocks on a screen."""
 
     size_px: tuple[int, int]
     """Width and height."""
@@ -60,7 +60,7 @@ class Sheet:
     """Of the letters."""
     blocks: tuple[Block, ...]
     done_share: float = 0.0
-    """How much of the session is done, as a bar at the upper edge; 0: no bar."""
+    """Share of the session that is done, as a bar at the upper edge; 0: no bar."""
 
     def image(self) -> NDArray[np.uint8]:
         """Return the screen, shape (height, width, 4), transparent where nothing is written."""

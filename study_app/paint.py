@@ -1,4 +1,4 @@
-"""What scripts show, as arrays: each picture, and the whole screen at one flip.
+"""Pictures of scripts, as arrays: each picture, and the whole screen at one flip.
 
 The window draws the same on the graphics card; a test compares the two, pixel by pixel.
 """
@@ -35,7 +35,7 @@ from study_app.pages import words_image
 
 Pixels: TypeAlias = NDArray[np.uint8]
 Bitmaps: TypeAlias = Mapping[str, Bitmap]
-"""What a task draws itself, by its hash."""
+"""Pictures that a task draws itself, by their hashes."""
 INNER_SHARE = 1 / 3
 """Inner disc and cross hair of the target as a share of its diameter: 0.2 of 0.6 deg."""
 _FINER = 8

@@ -51,7 +51,7 @@ _POLL_SHARE = 0.6
 _UPLOAD_SHARE = 0.4
 """Share of a refresh that uploads may take while nothing moves."""
 CLIP_PATIENCE_S = 60.0
-"""How long to wait for the next frame of a disk that answers no more."""
+"""Longest wait for the next frame of a disk that answers no more."""
 
 
 class Presenter:

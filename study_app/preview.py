@@ -47,14 +47,14 @@ MARK: Final = '<meta name="generator" content="metamerlab protocol preview">'
 STAGE_PX: Final = 960
 MOST_FRAMES: Final = 30
 OPEN_MS: Final = 800
-"""How wide a phase that an answer ends is drawn."""
+"""Width, in ms of the timeline, of a phase that an answer ends."""
 _KINDS: Final = {
     "dot": ("dot", "the dot"),
     "ring": ("image", "a Landolt ring"),
     "stored": ("image", "a picture"),
     "words": ("page", "the question and its answers"),
 }
-"""How the timeline colours a picture, and what it is called."""
+"""Colour of a picture in the timeline, and its name, by kind."""
 ROLES: Final = {"main": "", "catch": "catch trial", "practice": "practice"}
 
 

@@ -28,7 +28,7 @@ _APPENDING = (
 
 
 class Stamps(TypedDict):
-    """What every event says."""
+    """Fields of every event."""
 
     n: int
     t_s: float
@@ -59,12 +59,12 @@ class Recorder:
         self.events: list[AnyEvent] = events
         self.torn_file: str | None = None
         self.waits_for_disk = True
-        """Whether an event is on the disk, and not only handed to the system, when it counts as
-        written. False is for what can be made anew: then a power cut may cost the last seconds."""
+        """True if an event counts as written once it is on the disk, not when it is handed to the
+        system. False is for what can be made anew: then a power cut may cost the last seconds."""
         self._opened, self._descriptor = opened, descriptor
         self._clock, self._wall_clock = clock, wall_clock
         self.start_s = clock()
-        """When the journal was opened, on the stage's clock."""
+        """Time at which the journal was opened, on the stage's clock."""
         self._length = os.fstat(descriptor).st_size
         self._chain = events[-1].chain if events else None
 

@@ -1,4 +1,4 @@
-"""What comes next in a session: a pure function of protocol, plan and journal so far.
+"""Next step of a session: a pure function of protocol, plan and journal so far.
 
 Nothing else is remembered, so a session that was killed goes on where it stopped: the trial that
 was interrupted comes again, and all others keep the order they would have had.

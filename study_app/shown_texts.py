@@ -27,7 +27,7 @@ class ShownText:
     name: str
     """Of the page."""
     says: str
-    """When it is shown."""
+    """Occasion on which it is shown."""
     place: str
     """In the study's file."""
     text: str
@@ -40,11 +40,11 @@ class ShownText:
 
 @dataclass
 class Shortcomings:
-    """What of a study a display, or the fonts of this machine, cannot show."""
+    """Parts of a study that a display, or the fonts of this machine, cannot show."""
 
     problems: list[Problem] = field(default_factory=list)
     unwritten: dict[str, str] = field(default_factory=dict)
-    """Why no font here writes the texts of a language."""
+    """Reasons why no font here writes the texts of a language."""
 
 
 def shortcomings(

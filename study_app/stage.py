@@ -1,4 +1,4 @@
-"""What a session needs of the outside: a display that flips, keys, and pages of text.
+"""Stage of a session: a display that flips, keys, and pages of text.
 
 The presenter's window is one stage; the virtual display of simulated sessions is another. The
 session, the trial machine and the recorder are the same over both.
@@ -28,28 +28,28 @@ class KeyPress(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What is known of one flip."""
+    """Facts about one flip."""
 
     t_s: float
     """On the stage's clock."""
     number: int
     """Of the flip, from 0 where the window opened: what the frame strip says."""
     evidence: str
-    """What vouches for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
+    """Evidence for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
     live: LiveFrame | None = None
-    """What was drawn to the gaze, and to which; None: nothing was."""
+    """Frame that was drawn to the gaze, with that gaze; None: nothing was."""
 
 
 class Picture(NamedTuple):
-    """What one flip shows."""
+    """Picture of one flip."""
 
     phase: ScriptPhase
     refreshes: int = 0
-    """How long the phase has been on the screen."""
+    """Refreshes for which the phase has been on the screen."""
     rests: bool = False
     """Nothing moves any more: the next stimuli may load."""
     notice: Notice | None = None
-    """What says how the attempt stands, drawn first: feedback, or why it is void."""
+    """Notice of how the attempt stands, drawn first: feedback, or why it is void."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +67,17 @@ class Page:
     choices: tuple[str, ...] = ()
     """A question's answers; empty: free text is typed."""
     draft: str = ""
-    """What was typed or chosen before the question was left."""
+    """Text that was typed or chosen before the question was left."""
     done_share: float = 0.0
-    """How much of the session is done, shown as a bar; 0: nothing is shown."""
+    """Share of the session that is done, shown as a bar; 0: nothing is shown."""
 
 
 class PageResult(NamedTuple):
-    """How a page ended."""
+    """End of a page."""
 
     key: str
     answer: str
-    """What a question's page collected; what it had so far, if a quit key ended it."""
+    """Answer that a question's page collected; what it had so far, if a quit key ended it."""
     duration_s: float
 
 

@@ -1,4 +1,4 @@
-"""What a lab may add to the picture: a patch for a photodiode, and the number of the flip.
+"""Additions of a lab to the picture: a patch for a photodiode, and the number of the flip.
 
 The number is for a camera or a frame grabber to read.
 
@@ -32,7 +32,7 @@ _CRC_POLYNOMIAL = 0x07  # x^8 + x^2 + x + 1
 
 @dataclass(frozen=True)
 class Extras:
-    """What a lab may add to the picture."""
+    """Additions of a lab to the picture."""
 
     strip: bool = False
     """Frame strip: number and CRC of every flip."""
@@ -126,7 +126,7 @@ class Seen(NamedTuple):
     """One captured picture."""
 
     number: int
-    """What its strip says."""
+    """Number that its strip says."""
     content: str
     """A hash of the clip's place, by any function of the pixels."""
 

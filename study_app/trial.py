@@ -23,7 +23,7 @@ from protocols.script import GazeMode, Picture, ScriptPhase, TrialScript
 
 
 class Watch(Enum):
-    """What the gaze says at one frame."""
+    """State of gaze at one frame."""
 
     HELD = "held"
     """In the window now."""
@@ -36,7 +36,7 @@ class Watch(Enum):
 
 
 class Observed(NamedTuple):
-    """What happened up to one flip."""
+    """Observations up to one flip."""
 
     refreshes: int = 1
     """Refreshes since the flip before: 1 in time, more where some were missed, 0 where two
@@ -63,13 +63,13 @@ class Trial(NamedTuple):
     further: tuple[str, ...] = ()
     """To all others, in the order in which they were asked."""
     completed: bool = False
-    """Whether every question has its answer."""
+    """True if every question has its answer."""
     void_reason: VoidReason | None = None
     warned: bool = False
 
     @property
     def over(self) -> bool:
-        """Whether the outcome is fixed; feedback and blank may still be running."""
+        """True if the outcome is fixed; feedback and blank may still be running."""
         return self.completed or self.void_reason is not None
 
     def done(self, script: TrialScript) -> bool:

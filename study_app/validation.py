@@ -17,7 +17,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource
 SETTLE_S = 0.6
 """The eye's way to a target: samples before are left out."""
 HOLD_S = 0.6
-"""How long samples count at each target."""
+"""Time for which samples count at each target."""
 SCREEN_SHARE = 0.8
 """Targets span this share of the screen."""
 MIN_VALID_SHARE = 0.5
@@ -26,7 +26,7 @@ MIN_VALID_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PointQuality:
-    """How well gaze met one target."""
+    """Quality of gaze at one target."""
 
     x_px: float
     y_px: float

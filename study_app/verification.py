@@ -17,15 +17,15 @@ from study_app.sittings import Sitting
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found of one session."""
+    """Findings about one session."""
 
     sitting: Sitting
     files: int
-    """How many files beside the journal were hashed."""
+    """Number of files beside the journal that were hashed."""
     problems: tuple[str, ...]
-    """What is not as it was recorded; empty: all is."""
+    """Differences from what was recorded; empty: none."""
     notes: tuple[str, ...]
-    """What could not be checked."""
+    """Checks that could not be made."""
 
 
 def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> Finding:

@@ -52,7 +52,7 @@ class VirtualClock:
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong with one flip."""
+    """Fault of one flip."""
 
     kind: Literal["late", "missed", "doubled"]
     amount: float = 1.0
@@ -60,7 +60,7 @@ class Fault:
 
 
 class Observer(Protocol):
-    """Who sits before the virtual display."""
+    """Observer before the virtual display."""
 
     def answer(self, trial: PlannedTrial, attempt: int) -> tuple[str, float]:
         """Return the key that will be pressed, and how long after the onset of the question."""
@@ -76,7 +76,7 @@ class Observer(Protocol):
 
 @dataclass
 class Asked:
-    """What an observer is asked in one attempt, each question once."""
+    """Questions to an observer in one attempt, each once."""
 
     observer: Observer
     trial: PlannedTrial
@@ -139,7 +139,7 @@ class VirtualStage:
 
     @property
     def refresh_hz(self) -> float:
-        """What the display claims."""
+        """Refresh rate that the display claims."""
         return self._nominal_hz
 
     def now(self) -> float:

@@ -1,4 +1,4 @@
-"""What vouches for the stamps of flips: the driver's own counters, a fence, or nothing."""
+"""Evidence for the stamps of flips: the driver's own counters, a fence, or nothing."""
 
 from __future__ import annotations
 

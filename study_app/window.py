@@ -30,11 +30,11 @@ from study_app.vsync import Evidence, SyncValues
 Pacing = Literal["vsync", "software"]
 _NO_KEYBOARD = "another window took the keyboard"
 _SETTLE_S = 5.0
-"""How long a window manager may take to make the window cover the screen."""
+"""Longest time that a window manager may take to make the window cover the screen."""
 
 
 class FlipStamp(NamedTuple):
-    """When a flip happened, and what vouches for it."""
+    """Time of a flip, and the evidence for it."""
 
     t_s: float
     evidence: Evidence
@@ -149,7 +149,7 @@ class Window:
 
     @property
     def evidence(self) -> Evidence:
-        """What vouches for flip stamps, as far as is known before any was measured."""
+        """Evidence for flip stamps, as far as is known before any was measured."""
         if self.pacing == "software":
             return "software timer"
         return "glXGetSyncValuesOML" if self._sync else "fence"

@@ -1,4 +1,4 @@
-"""What an archive says of itself: the study, and every file with its length and hash."""
+"""Index of an archive: the study, and every file with its length and hash."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Index(Model):
     format: Literal[1]
     study: Name
     protocol: Annotated[str, AfterValidator(plain)]
-    """Where in the archive the study's file is."""
+    """Path of the study's file in the archive."""
     protocol_sha256: Sha256
     revision: str
     """Of the program that wrote the archive."""
     secret: bool
-    """Whether the study's secret is in it."""
+    """True if the study's secret is in it."""
     clips: bool
-    """Whether the frames are in it, and not their manifest alone."""
+    """True if the frames are in it, and not their manifest alone."""
     files: tuple[Entry, ...]
 
     def to_bytes(self) -> bytes:

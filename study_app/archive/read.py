@@ -40,14 +40,14 @@ _PLAIN_FILES = {0, stat.S_IFREG}
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found of an archive."""
+    """Findings about an archive."""
 
     index: Index
     sittings: int
     problems: tuple[str, ...]
-    """What is not as it was; empty: all is."""
+    """Differences from what was recorded; empty: none."""
     notes: tuple[str, ...]
-    """What could not be checked."""
+    """Checks that could not be made."""
 
 
 @contextmanager

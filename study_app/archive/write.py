@@ -33,7 +33,7 @@ _PACKED_ALREADY = {".png", ".gz", ".webm"}
 
 @dataclass(frozen=True)
 class Wanted:
-    """What an archive is to hold, and how it is to be closed."""
+    """Content that an archive is to hold, and how it is to be closed."""
 
     protocol: Path
     sessions: Path
@@ -50,7 +50,7 @@ class Wanted:
 
     @property
     def encrypted(self) -> bool:
-        """Whether nobody reads it without a key."""
+        """True if nobody reads it without a key."""
         return bool(self.recipients) or self.passphrase is not None
 
 

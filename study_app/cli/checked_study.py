@@ -1,4 +1,4 @@
-"""Whether a study can be built and shown: every mistake at once."""
+"""Check that a study can be built and shown: every mistake at once."""
 
 from __future__ import annotations
 

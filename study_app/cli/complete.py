@@ -1,4 +1,4 @@
-"""What a shell completes as values: studies, displays, tasks and methods, and files beside them."""
+"""Completions of a shell: studies, displays, tasks and methods, and files beside them."""
 
 from __future__ import annotations
 

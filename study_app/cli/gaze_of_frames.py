@@ -19,7 +19,7 @@ _REPLAY = "replay:"
 
 
 def is_of_frames(gaze: str | None) -> bool:
-    """Whether it names a gaze per frame."""
+    """True if it names a gaze per frame."""
     return gaze is not None and (gaze.startswith(_REPLAY) or Path(gaze).suffix.lower() == ".csv")
 
 

@@ -156,7 +156,7 @@ def live(
 
 @dataclass(frozen=True)
 class _Show:
-    """What was asked for."""
+    """Options of the command."""
 
     source: str
     gaze: str
@@ -349,7 +349,7 @@ class _Showing:
                 self._log.flip(flip, picture, head_s)
 
     def _view(self, loop: LiveLoop) -> View:
-        """What is looked at: the frame whose time has come, and where mouse and head turned to."""
+        """View that is shown: the frame whose time has come, and where mouse and head turned to."""
         from study_app.live.renderer import View
 
         source = self._renderer.source

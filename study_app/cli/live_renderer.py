@@ -258,7 +258,7 @@ class FoveatingRenderer:
 
     @property
     def _shift_px(self) -> moderngl.Texture | None:
-        """Where noise lies on directions of a panorama; displacements lie on the screen."""
+        """Shift of noise that lies on directions of a panorama; displacements lie on the screen."""
         passes = self._foveator.passes if self._foveator is not None else None
         if self._turned is None or passes is None or not passes.carries_noise:
             return None

@@ -269,7 +269,7 @@ def _pairs(
 
 @dataclass(frozen=True)
 class _Given:
-    """What a user names of their own; `photos` and `frames` hold the files of each option."""
+    """Files and names of a user's own; `photos` and `frames` hold the files of each option."""
 
     scenes: list[str]
     pairs: list[PairFiles]

@@ -1,4 +1,4 @@
-"""What commands on single pictures share: options, the choice of methods, places to write to."""
+"""Options, choice of methods, and checks of outputs that commands on single pictures share."""
 
 from __future__ import annotations
 

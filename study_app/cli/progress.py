@@ -1,4 +1,4 @@
-"""What commands with long work show meanwhile: one line, or a bar with the time that is left."""
+"""Progress of commands with long work: one line, or a bar with the time that is left."""
 
 from __future__ import annotations
 

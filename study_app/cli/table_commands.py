@@ -279,7 +279,7 @@ def register(app: typer.Typer) -> None:
 
 
 Told = tuple[list[str] | None, list[str] | None, str | None]
-"""What the options --map, --where and --answer say."""
+"""Options --map, --where and --answer."""
 
 
 def table_told(

@@ -1,4 +1,4 @@
-"""What reaches the terminal: text as it is, never as markup, never as an escape sequence.
+"""Text for the terminal: as it is, never as markup, never as an escape sequence.
 
 Names of files, journals and studies come from outside. Rich would read `[red]` in them as a style,
 and a terminal would obey what follows an escape character.
@@ -72,7 +72,7 @@ class PlainConsole(Console):
 
 
 class Description(TextColumn):
-    """What a task of a progress bar says, as it is; or the same words for all tasks."""
+    """Description of a task of a progress bar, as it is; or the same words for all tasks."""
 
     def __init__(self, words: str | None = None) -> None:
         super().__init__("", markup=False)

@@ -1,4 +1,4 @@
-"""What `metamerlab warp` is given: a file, a picture with motion or depth, or a stereo pair."""
+"""Input of `metamerlab warp`: a file, a picture with motion or depth, or a stereo pair."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class _DepthFile(TypedDict):
 
 @dataclass(frozen=True)
 class Loaded:
-    """What to warp, how it is warped where nothing else is said, and the truth if it is known."""
+    """Input of a warp, its settings where nothing else is said, and the truth if it is known."""
 
     frame: WarpInput
     settings: WarpSettings
     truth: NDArray[np.float32] | None
     hole: NDArray[np.bool_] | None = None
-    """What is to be filled besides what the warp uncovers."""
+    """Pixels to fill besides those that the warp uncovers."""
 
 
 def load(

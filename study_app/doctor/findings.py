@@ -1,4 +1,4 @@
-"""What a check finds, for which job, and what a study asks of a machine."""
+"""Findings of checks, the jobs that they are for, and what a study asks of a machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Status(enum.StrEnum):
-    """How a finding bears on the work; ordered from good to bad."""
+    """Status of a finding: how it bears on the work; ordered from good to bad."""
 
     PASS = "PASS"
     WARN = "WARN"
@@ -17,7 +17,7 @@ class Status(enum.StrEnum):
 
 
 class Job(enum.StrEnum):
-    """What a machine of a lab is for; few machines do all three."""
+    """Job of a machine in a lab; few machines do all three."""
 
     STIMULI = "stimuli"
     SESSIONS = "sessions"
@@ -41,7 +41,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a study asks of a machine; the defaults suit 3 s clips of 1080 x 1080 px.
+    """Needs of a study on a machine; the defaults suit 3 s clips of 1080 x 1080 px.
 
     A clip of 3 s at 60 Hz takes 0.84 GB on the graphics card's side, and a trial
     holds the two it compares.

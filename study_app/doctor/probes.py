@@ -140,7 +140,7 @@ def _monitor(glfw: Any, monitor: Any) -> Answer:
 
 
 def has_compositor() -> bool:
-    """Whether a program puts the windows of an X11 screen together: it owns a known selection."""
+    """Tell whether a program composes the windows of an X11 screen: it owns a known selection."""
     x11 = ctypes.CDLL("libX11.so.6")
     for call in (x11.XOpenDisplay, x11.XInternAtom, x11.XGetSelectionOwner):
         call.restype = ctypes.c_void_p

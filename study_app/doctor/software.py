@@ -79,7 +79,7 @@ def tested_versions() -> dict[str, str]:
 
 
 def check_extras(requirements: Iterable[Requirement]) -> Finding:
-    """Which optional parts are installed; none is needed."""
+    """Report which optional parts are installed; none is needed."""
     extras: dict[str, bool] = {}
     for requirement in requirements:
         match = re.search(r"extra\s*==\s*['\"]([\w-]+)", str(requirement.marker or ""))
@@ -93,7 +93,7 @@ def check_extras(requirements: Iterable[Requirement]) -> Finding:
 
 
 def check_names(names: Iterable[str], path: Iterable[str] | None = None) -> Finding:
-    """Whether another package, or a file beside a program of yours, has a name of ours.
+    """Report whether another package, or a file beside a program of yours, has a name of ours.
 
     Parameters
     ----------

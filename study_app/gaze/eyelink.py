@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 HOST = "100.1.1.1"
 WAIT_S = 3.0
-"""How long to wait for the first samples, and for a clock's answer at most a tenth of it."""
+"""Longest wait for the first samples, and for a clock's answer at most a tenth of it."""
 _SAMPLES_MOST = 4096
 """Per poll."""
 _SETUP = (

@@ -1,4 +1,4 @@
-"""When gaze counts as held: window, violation, blink, loss, silence.
+"""Rules of fixation, when gaze counts as held: window, violation, blink, loss, silence.
 
 All rules come from the protocol's gaze section and work on samples stamped by one clock:
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 PORT = 4242
 WAIT_S = 5.0
-"""How long to wait for the first samples."""
+"""Longest wait for the first samples."""
 _SENT = ("TIME", "POG_BEST", "BLINK", "PUPILMM", "USER_DATA")
 _LINE_MOST = 1 << 16
 _POINT_S = 6.0
-"""How long the calibration may take for each target."""
+"""Longest time that the calibration may take for each target."""
 _ATTRIBUTE = re.compile(r'(\w+)="([^"]*)"')
 
 

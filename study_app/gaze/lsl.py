@@ -24,14 +24,14 @@ _CHANNELS_MOST = 256
 """Of a stream: each sample comes with all of its channels, several times per refresh."""
 _RATE_MOST_HZ = 20_000.0
 _RATE_FACTOR = 1.5
-"""How far the rate of the first samples may be from the one that the stream says."""
+"""Largest factor between the rate of the first samples and the one that the stream says."""
 _X_LABELS = ("x_px", "gaze_x", "x", "gazex", "por_x", "screen_x", "norm_pos_x")
 _Y_LABELS = ("y_px", "gaze_y", "y", "gazey", "por_y", "screen_y", "norm_pos_y")
 
 
 @dataclass(frozen=True)
 class LslSpec:
-    """Which stream, and what its channels mean."""
+    """Stream to read, and the meaning of its channels."""
 
     name: str = ""
     """Empty: the first stream of type `Gaze`."""

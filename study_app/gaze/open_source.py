@@ -1,4 +1,4 @@
-"""Which gaze source a specification names.
+"""Gaze sources by specification.
 
 To add a tracker, write its adapter (`study_app.gaze.source.GazeSource`) and one entry here.
 """
@@ -36,7 +36,7 @@ _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 
 @dataclass(frozen=True)
 class Desk:
-    """What an adapter may use of the session."""
+    """Parts of the session that an adapter may use."""
 
     display: Display
     clock: Callable[[], float]
@@ -45,7 +45,7 @@ class Desk:
     look_at: LookAt = _no_window
     """Shows a target in the session's window; for `calibrate` and `check_drift`."""
     store: bool = True
-    """Whether gaze may be kept: a tracker's own recording too."""
+    """True if gaze may be kept: a tracker's own recording too."""
 
 
 def _lsl(rest: str, desk: Desk) -> GazeSource:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 HOST, PORT = "neon.local", 8080
 WAIT_S = 8.0
-"""How long to wait for the first samples: the clocks' report comes every few seconds."""
+"""Longest wait for the first samples: the clocks' report comes every few seconds."""
 SETTLE_S, HOLD_S = 0.6, 0.6
 """At each target: the eye's way, and what counts."""
 _ANSWER_MOST = 1 << 20

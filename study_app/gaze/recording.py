@@ -31,7 +31,7 @@ _BLINK = re.compile(r"^EBLINK\s+[LR]\s+(\d+)\s+(\d+)")
 FARTHEST_PX = 1e6
 """No screen is as wide; what lies farther away is no gaze."""
 NO_DATA = -32768.0
-"""How EyeLink writes a number that it does not have, where it is not a dot."""
+"""Number that EyeLink writes for one that it does not have, where it is not a dot."""
 WORSE_SHARE = 0.1
 """Of samples: an eye that is lost so much more often than the other is not replayed."""
 CORNER_PX = 60.0

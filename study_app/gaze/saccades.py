@@ -50,7 +50,7 @@ class Saccade:
     over: bool
 
     def suppresses(self, t_s: float) -> bool:
-        """Whether a flip at this time falls where the eye sees little."""
+        """True if a flip at this time falls where the eye sees little."""
         return self.onset_s <= t_s <= self.offset_s + SUPPRESSED_AFTER_S
 
 
@@ -81,7 +81,7 @@ class SaccadeWatch:
 
     @property
     def under_way(self) -> bool:
-        """Whether the newest saccade has not ended."""
+        """True if the newest saccade has not ended."""
         return self.last is not None and not self.last.over
 
     def take(self, samples: Iterable[GazeSample]) -> list[Saccade]:

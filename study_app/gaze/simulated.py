@@ -39,7 +39,7 @@ class GazeEvent:
 
 @dataclass(frozen=True)
 class GazeBehaviour:
-    """How an eye fixates and how often something happens."""
+    """Behaviour of a simulated eye: how it fixates, and how often something happens."""
 
     jitter_deg: float = 0.05
     """Standard deviation of each sample, per axis."""

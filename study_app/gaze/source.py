@@ -29,13 +29,13 @@ class GazeSample(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether the eye was seen."""
+        """True if the eye was seen."""
         return self.x_px == self.x_px and self.y_px == self.y_px
 
 
 @dataclass(frozen=True)
 class SourceInfo:
-    """What a source says about itself."""
+    """Description that a source gives of itself."""
 
     source: str
     description: str
@@ -46,12 +46,12 @@ class SourceInfo:
     polled: bool = False
     """Each poll takes one sample, so that gaps between samples are the display's, not the eye's."""
     notes: tuple[str, ...] = ()
-    """What had to be assumed of the coordinates or the eye: said, and kept in the journal."""
+    """Assumptions about the coordinates or the eye: said, and kept in the journal."""
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """How good a validation was, or what a tracker says of its own calibration."""
+    """Quality of a validation, or of a tracker's own calibration as it says."""
 
     accuracy_deg: float
     precision_deg: float
@@ -64,7 +64,7 @@ class CalibrationResult:
 
 
 class RawFile(NamedTuple):
-    """What a tracker recorded or sent, byte for byte."""
+    """Data that a tracker recorded or sent, byte for byte."""
 
     suffix: str
     """Of the file's name, with its dot."""

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from study_app.gaze.open_source import Desk
 
 WAIT_S = 5.0
-"""How long to wait for the first samples."""
+"""Longest wait for the first samples."""
 SETTLE_S = 0.8
 """The eye's way to a target."""
 ACTION_S = 10.0
-"""How long each step of a calibration may take."""
+"""Longest time that each step of a calibration may take."""
 
 
 def load_titta() -> Any:

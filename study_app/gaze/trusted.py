@@ -21,7 +21,7 @@ from study_app.gaze.source import (
 )
 
 AHEAD_S = 0.05
-"""How far stamps may lie ahead: two clocks agree no better than some milliseconds."""
+"""Longest time by which stamps may lie ahead: two clocks agree within some milliseconds."""
 FARTHEST_PX = 1e6
 """Gaze beyond that, or nowhere, is a lost eye."""
 

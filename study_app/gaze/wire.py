@@ -1,4 +1,4 @@
-"""What adapters over a network share: connections that come back, addresses, clocks' offsets."""
+"""Connections that come back, addresses and clocks' offsets, for adapters over a network."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import GazeSource
 
 CONNECT_S = 3.0
-"""How long to wait for a connection, and for each answer on it."""
+"""Longest wait for a connection, and for each answer on it."""
 ENOUGH_S = 0.5
 """Of first samples, for their rate."""
 RETRY_S = 0.25
@@ -62,7 +62,7 @@ class Wire:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection now."""
+        """True if there is a connection now."""
         return self._socket is not None
 
     def open(self, cure: str) -> None:

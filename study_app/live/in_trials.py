@@ -38,7 +38,7 @@ class LiveFrame(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of a frame's pixels."""
+    """Record of a frame's pixels."""
 
     sha256: str
     """Of all of them, as they were drawn."""
@@ -133,7 +133,7 @@ class _Stimulus:
 
 
 class LiveShow:
-    """What a stage shows of stimuli that follow the gaze.
+    """Live frames of a stage: stimuli that follow the gaze.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How old gaze is when its frame is flipped: median, 95 % and maximum over any number of frames."""
+"""Age of gaze when its frame is flipped: median, 95 % and maximum over any number of frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from protocols.latency import EyeState, LatencySummary
 SILENT_S = 0.1
 """A tracker that sends nothing for so long has lost the eye, as in sessions."""
 AHEAD_S = 0.001
-"""How much later than its arrival a sample may be stamped: two clocks agree no better."""
+"""Longest time by which a sample may be stamped after its arrival: two clocks agree no better."""
 _BIN_S, _BINS = 1e-4, 20_000
 
 

@@ -37,7 +37,7 @@ from study_app.live.renderer import Described, Look, View
 
 FORMAT: Literal[1] = 1
 EVERY = 30
-"""How many flips come between two whose pixels are kept."""
+"""Number of flips between two whose pixels are kept."""
 GRID = 16
 """Along each edge, pixels of a frame that are kept."""
 
@@ -50,7 +50,7 @@ class _Line(Model):
 
 
 class LoggedReading(Model):
-    """How the source's file was read."""
+    """Options by which the source's file was read."""
 
     background: float
     clip: bool
@@ -75,13 +75,13 @@ class LiveStart(_Line):
     revision: str
     refresh_hz: float
     change: Change = "always"
-    """When the gaze that is drawn for may change."""
+    """Times at which the gaze that is drawn for may change."""
     head: str | None = None
-    """What a panorama is turned by, beside the mouse."""
+    """Source of the turns of a panorama, beside the mouse."""
 
 
 class LiveChoice(_Line):
-    """What draws the flips from here on."""
+    """Method that draws the flips from here on."""
 
     kind: Literal["choice"]
     described: Described
@@ -109,7 +109,7 @@ class LiveFlip(_Line):
     head_age_s: float | None = None
     """From the pose that turned the view to the flip; null: none did."""
     suppressed: bool | None = None
-    """Whether the eye saw little then, as far as gaze had come; null: nobody watched."""
+    """True if the eye saw little then, as far as gaze had come; null: nobody watched."""
     pixels: Sha256 | None = None
     """SHA-256 of the whole frame as it was drawn, of a few flips."""
     grid: Grid | None = None
@@ -118,12 +118,12 @@ class LiveFlip(_Line):
 
     @property
     def view(self) -> View:
-        """What was looked at."""
+        """View that was drawn."""
         return View(self.frame, *self.turned_deg)
 
     @property
     def look(self) -> Look:
-        """What it was shown to."""
+        """Gaze and seed that it was drawn for."""
         return Look(self.gaze_px, self.field_px, self.seed)
 
 
@@ -135,7 +135,7 @@ class LiveSaccade(_Line):
     offset_s: float
 
     def suppresses(self, flip_s: float) -> bool:
-        """Whether a flip fell where the eye sees little."""
+        """True if a flip fell where the eye sees little."""
         return Saccade(self.onset_s, self.offset_s, over=True).suppresses(flip_s)
 
 

@@ -24,11 +24,11 @@ SPARE_SHARE = 0.15
 _FORGET = 0.95  # of the dearest frame's cost, from frame to frame
 _LINE_SLACK = 1e-6
 Change: TypeAlias = Literal["always", "during-saccades"]
-"""When the gaze that is drawn for may change."""
+"""Times at which the gaze that is drawn for may change."""
 
 
 class Screen(Protocol):
-    """Where frames go: a window, or a screen that exists in numbers alone."""
+    """Screen that frames go to: a window, or one that exists in numbers alone."""
 
     @property
     def refresh_hz(self) -> float:
@@ -48,7 +48,7 @@ class Screen(Protocol):
 
 
 class Gaze(Protocol):
-    """Where samples come from."""
+    """Source of gaze samples."""
 
     def poll(self) -> Sequence[GazeSample]:
         """Return the samples since the last call, oldest first. Never waits."""
@@ -59,11 +59,11 @@ class Flip(NamedTuple):
 
     number: int
     t_s: float
-    """When it was flipped."""
+    """Time at which it was flipped."""
     poll_s: float
-    """When gaze was asked for."""
+    """Time at which gaze was asked for."""
     drawn_s: float
-    """When it was drawn."""
+    """Time at which it was drawn."""
     refreshes: int
     """Since the flip before; 0 for the first one, and after a pause."""
     view: View
@@ -74,7 +74,7 @@ class Flip(NamedTuple):
     saccades: tuple[Saccade, ...] = ()
     """Those that ended since the flip before."""
     suppressed: bool | None = None
-    """Whether the eye saw little at the flip, as far as gaze had come; None: nobody watched."""
+    """True if the eye saw little at the flip, as far as gaze had come; None: nobody watched."""
 
     @property
     def age_s(self) -> float:
@@ -204,7 +204,7 @@ class LiveLoop:
         return last is not None and bool(last.suppresses(flip_s))  # a plug-in's may be numpy's
 
     def _eye_px(self) -> Place:
-        """Where the eye is in the picture, on the grid of gazes; not a number while it is lost."""
+        """Place of the eye in the picture, on the grid of gazes; not a number while it is lost."""
         newest, held, self._held = self._newest, self._held, None
         if newest is None or not newest.valid:
             newest = held

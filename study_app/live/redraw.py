@@ -19,7 +19,7 @@ NEAR = 1
 
 @dataclass(frozen=True)
 class Redrawn:
-    """What came of it."""
+    """Result of drawing a log again."""
 
     flips: int
     drawn: int

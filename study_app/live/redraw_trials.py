@@ -35,7 +35,7 @@ from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
 
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)
 _ROUNDED_PX = 0.006
-"""How far a gaze may be from the one that was recorded, which has two decimals."""
+"""Largest distance of a gaze from the one that was recorded, which has two decimals."""
 Samples = Mapping[int, tuple[float, float]]
 """Gaze on the screen by its stamp, in microseconds of the session."""
 Screens = Mapping[int, tuple[Path, NDArray[np.uint8]]]

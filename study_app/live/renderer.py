@@ -1,4 +1,4 @@
-"""What the loop asks of whoever draws. The front door fills it, so that a session knows no method.
+"""Renderer as the loop asks for it. The front door fills it, so that a session knows no method.
 
 A frame is decided by what `Renderer.describe` says, a `View` and a `Look`, and by nothing else:
 whoever draws these again gets it again, bit for bit on the same renderer.
@@ -27,7 +27,7 @@ STEPS_PER_PX = 16
 
 
 class View(NamedTuple):
-    """What is looked at."""
+    """View of a source: a frame of a clip, or a direction in a panorama."""
 
     frame: int = 0
     """Of a clip, from 0."""
@@ -37,7 +37,7 @@ class View(NamedTuple):
 
 
 class Look(NamedTuple):
-    """What a view is shown to; places are pixels of the picture."""
+    """Gaze and seed that a view is drawn for; places are pixels of the picture."""
 
     gaze_px: Place
     field_px: Place
@@ -54,9 +54,9 @@ class Described(Grown):
     size_px: tuple[Pixels, Pixels]
     """Width and height of what is shown."""
     centre_px: tuple[float, float]
-    """Where the normal through the eye meets it."""
+    """Point where the normal through the eye meets it."""
     distance_px: Annotated[float, Field(gt=0)]
-    """How far the eye is."""
+    """Distance of the eye."""
     method: str
     parameters: dict[str, Parameter | tuple[Parameter, ...] | None]
     cut: Cut | None = None

@@ -24,7 +24,7 @@ NORMAL = NormalDist()
 
 
 class Decision(NamedTuple):
-    """What a model answers."""
+    """Decision of a model in one trial."""
 
     answer: str
     hardness: float
@@ -52,7 +52,7 @@ class ObserverModel:
     rt_sigma: float = 0.35
     """Standard deviation of its logarithm."""
     rt_hard_s: float = 0.5
-    """How much longer a guess takes."""
+    """Time that a guess takes longer than a plain answer."""
     confidence_noise: float = 0.3
     """Standard deviation, in that of the decision variable, of what blurs confidence."""
 

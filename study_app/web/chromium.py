@@ -30,7 +30,7 @@ _ARGUMENTS = (
     "--disable-backgrounding-occluded-windows", "--force-color-profile=srgb", "--disable-gpu",
 )  # fmt: skip
 _SILENCE_S = 60.0
-"""Who does not answer for so long has died."""
+"""Longest silence: a browser that does not answer for so long has died."""
 
 
 class BrowserError(StudyError):
@@ -67,7 +67,7 @@ class Chromium:
         self._loaded = False
         self._crashed = False
         self.errors: list[str] = []
-        """What went wrong in the page so far."""
+        """Errors in the page so far."""
 
     def devtools(self, method: str, *, of_page: bool = True, **params: object) -> Any:
         """Return the browser's answer to an order of the DevTools protocol.

@@ -58,10 +58,10 @@ _SLOTS_LOOKED_AT = 8
 
 @dataclass(frozen=True)
 class Needs:
-    """What a study asks of a participant's browser."""
+    """Needs of a study on a participant's browser."""
 
     rates: Mapping[float, list[str]]
-    """Why it does not run at a refresh rate; an empty list where it does."""
+    """Reasons why it does not run at a refresh rate; an empty list where it does."""
     fetched_bytes: int
     """Of the frames that one participant sees, as PNG files."""
     decoded_bytes: int
@@ -102,7 +102,7 @@ class WebBuild:
 
     @cached_property
     def rates(self) -> dict[float, list[str]]:
-        """Why the study does not run at a refresh rate; an empty list where it does."""
+        """Reasons why the study does not run at a refresh rate; an empty list where it does."""
         return rates_of(self.study, self.display)
 
     @cached_property

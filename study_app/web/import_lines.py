@@ -77,7 +77,7 @@ from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 from study_app.trial import Trial
 
 EVIDENCE = "animation frame"
-"""What vouches for the stamps of a browser's flips."""
+"""Evidence for the stamps of a browser's flips."""
 DISTURBANCES = {
     "focus": "the page lost the keyboard",
     "hidden": "the page was hidden",
@@ -115,11 +115,11 @@ class Found:
 
 @dataclass
 class Inbox:
-    """What results hold: lines by study and participant, and what is no line."""
+    """Lines of results by study and participant, and what is no line."""
 
     found: dict[tuple[str, str], Found] = field(default_factory=lambda: defaultdict(Found))
     damaged: list[str] = field(default_factory=list)
-    """Where something stands that is no line of ours, and what."""
+    """Places where something stands that is no line of ours, and what."""
 
     def read(self, name: str, data: bytes) -> None:
         """Read the lines of one text.
@@ -143,7 +143,7 @@ class Inbox:
 
 @dataclass(frozen=True)
 class Imported:
-    """How the lines of one participant fared."""
+    """Result of the import of one participant's lines."""
 
     participant: str
     state: State
@@ -151,7 +151,7 @@ class Imported:
     message: str
     attempts: int = 0
     reason: str = ""
-    """How the session ended; empty where it did not."""
+    """Reason for the end of the session; empty where it did not end."""
 
 
 def read_results(paths: Iterable[Path]) -> Inbox:
@@ -559,7 +559,7 @@ class Observed:
         self.used = 0
         """Flips that were shown until the outcome was written."""
         self.written = False
-        """Whether the outcome was written."""
+        """True if the outcome was written."""
         self._shown = 0
 
     def now(self) -> float:

@@ -29,7 +29,7 @@ class FolderHandler(BaseHTTPRequestHandler):
 
     @property
     def name(self) -> str:
-        """What is asked for, without its parameters."""
+        """Name that is asked for, without its parameters."""
         return self.path.split("?")[0].lstrip("/") or "index.html"
 
     def body(self) -> bytes:

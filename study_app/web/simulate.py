@@ -60,7 +60,7 @@ _STILL_S = 120.0
 
 
 class Desk:
-    """Who sits before the page: follows its lines, and answers as it is asked.
+    """Observer before the page: follows its lines, and answers as it is asked.
 
     Parameters
     ----------
@@ -81,9 +81,9 @@ class Desk:
             model, simulation.protocol.response, simulation.seed, participant_code(number)
         )
         self.asked_s = time.monotonic()
-        """When the page last asked."""
+        """Time at which the page last asked."""
         self.problem: StudyError | None = None
-        """Why it answers no more."""
+        """Reason why it answers no more."""
         self._open: tuple[Session, Recorder] | None = None
         self._taken = 0
         self._asked: Asked | None = None

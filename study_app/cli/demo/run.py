@@ -80,7 +80,7 @@ class _Demo:
             Path(options.study), options.display or str(self.out / SCREEN)
         )
         self.keys: dict[str, str] = {}
-        """What each step depends on."""
+        """Hash of what each step depends on, by its name."""
         self.record: dict[str, dict[str, Any]] = {}
         """By step: key, and if it is done, seconds and what its commands said."""
         try:

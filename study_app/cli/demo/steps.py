@@ -21,13 +21,13 @@ class Options:
     """Name or absolute path."""
     observers: int = 12
     window: bool = True
-    """Whether one of them sits before a real window."""
+    """True if one of them sits before a real window."""
     display: str | None = None
     """The user's own screen, a name or an absolute path; None: a screen without a monitor."""
     seed: int = 0
     figures: bool = True
     studies: bool = True
-    """Whether foveated pictures, their studies and another task are shown too."""
+    """True if foveated pictures, their studies and another task are shown too."""
     pictures_only: bool = False
 
 
@@ -41,7 +41,7 @@ class Step:
     commands: list[str]
     """Run one after the other, in the folder of the demonstration."""
     when: str = ""
-    """What must be asked for: ``study``, ``window`` or ``studies``; empty: it always runs."""
+    """Option that must be on: ``study``, ``window`` or ``studies``; empty: it always runs."""
     each: list[str] = field(default_factory=lambda: [""])
     """Names that ``{name}`` stands for: all is done for each, and these share the processors."""
     makes: list[str] = field(default_factory=list)
