@@ -102,7 +102,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--variants", action="store_true", help="variants of one method instead")
     parser.add_argument("--docs", type=PART.page, help="document whose table of means is replaced")
-    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
+    parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
     every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
     choices = VARIANTS if arguments.variants else every

@@ -222,7 +222,7 @@ def main(argv: list[str]) -> int:
         help=f"one table of {', '.join(BRIEF)}, and the part of the document that it replaces",
     )
     parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
-    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
+    parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
     methods = list(VARIANTS) if arguments.variants else arguments.methods
     part = VARIANTS_PART if arguments.variants else BRIEF_PARTS.get(arguments.brief, PART)

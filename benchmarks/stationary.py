@@ -197,9 +197,9 @@ def header(textures: Sequence[Texture]) -> str:
 def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(prog="script/bench stationary", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=32, help="how many, for each texture")
+    parser.add_argument("--seeds", type=int, default=32, help="number of seeds for each texture")
     parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
-    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
+    parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds must be at least 1 (got {arguments.seeds})")

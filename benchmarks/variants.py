@@ -200,7 +200,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="script/bench variants", description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
     parser.add_argument("--sheets", type=Path, help="folder for a labelled sheet per scene")
-    parser.add_argument("--json", type=file_to_write, help="where to store the numbers")
+    parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
     ctx = create_context()
     try:

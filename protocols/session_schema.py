@@ -324,7 +324,7 @@ class Privacy(Model):
     retention_months: Few | None = None
     """Months after which the data must be deleted. Default: not stated."""
     contact: str = ""
-    """Whom participants may ask. Printed on the consent page."""
+    """Person whom participants may ask. Printed on the consent page."""
     secret_sha256: Sha256 | None = None
     """Hash of the study's secret (NAME.secret), which helps to seed the order of trials. Without
     it, the order can give a participant's code away."""

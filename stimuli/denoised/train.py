@@ -459,7 +459,7 @@ def estimated_s(training: Training, missing: Sequence[View]) -> dict[str, float]
 
 
 def versions() -> dict[str, str]:
-    """Of what made a network."""
+    """Versions of the packages that made a network, and our revision, by name."""
     from importlib.metadata import version
 
     from protocols.revision import code_revision

@@ -27,7 +27,7 @@ LONGEST_PX = 512
 MOST_PX = LONGEST_PX**2
 """So a page has 6 MB at most."""
 MANTISSA_BITS = 14
-"""Of what is baked but `WHOLE`: a metamer changes by a tenth of 1/255 at most."""
+"""Bits of what is baked but `WHOLE`: a metamer changes by a tenth of 1/255 at most."""
 WHOLE = "powers"
 """Texture with 24 bits: where a pool has two colours its third and fourth moments nearly cancel."""
 

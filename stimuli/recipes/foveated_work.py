@@ -76,7 +76,7 @@ class Order:
         return f"{kind}:{self.folder / path}" if colon and path else shown.condition
 
     def number(self, entry: FoveatedStimulus) -> int:
-        """Of what was made elsewhere for it: pictures in order, gazes in order within each."""
+        """Index of its picture made elsewhere: pictures in order, gazes in order within each."""
         recipe = self.recipe
         return recipe.pictures.index(entry.picture) * len(recipe.gazes) + recipe.gazes.index(
             entry.gaze

@@ -90,7 +90,7 @@ def report(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="How to analyse a table, in place of what is noted beside it, such as"
+            help="Settings of the analysis, in place of what is noted beside it, such as"
             " primary=ours/blur, alpha=0.01 or label.ours='Our method'; may be given more than"
             " once.",
         ),
@@ -221,7 +221,7 @@ def power(
         typer.Option(
             "--set",
             metavar="NAME=NUMBER",
-            help="What the simulation assumes; may be given more than once. The command "
+            help="Assumption of the simulation; may be given more than once. The command "
             "prints the defaults.",
         ),
     ] = None,
@@ -341,7 +341,7 @@ def import_(
         str,
         typer.Option(
             metavar="|".join((*TASKS, "ratings", "reaction")),
-            help="What participants did in a trial.",
+            help="Task of participants in a trial.",
         ),
     ] = "two-interval",
     columns: Annotated[
@@ -349,7 +349,7 @@ def import_(
         typer.Option(
             "--map",
             metavar="OURS=THEIRS",
-            help="Which column holds what; may be given more than once. Pairs need participant,"
+            help="Columns of the table; may be given more than once. Pairs need participant,"
             " first, second, and chosen (a method) or chose_first (1/0); also scene, size. Other"
             " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
             " any columns of your own. Ratings need participant, rating, and the column that --set"
@@ -362,7 +362,7 @@ def import_(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="How to analyse the table, as in a protocol's section on analysis; may be"
+            help="Settings of the analysis, as in a protocol's section on analysis; may be"
             " given more than once: by=method, level=eccentricity_deg, falling=true,"
             " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
             " rule=independent (abx), scale=bad,fair,good (ratings), primary=ours/blur (pairs)."

@@ -64,7 +64,7 @@ def compress(
             min=1,
             max=65535,
             show_default="12",
-            help="How many frames of a clip share statistics.",
+            help="Number of frames of a clip that share statistics.",
         ),
     ] = None,
     display: DisplayOption = None,

@@ -26,7 +26,7 @@ def doctor(
     folder: Annotated[
         Path,
         typer.Option(
-            help="Where recordings or stimuli will be written: its disk is tested.",
+            help="Folder for recordings or stimuli: its disk is tested.",
             exists=True,
             file_okay=False,
         ),

@@ -43,11 +43,11 @@ def figure(
         list[str] | None,
         typer.Option(
             metavar="auto|X,Y,W,H",
-            help="Where to look, in pixels of the clip; may be given more than once. auto: where"
+            help="Crop to show, in pixels of the clip; may be given more than once. auto: where"
             " the methods differ most.",
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=1, max=4, help="How many crops auto takes.")] = 2,
+    count: Annotated[int, typer.Option(min=1, max=4, help="Number of crops that auto takes.")] = 2,
     methods: Annotated[
         str | None, typer.Option(metavar="A,B,...", help="Methods, in this order; left out: all.")
     ] = None,
@@ -67,7 +67,7 @@ def figure(
         typer.Option(help="Folder of the study's report: scores stand under the methods."),
     ] = None,
     score: Annotated[
-        str, typer.Option(metavar="jod|share", help="Which score of the report to print.")
+        str, typer.Option(metavar="jod|share", help="Score of the report to print.")
     ] = "jod",
     columns: Annotated[
         int, typer.Option(min=1, max=2, help="Width in columns of a paper: 1 or 2.")

@@ -74,13 +74,15 @@ def new_study(
         str | None,
         typer.Option(help="Name of the study in files and folders; default: the folder's name."),
     ] = None,
-    title: Annotated[str | None, typer.Option(help="What people read; default: the name.")] = None,
+    title: Annotated[
+        str | None, typer.Option(help="Title for people to read; default: the name.")
+    ] = None,
     display: Annotated[
         str, typer.Option(help="Display to start from: a shipped name or a .toml file.")
     ] = "fhd27-60hz",
     task: Annotated[
         str,
-        typer.Option(metavar="NAME", help=f"What participants do: {', '.join(PARTS)}."),
+        typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(PARTS)}."),
     ] = "two-interval",
     scene: Annotated[
         list[str] | None,
@@ -101,7 +103,7 @@ def new_study(
     units_per_px: Annotated[
         list[float] | None,
         typer.Option(
-            help="What the disparity file stores for one pixel; left out: 1. Give this and the"
+            help="Number in the disparity file for one pixel; left out: 1. Give this and the"
             " next three once for all pairs, or once for each pair in order."
         ),
     ] = None,

@@ -58,7 +58,7 @@ class ScoreOptions:
         str | None,
         typer.Option(
             metavar="X,Y | FILE",
-            help="Where the viewer looks, in pixels of the clip; or a CSV file with columns x_px"
+            help="Gaze of the viewer, in pixels of the clip; or a CSV file with columns x_px"
             " and y_px and a line per frame. Left out: not foveated.",
         ),
     ] = None

@@ -31,7 +31,7 @@ def sequential(
         typer.Option(
             "--set",
             metavar="NAME=NUMBER",
-            help="What the simulation assumes, as in 'analysis power'.",
+            help="Assumption of the simulation, as in 'analysis power'.",
         ),
     ] = None,
     studies: Annotated[

@@ -146,7 +146,7 @@ class ObserverOptions:
 def simulate(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
-    participants: Annotated[int, typer.Option(min=1, help="How many observers.")] = 1,
+    participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
     *,
     observers: ObserverOptions,

@@ -128,7 +128,7 @@ def look(
     ],
     out: Annotated[Path, typer.Option(help="Contact sheet to write, .png.")] = Path("views.png"),
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
-    views: Annotated[int, typer.Option(min=1, max=64, help="How many views to draw.")] = 12,
+    views: Annotated[int, typer.Option(min=1, max=64, help="Number of views to draw.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a built-in scene.")] = 0,
     view: Annotated[
         list[str] | None,
@@ -215,7 +215,7 @@ def panorama(
         str | None,
         typer.Option(
             metavar="LINE",
-            help="Where to stand, and what the middle shows: the line 'view = {...}' of 'look'.",
+            help="Place to stand, and direction of the middle: the line 'view = {...}' of 'look'.",
         ),
     ] = None,
 ) -> None:

@@ -51,7 +51,7 @@ MapOption = Annotated[
     typer.Option(
         "--map",
         metavar="OURS=THEIRS",
-        help="Which column holds what; may be given more than once. Columns that already have our"
+        help="Column of ours and theirs; may be given more than once. Columns that already have our"
         " names need no --map. A unit may follow: rt_s=rt:ms, correct=miss:errors.",
     ),
 ]
@@ -67,7 +67,7 @@ AnswerOption = Annotated[
     str | None,
     typer.Option(
         metavar="THEIRS=OURS,...",
-        help="What answers are called otherwise, such as y=present,n=absent.",
+        help="Other names of answers, such as y=present,n=absent.",
     ),
 ]
 OutOption = Annotated[

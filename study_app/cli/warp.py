@@ -65,10 +65,10 @@ def warp(
     rim_px: Annotated[
         int | None,
         typer.Option(
-            help="How many background pixels along a hole, 0 to 4, become hole too. A photograph's"
-            " pixels at a silhouette mix both sides, and would leave a ghost of the outline. Give 0"
-            " to a pair rendered without anti-aliasing, 1 to a file with anti-aliased edges, more"
-            " to pictures that are blurred or enlarged."
+            help="Number of background pixels along a hole, 0 to 4, that are hole too. A"
+            " photograph's pixels at a silhouette mix both sides, and would leave a ghost of the"
+            " outline. Give 0 to a pair rendered without anti-aliasing, 1 to a file with"
+            " anti-aliased edges, more to pictures that are blurred or enlarged."
             r" \[default: 1 for a stereo pair, 0 for a file]"
         ),
     ] = None,

@@ -47,7 +47,7 @@ class PictureOptions:
 
     flow: Annotated[
         Path | None,
-        _picture_option(help="Where each pixel moves: a Middlebury file (.flo)."),
+        _picture_option(help="Motion of each pixel: a Middlebury file (.flo)."),
     ] = None
     depth: Annotated[
         Path | None,
@@ -64,14 +64,14 @@ class PictureOptions:
     depth_is: Annotated[
         str,
         _picture_option(
-            help="What --depth holds: distance (along the optical axis), inverse (1 / distance) or"
+            help="Kind of --depth: distance (along the optical axis), inverse (1 / distance) or"
             " ray (distance along each pixel's ray)."
         ),
     ] = "distance"
     nearer: Annotated[
         str,
         _picture_option(
-            help="Which surface is in front if --flow comes without --depth: fast (what moves"
+            help="Surface in front if --flow comes without --depth: fast (what moves"
             " faster) or none."
         ),
     ] = "fast"
@@ -137,7 +137,7 @@ class PairOptions:
     ] = 0.0
     amount: Annotated[
         float,
-        _stereo_option(help="How far to move: 1 is the right camera, 0.5 half way."),
+        _stereo_option(help="Share of the way to move: 1 is the right camera, 0.5 half way."),
     ] = 1.0
     to_left: Annotated[
         bool,

@@ -25,7 +25,7 @@ from study_app.cli.terminal import say
 from study_app.cli.warp_options import FileOptions, PairOptions, PictureOptions
 
 DEFAULT_PARALLAX = 0.03
-"""Of what is near, in widths of the picture."""
+"""Parallax of near things, in widths of the picture."""
 
 
 _FILE_ONLY = "--clip, --encoded and --channel belong to files of colour, depth and flow"

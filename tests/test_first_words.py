@@ -1,0 +1,107 @@
+"""Docstrings, texts below attributes and help texts begin with their noun, or with a verb.
+
+A line in a list of functions, keys or options is found by its first word.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+FOLDERS = ("analysis", "benchmarks", "pipeline", "protocols", "script", "stimuli", "study_app")
+
+# "The what" and "Of how" are no nouns either.
+WORDS = (
+    r"\s*(?:(?:the|a|an|of)\s+)?(?:what|where|how|whether|which|who|whom|whose|why|when)(?:ever)?\b"
+)
+HEADLESS = re.compile(WORDS, re.IGNORECASE)
+SUSPECT = re.compile(f"[\"']{WORDS}", re.IGNORECASE)  # of these files alone the syntax is read
+
+
+def text_of(node: ast.AST) -> str | None:
+    """Return the text that an expression is, or that it begins with; None where it is none."""
+    match node:
+        case ast.Constant(value=str(text)):
+            return text
+        case ast.JoinedStr(values=[first, *_]) | ast.BinOp(left=first, op=ast.Add()):
+            return text_of(first)
+    return None
+
+
+def first_texts(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of every docstring, text below an attribute, and ``help=``."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.keyword) and node.arg == "help":
+            text = text_of(node.value)
+            if text is not None:
+                yield node.value.lineno, text
+        body = getattr(node, "body", None)
+        for statement in body if isinstance(body, list) else ():
+            if isinstance(statement, ast.Expr) and (text := text_of(statement.value)) is not None:
+                yield statement.lineno, text
+
+
+def headless(source: str) -> list[str]:
+    """Return line and first words of every text that does not say what the thing is."""
+    if not SUSPECT.search(source):
+        return []
+    return [
+        f"{line}: {' '.join(text.split())[:60]}"
+        for line, text in first_texts(source)
+        if HEADLESS.match(text)
+    ]
+
+
+def sources(repository: Path) -> Iterator[Path]:
+    yield repository / "metamerlab.py"
+    for folder in FOLDERS:
+        paths = [*(repository / folder).rglob("*.py")]
+        assert paths, folder
+        yield from (path for path in paths if "node_modules" not in path.parts)
+
+
+def test_every_text_begins_with_its_noun(repository):
+    found = [
+        f"{path.relative_to(repository)}:{line}"
+        for path in sources(repository)
+        for line in headless(path.read_text(encoding="utf-8"))
+    ]
+
+    assert not found, "\n".join(["say what it is: 'Share of ...', 'True if ...':", *found])
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        '"""What is shared."""',
+        'class Book:\n    """The what of it."""',
+        'def _f():\n    """Whether it is so."""',
+        'class A:\n    def f(self):\n        """\n        How often.\n        """',
+        'class A:\n    b: int\n    """Which of them, from 0."""',
+        'LIMIT = 3\n"""When it stops."""',
+        'Option(help="where to write")',
+        'Option(help=f"How many {name}.")',
+        'Option(help="Whose " + name)',
+    ],
+)
+def test_a_text_without_its_noun_is_caught(source):
+    assert len(headless(source)) == 1
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        '"""Share of what is shown."""',
+        'def f():\n    """True if it is so."""',
+        'def f():\n    """Tell the user which."""\n    print("What?")',
+        'class A:\n    b: int\n    """Index of the row that is shown."""',
+        '"""Whatsit of a bench."""',
+        'Option(help="Folder where it is written.")',
+    ],
+)
+def test_a_text_with_its_noun_passes(source):
+    assert headless(source) == []
