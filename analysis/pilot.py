@@ -7,9 +7,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.answers import codes_of
+from analysis.models.compared_methods import as_numbers
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.glmm import CrossedFit, fit_crossed
-from analysis.models.pairings import as_numbers
 from analysis.models.reaction_model import time_model
 from analysis.models.response import LOGIT, Response
 from analysis.models.thresholds import fit_thresholds
@@ -17,8 +17,8 @@ from analysis.parts import Plan
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.sensitivity import with_shared_noise
 from analysis.parts.times import TimesPart
-from analysis.plans.rates import RatePlan, prepared
-from analysis.plans.ratings import RatingPlan
+from analysis.plans.rate_plan import RatePlan, prepared
+from analysis.plans.rating_plan import RatingPlan
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]

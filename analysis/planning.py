@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.models.sequential import never_stops, plan_of, spent
+from analysis.models.sequential_bounds import never_stops, plan_of, spent
 from analysis.showable import MOST_PEOPLE, hopeless, two_scenes
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError

@@ -12,7 +12,7 @@ from scipy import optimize
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.answers import Answers, codes_of, crossed_effects
-from analysis.models.pairings import as_numbers
+from analysis.models.compared_methods import as_numbers
 from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
 from analysis.pilot import (
@@ -23,9 +23,9 @@ from analysis.pilot import (
     threshold_deviations,
     time_deviations,
 )
-from analysis.plans.preference import PreferencePlan
-from analysis.plans.rates import RatePlan, combined, prepared
-from analysis.plans.ratings import RatingPlan
+from analysis.plans.preference_plan import PreferencePlan
+from analysis.plans.rate_plan import RatePlan, combined, prepared
+from analysis.plans.rating_plan import RatingPlan
 from analysis.power import COMMON, Assumption, Simulation, default_participants
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError

@@ -1,6 +1,7 @@
 """Journals to tidy tables.
 
-One row per attempt, one per decision, one per session; every column is in `analysis.columns`.
+One row per attempt, one per decision, one per session; `analysis.data_dictionary` has every
+column.
 Damaged journals are read past the damage, and the tables say so.
 """
 
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import (
+from analysis.data_dictionary import (
     SESSION_COLUMNS,
     attempt_columns,
     decision_columns,
@@ -20,7 +21,7 @@ from analysis.columns import (
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.participants import ParticipantFlow, demographics, participant_flow
-from analysis.tables.write import write_table
+from analysis.tables.write_table import write_table
 from protocols.hashing import sha256_file
 from protocols.journal import (
     Answer,

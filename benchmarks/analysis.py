@@ -28,8 +28,8 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
+from analysis.models.bradley_terry_mixed import paired_model
 from analysis.models.clustered import two_way
-from analysis.models.learning import trend
 from analysis.models.metacognition import (
     fit_meta,
     fit_unequal,
@@ -38,11 +38,11 @@ from analysis.models.metacognition import (
     ratio_of_means,
 )
 from analysis.models.observers import check_observers
-from analysis.models.paired_model import paired_model
-from analysis.models.pairs import Model, pair_index, probability
+from analysis.models.paired_counts import Model, pair_index, probability
 from analysis.models.scaling import scale
+from analysis.models.trends import trend
 from analysis.parts.preferences import PreferencesPart
-from analysis.plans.preference import from_protocol
+from analysis.plans.preference_plan import from_protocol
 from analysis.power import power
 from analysis.simulations import Choices, mean_logit
 from benchmarks.machine import processor
@@ -654,7 +654,7 @@ _COST = """
 import resource, sys, time
 from pathlib import Path
 from analysis.tables.decisions import read_decisions
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 from analysis.parts import computed
 from analysis.tasks.preference import PreferenceOfPairs
 began = time.process_time()

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import SESSION_COLUMNS, attempt_columns
+from analysis.data_dictionary import SESSION_COLUMNS, attempt_columns
 from analysis.export.bids_events import event_columns, event_rows
 from analysis.export.bids_gaze import write_gaze
 from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
-from analysis.export.content import Content, generated_by, label, write_json
-from analysis.export.people import Person, Run
+from analysis.export.export_content import Content, generated_by, label, write_json
+from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source, scrub, system
 from protocols.display import Display
 from protocols.errors import StudyError

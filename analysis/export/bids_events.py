@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from analysis.export.bids_tables import FileColumn
-from analysis.export.people import Run
+from analysis.export.exported_people import Run
 from protocols.journal import (
     AnyEvent,
     Attempt,

@@ -10,8 +10,8 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 from analysis.export.bids_tables import NOTHING
-from analysis.export.content import Content, write_json
-from analysis.export.people import Person, Run
+from analysis.export.export_content import Content, write_json
+from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_bytes

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from analysis.export.people import drawn
+from analysis.export.exported_people import drawn
 from analysis.journals import Reading, StudyReadings
 from analysis.tidy import Tidy
 from protocols.errors import StudyError

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.columns import (
+from analysis.data_dictionary import (
     SESSION_COLUMNS,
     attempt_columns,
     decision_columns,
 )
-from analysis.export.content import Content, label, write_json
-from analysis.tables.write import write_table
+from analysis.export.export_content import Content, label, write_json
+from analysis.tables.write_table import write_table
 from protocols.columns import SITTING_COLUMNS, Column
 from protocols.hashing import Json
 from protocols.outside import page_bytes

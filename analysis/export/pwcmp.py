@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from analysis.export.content import Content
-from analysis.tables.write import write_table
+from analysis.export.export_content import Content
+from analysis.tables.write_table import write_table
 from analysis.tidy import pwcmp_table
 from protocols.outside import page_bytes
 

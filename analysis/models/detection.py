@@ -20,7 +20,14 @@ from analysis.models.ideal_observer import (
     corrected_share,
     forced_choice_d_prime,
 )
-from analysis.models.rates import Influence, Rate, contrasts, rate, rate_contrasts, share_influence
+from analysis.models.right_answers import (
+    Influence,
+    Rate,
+    contrasts,
+    rate,
+    rate_contrasts,
+    share_influence,
+)
 
 Floats = NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit
 
+from analysis.models.arrow_matrix import Arrow, RandomEffects
 from analysis.models.deviations import (
     LATENT_VARIANCE,
     MOST_PROFILED,
@@ -23,7 +24,6 @@ from analysis.models.deviations import (
 )
 from analysis.models.logit import fit_logit
 from analysis.models.numeric import newton_polish
-from analysis.models.random_effects import Arrow, RandomEffects
 from analysis.models.response import LOGIT, Rates, Response, steep_prior
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.models.bootstrap import difference_limits, draws
-from analysis.models.pairs import difference_design, has_maximum, pair_index, solve_pairs
+from analysis.models.paired_counts import difference_design, has_maximum, pair_index, solve_pairs
 
 Floats = NDArray[np.float64]
 

@@ -35,10 +35,10 @@ from analysis.models.deviations import (
     profile_limits,
     with_shares,
 )
-from analysis.models.margins import NO_MARGINS, Asked, Margins, margins
+from analysis.models.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.numeric import numeric_hessian
 from analysis.models.parametric_bootstrap import Draws
-from analysis.models.rates import FEW_PARTICIPANTS
+from analysis.models.right_answers import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]

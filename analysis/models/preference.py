@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import (
     FEW_SCENES,
     ClusteredShare,
@@ -19,7 +19,7 @@ from analysis.models.clustered import (
     sign_flip_p,
     two_way,
 )
-from analysis.models.pairings import ALL_SIZES, Comparisons, counts, found_pairings
+from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, found_pairings
 from analysis.showable import hopeless, two_scenes
 from protocols.prose import count_of
 

@@ -22,9 +22,9 @@ from analysis.models.contrasts import (
 )
 from analysis.models.deviations import Deviation
 from analysis.models.linear_mixed import LinearMixed, fit_linear_mixed
-from analysis.models.margins import NO_MARGINS, Asked, Margins, margins
+from analysis.models.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.parametric_bootstrap import Draws
-from analysis.models.rates import FEW_PARTICIPANTS
+from analysis.models.right_answers import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
 

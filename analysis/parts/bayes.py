@@ -8,9 +8,9 @@ from typing import ClassVar
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.models.bayesian import PRIORS, BayesianPreference, bayesian_preference
+from analysis.models.preference_posterior import PRIORS, BayesianPreference, bayesian_preference
 from analysis.parts import PartFigure, Shown, SimplePart, tried
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.style import (
     BLUE,
     GREY,

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import pandas as pd
 
-from analysis.models.bias import Bias, came_both_ways, has_sides, order_bias, side_bias
+from analysis.models.order_and_side import Bias, came_both_ways, has_sides, order_bias, side_bias
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, limits
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import bias_bars
 from analysis.report.values import flat_table
 from analysis.report.wording import level_text, p_number, p_text, share, share_range

@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from analysis.models.bradley_terry_mixed import PairedModel, paired_model
+from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
-from analysis.models.paired_model import PairedModel, paired_model
-from analysis.models.pairings import Comparisons
 from analysis.models.preference import Preference
 from analysis.parts import Part, Shown, tried
 from analysis.parts.preferences import Preferences
 from analysis.parts.shared import rows_of, sd_text
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.wording import NOT_IDENTIFIED, big, number, p_number, p_text, t_text
 from protocols.blocks import Block, Cautions, Paragraph, Table, grouped

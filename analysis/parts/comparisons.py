@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.models.contrasts import Difference
-from analysis.models.rates import Rate
+from analysis.models.right_answers import Rate
 from analysis.parts import Part, Shown
 from analysis.parts.shared import apa_difference
-from analysis.plans.rates import RatePlan
+from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     leading,
     level_text,

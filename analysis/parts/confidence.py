@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
 from analysis.models.detection import Measure
 from analysis.models.metacognition import (
@@ -25,11 +25,11 @@ from analysis.models.metacognition import (
     rank_area,
     roc_points,
 )
-from analysis.models.rates import Rate, rate
+from analysis.models.right_answers import Rate, rate
 from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
 from analysis.parts.shared import condition, limits
-from analysis.plans.rates import RatePlan, shown_in
-from analysis.plots.confidence import calibration_plot, pairs_plot, roc_plot
+from analysis.plans.rate_plan import RatePlan, shown_in
+from analysis.plots.confidence_plots import calibration_plot, pairs_plot, roc_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     level_text,

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
-from analysis.models.rates import Rate, correct_rates
+from analysis.models.right_answers import Rate, correct_rates
 from analysis.parts import PartFigure, Plan, Shown, SimplePart
 from analysis.parts.shared import P, condition, in_order, limits
-from analysis.plans.rates import RatePlan, shown_in
+from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import pandas as pd
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.critical_scaling import CriticalScaling, critical_scalings
 from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.parts.shared import difference_tables, in_order
-from analysis.plans.rates import RatePlan
+from analysis.plans.rate_plan import RatePlan
 from analysis.plots import scaling_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (

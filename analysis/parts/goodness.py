@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.models.goodness import Misfit, curve_misfits, misfits
-from analysis.models.learning import Course, Trend, course, trend
+from analysis.models.goodness_of_fit import Misfit, curve_misfits, misfits
+from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, Shown
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
 from analysis.parts.shared import condition, in_order
-from analysis.plans.rates import RatePlan
-from analysis.plots.levels import misfit_plot
+from analysis.plans.rate_plan import RatePlan
+from analysis.plots.psychometric_plots import misfit_plot
 from analysis.report.wording import (
     df_text,
     level_text,

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.detection import Measure
 from analysis.models.metacognition import (
     FEWEST_TRIALS,
@@ -46,8 +46,8 @@ from analysis.parts.confidence import (
 from analysis.parts.correct import answers_in
 from analysis.parts.sensitivity import with_shared_noise
 from analysis.parts.shared import condition
-from analysis.plans.rates import RatePlan, shown_in
-from analysis.plots.confidence import metacognition_plot, roc_plot
+from analysis.plans.rate_plan import RatePlan, shown_in
+from analysis.plots.confidence_plots import metacognition_plot, roc_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import level_text, number, number_range, p_number, p_text, placed
 from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped

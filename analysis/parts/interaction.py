@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from analysis.answers import Answers
 from analysis.models.cells import Grid, checked, grid
 from analysis.models.clustered import FEW_SCENES, holm
+from analysis.models.compared_methods import pairing_rows
 from analysis.models.contrasts import Difference
-from analysis.models.interaction import jod_interactions, share_interactions
-from analysis.models.pairings import pairing_rows
-from analysis.models.rates import Influence, Rate, rate, share_influence
+from analysis.models.right_answers import Influence, Rate, rate, share_influence
+from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.parts import Part, PartFigure, Shown, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
-from analysis.plans.preference import PreferencePlan
-from analysis.plans.rates import RatePlan, shown_in
-from analysis.plots.interaction import interaction_plot
+from analysis.plans.preference_plan import PreferencePlan
+from analysis.plans.rate_plan import RatePlan, shown_in
+from analysis.plots.interaction_plot import interaction_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     column_in_words,

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models.joint_scale import JointTest, JointTests, joint_tests
-from analysis.models.pairings import as_numbers
+from analysis.models.compared_methods import as_numbers
+from analysis.models.joint_tests import JointTest, JointTests, joint_tests
 from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import NONE, number, p_number, p_text
 from protocols.blocks import Cautions, Table, grouped
 

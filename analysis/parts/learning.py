@@ -10,14 +10,14 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 
-from analysis.models.learning import Course, Trend, course, trend
-from analysis.models.pairings import Comparisons
+from analysis.models.compared_methods import Comparisons
+from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, Plan, Shown
 from analysis.parts.ratings import Ratings, category
 from analysis.parts.shared import TESTED, limits
-from analysis.plans.preference import PreferencePlan
-from analysis.plans.rates import RatePlan
-from analysis.plans.ratings import RatingPlan
+from analysis.plans.preference_plan import PreferencePlan
+from analysis.plans.rate_plan import RatePlan
+from analysis.plans.rating_plan import RatingPlan
 from analysis.plots import learning_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (

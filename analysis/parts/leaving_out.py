@@ -11,10 +11,10 @@ from numpy.random import Generator
 from scipy import stats
 
 from analysis.models.clustered import ClusteredShare, two_way
-from analysis.models.pairings import Comparisons, counts
+from analysis.models.compared_methods import Comparisons, counts
 from analysis.parts import Part, PartFigure, Shown
-from analysis.plans.preference import PreferencePlan
-from analysis.plots.interaction import interaction_plot
+from analysis.plans.preference_plan import PreferencePlan
+from analysis.plots.interaction_plot import interaction_plot
 from analysis.report.wording import leading, level_text, number, number_range, p_number, share
 from protocols.blocks import Heading, Paragraph, Picture
 from protocols.prose import count_of

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.answers import Answers
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.population import Threshold
@@ -27,8 +27,8 @@ from analysis.parts.shared import (
     in_order,
     law_of_mixed,
 )
-from analysis.plans.rates import RatePlan, shown_in
-from analysis.plots.levels import PANELS, DrawnCurve, people_plot, psychometric_plot
+from analysis.plans.rate_plan import RatePlan, shown_in
+from analysis.plots.psychometric_plots import PANELS, DrawnCurve, people_plot, psychometric_plot
 from analysis.repeat import scripts
 from analysis.report.wording import (
     NONE,

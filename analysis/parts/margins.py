@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 
-from analysis.columns import frame_of
-from analysis.models.margins import Margin, Margins
+from analysis.data_dictionary import frame_of
+from analysis.models.marginal_means import Margin, Margins
 from analysis.parts import Plan
 from analysis.parts.shared import TableColumn
 from analysis.report.wording import (

@@ -24,8 +24,8 @@ from analysis.parts.levels import (
     threshold_cells,
     width_title,
 )
-from analysis.plans.rates import RatePlan
-from analysis.plots.levels import DrawnCurve
+from analysis.plans.rate_plan import RatePlan
+from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.wording import p_number, size, size_range
 from protocols.blocks import Cautions, Paragraph, Picture, Table
 from protocols.tasks.rates import performance_in_words

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.parts import PartFigure, Shown, SimplePart
-from analysis.plans.rates import RatePlan, shown_in
+from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map
 from analysis.report.wording import share
 from protocols.blocks import Picture

@@ -12,10 +12,10 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
+from analysis.models.compared_methods import pairing_rows
 from analysis.models.detection import Measure
 from analysis.models.metacognition import Reliability, mean_over_people
-from analysis.models.pairings import pairing_rows
 from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.parts.confidence import (
     HALVES,
@@ -28,8 +28,8 @@ from analysis.parts.confidence import (
     reliability_table,
     with_steps,
 )
-from analysis.plans.preference import PreferencePlan
-from analysis.plots.confidence import pairs_plot
+from analysis.plans.preference_plan import PreferencePlan
+from analysis.plots.confidence_plots import pairs_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import p_number, share
 from protocols.blocks import Paragraph, Picture, Table

@@ -13,11 +13,11 @@ from scipy import stats
 
 from analysis.answers import Answers
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
-from analysis.models.pairings import ALL_SIZES, Comparisons, counts
+from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
 from analysis.models.preference import Preference, PreferenceTable, preference, preferences
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.people import shares_figure
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
 from analysis.report.wording import (
     NONE,

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.special import ndtri
 
 from analysis.answers import Answers
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.margins import (
@@ -31,8 +31,8 @@ from analysis.parts.shared import (
     ratio_told,
     sd_text,
 )
-from analysis.plans.ratings import RatingPlan
-from analysis.plots.ratings import ratings_plot
+from analysis.plans.rating_plan import RatingPlan
+from analysis.plots.rating_plots import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.wording import (
     NOT_IDENTIFIED,

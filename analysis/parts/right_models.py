@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
-from analysis.models.margins import NO_MARGINS, Margins, margins
+from analysis.models.marginal_means import NO_MARGINS, Margins, margins
 from analysis.parts import Shown, SimplePart
 from analysis.parts.margins import (
     contrast_sentences,
@@ -21,7 +21,7 @@ from analysis.parts.margins import (
     means_table,
 )
 from analysis.parts.shared import bootstrapped, law_of_mixed, rows_of, sd_text
-from analysis.plans.rates import RatePlan, baseline_in, shown_in
+from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.wording import (
     NOT_IDENTIFIED,

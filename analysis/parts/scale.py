@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
+from analysis.models.compared_methods import as_numbers, numbered
 from analysis.models.consistency import (
     Agreement,
     Transitivity,
@@ -22,10 +23,9 @@ from analysis.models.consistency import (
 )
 from analysis.models.observers import ObserverCheck, check_observers
 from analysis.models.order_effect import OrderEffect, order_effect
-from analysis.models.pairings import as_numbers, numbered
 from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Shown, SimplePart, tried
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
 from analysis.seed import SEED

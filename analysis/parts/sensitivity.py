@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.answers import Answers, Mask
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
 from analysis.models.clustered import holm, two_way_of_first
 from analysis.models.contrasts import Difference, pairs_of
@@ -25,7 +25,7 @@ from analysis.models.detection import (
     yes_no,
 )
 from analysis.models.logistic import ModelFit, glmm_probit
-from analysis.models.rates import Influence, Rate, rate, share_influence
+from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
@@ -42,7 +42,7 @@ from analysis.parts.shared import (
     sd_text,
     told_apart,
 )
-from analysis.plans.rates import RatePlan, baseline_in, shown_in
+from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (

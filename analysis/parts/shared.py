@@ -14,8 +14,8 @@ from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
 from analysis.models.ordinal import RatingDifference
-from analysis.models.rates import Rate
 from analysis.models.reaction_model import TimeModel, TimeRatio
+from analysis.models.right_answers import Rate
 from analysis.models.thresholds import ThresholdModel
 from analysis.parts import Estimate, Plan
 from analysis.report.wording import (

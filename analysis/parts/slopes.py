@@ -6,13 +6,13 @@ from typing import ClassVar
 
 import pandas as pd
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.population import Population, Threshold
 from analysis.parts import Shown
 from analysis.parts.levels import LevelsPart, population_model, threshold_cells, width_title
 from analysis.parts.shared import TESTED, apa_test, compared, in_order
-from analysis.plans.rates import RatePlan, shown_in
+from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.report.wording import level_text, number, number_range
 from protocols.blocks import Cautions, Table
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.population import Population, Threshold
 from analysis.parts import Part, Shown
@@ -22,8 +22,8 @@ from analysis.parts.levels import (
     threshold_lines,
 )
 from analysis.parts.shared import apa_difference, difference_tables, in_order, law_of_mixed
-from analysis.plans.rates import RatePlan
-from analysis.plots.levels import DrawnCurve
+from analysis.plans.rate_plan import RatePlan
+from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.wording import NOT_IDENTIFIED, level_text, share, size, size_range
 from protocols.blocks import Cautions, Paragraph, Picture, Table
 from protocols.tasks.rates import performance_in_words

@@ -10,12 +10,12 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
-from analysis.models.pairings import as_numbers
-from analysis.models.pairs import Model
+from analysis.models.compared_methods import as_numbers
+from analysis.models.paired_counts import Model
 from analysis.models.scaling import Scale, scale
 from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
-from analysis.plans.preference import PreferencePlan
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import big, number, number_range, p_number, p_text
 from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.answers import Answers
-from analysis.columns import frame_of
+from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.learning import Course
+from analysis.models.trends import Course
 from analysis.plots.style import (
     BLUE,
     LIGHT,

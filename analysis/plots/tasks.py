@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from analysis.models.critical_scaling import CriticalScaling
 from analysis.models.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
 from analysis.models.ideal_observer import abx_d_prime
-from analysis.models.rates import Rate
+from analysis.models.right_answers import Rate
 from analysis.plots.style import (
     BLUE,
     DASHES,

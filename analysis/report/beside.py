@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
-from analysis.report.source import Source
+from analysis.report.report_source import Source
 from analysis.report.wording import number_range, p_number, placed
 from protocols.blocks import Block, Paragraph, Table
 from protocols.errors import StudyError

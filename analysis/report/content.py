@@ -8,10 +8,10 @@ import pandas as pd
 
 from analysis.parts import PartFigure, Shown, computed
 from analysis.parts.added import with_added
-from analysis.parts.looks import LooksPart
+from analysis.parts.interim_looks import LooksPart
 from analysis.parts.places import PlacesPart
-from analysis.report.participants import participant_sentence
-from analysis.report.source import Source
+from analysis.report.participants_section import participant_sentence
+from analysis.report.report_source import Source
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
 from protocols.blocks import Block, Paragraph, Section

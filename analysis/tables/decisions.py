@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from analysis.columns import frame
+from analysis.data_dictionary import frame
 from analysis.models.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.trials import confidence_of, given_columns

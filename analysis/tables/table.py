@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.tables import rows as row_checks
-from analysis.tables import units
+from analysis.tables import column_units
+from analysis.tables import unwanted_rows as row_checks
 from analysis.tables.counts import Counted
-from analysis.tables.files import FIRST_LINE, counted_lines, rows_of, shortened
+from analysis.tables.table_files import FIRST_LINE, counted_lines, rows_of, shortened
 from analysis.tables.words import (
     ANSWERED,
     NO,
@@ -79,7 +79,7 @@ class Table:
         Parameters
         ----------
         path : Path
-            As `analysis.tables.files.rows_of` takes it.
+            As `analysis.tables.table_files.rows_of` takes it.
         mapping : mapping of our name to the file's column
             ``COLUMN``, or ``COLUMN:UNIT`` where its unit is another. Columns that already have our
             names need no entry.
@@ -332,7 +332,7 @@ class Table:
             lambda at: (
                 f"{column} must be a number (got {shortened(raw[at])!r})"
                 + ("; write decimals with a point" if "," in raw[at] else "")
-                + units.cure(raw[at], self.cure(f"--map {column}={self.theirs(column)}"))
+                + column_units.cure(raw[at], self.cure(f"--map {column}={self.theirs(column)}"))
             ),
         )
         return values
@@ -396,7 +396,7 @@ class Table:
     def seconds(self, column: str = "rt_s") -> pd.Series:
         """Return a column of durations above 0 and below a day; what says missing is NaN."""
         values = self._numbers(column)
-        if units.likely("s", values):
+        if column_units.likely("s", values):
             self._refuse_unit(column, values)
         must = (
             f"{column} must be above 0 seconds and below a day (got {{}}); leave such rows out with"
@@ -413,8 +413,8 @@ class Table:
 
     def _rename(self, ours: str, text: str, original: pd.DataFrame) -> None:
         header = list(map(str, original.columns))
-        base = units.unit_of(OURS.get(ours), ours)
-        theirs, unit = units.split_unit(text, header, base, f"--map {ours}={text}")
+        base = column_units.unit_of(OURS.get(ours), ours)
+        theirs, unit = column_units.split_unit(text, header, base, f"--map {ours}={text}")
         if theirs not in header:
             raise StudyError(
                 f"{self.path}: must have the column {theirs!r} mapped to {ours}"
@@ -422,11 +422,11 @@ class Table:
             )
         values = original[theirs]
         if unit is None and ours != theirs:
-            unit = units.said_by(theirs, base)
+            unit = column_units.said_by(theirs, base)
             if unit not in (None, base, "right"):
                 self.notes.append(f"{theirs} read in {unit}, as its name says")
         self.rows = self.rows.assign(
-            **{ours: values if unit is None else units.converted(values, unit)}
+            **{ours: values if unit is None else column_units.converted(values, unit)}
         )
         self._mapping[ours] = theirs
 
@@ -522,11 +522,11 @@ class Table:
             )
 
     def _refuse_unit(self, column: str, values: pd.Series, people: pd.Series | None = None) -> None:
-        base = units.unit_of(OURS.get(column), column)
-        wrong = units.impossible(column, base, values, people)
+        base = column_units.unit_of(OURS.get(column), column)
+        wrong = column_units.impossible(column, base, values, people)
         if not wrong:
             return
-        theirs, others = self.theirs(column), units.likely(base, values)
+        theirs, others = self.theirs(column), column_units.likely(base, values)
         if people is not None:
             cure = "bring all people's to one unit, or leave these out with"
             cure = f"{cure} {self.cure('--where')} 'participant!=CODE'"

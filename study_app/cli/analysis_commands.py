@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
 
     from analysis.parts import Plan
     from analysis.power import Power
-    from analysis.report.build import ReportPaths
-    from analysis.report.source import Progress
+    from analysis.report.report_source import Progress
+    from analysis.report.write_report import ReportPaths
     from analysis.tables.counts import Counted
     from protocols.schema import StudyProtocol
 
@@ -108,7 +108,7 @@ def report(
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
-    from analysis.report.build import report_decisions, report_sessions
+    from analysis.report.write_report import report_decisions, report_sessions
     from protocols.load import load_protocol
 
     with user_errors():
@@ -168,7 +168,7 @@ def tidy(
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
-    from analysis.tables.write import write_table
+    from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
@@ -396,10 +396,10 @@ def import_(
         metamerlab analysis import old.csv --task identification --map participant=subject
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
-    from analysis.columns import dictionary
+    from analysis.data_dictionary import dictionary
     from analysis.plans.told import RatesTold
     from analysis.tables.table import BY_IMPORT
-    from analysis.tables.write import write_table
+    from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
     from protocols.result_folder import check_result, whole_folder
@@ -458,7 +458,7 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
 
 def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> tuple[pd.DataFrame, Plan]:
     """Return decisions and settings of a pilot: of sessions, or of a table."""
-    from analysis.report.source import from_sessions, from_table
+    from analysis.report.report_source import from_sessions, from_table
 
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
     found = from_table(path, None) if table else from_sessions(path, study, progress)

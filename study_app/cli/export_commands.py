@@ -71,7 +71,7 @@ def export(
 
         metamerlab analysis export sessions --protocol demo --format pwcmp --out pwcmp
     """
-    from analysis.export.write import export_study
+    from analysis.export.write_export import export_study
     from protocols.load import load_display, load_protocol
 
     with user_errors():

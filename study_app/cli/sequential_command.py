@@ -19,7 +19,7 @@ from study_app.cli.table_commands import OutOption, print_blocks
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
-    from analysis.models.sequential import SequentialError, SequentialPlan
+    from analysis.models.sequential_bounds import SequentialError, SequentialPlan
 
 STUDIES = 2000
 
@@ -50,14 +50,14 @@ def sequential(
     """
     import numpy as np
 
-    from analysis.models.sequential import plan_of, sequential_error
-    from analysis.parts.looks import looks_frame, looks_table
+    from analysis.models.sequential_bounds import plan_of, sequential_error
+    from analysis.parts.interim_looks import looks_frame, looks_table
     from analysis.planning import check_looks
     from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
-    from analysis.plots.sequential import bounds_plot
+    from analysis.plots.sequential_plot import bounds_plot
     from analysis.power import planned_p_values
     from analysis.report.values import as_json
-    from analysis.tables.write import write_table
+    from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
     from protocols.outside import json_bytes

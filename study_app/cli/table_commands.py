@@ -318,9 +318,9 @@ def ask(
     `only` are the parts that answer the question; none: all of the analysis. `needed` are columns
     that it cannot do without, beside those of the analysis.
     """
-    from analysis.report.build import write_report
     from analysis.report.content import content_of
-    from analysis.report.source import from_question
+    from analysis.report.report_source import from_question
+    from analysis.report.write_report import write_report
     from analysis.tasks import analysis_of
     from analysis.tasks.note import options_from
     from protocols.result_folder import check_result

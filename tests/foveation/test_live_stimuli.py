@@ -15,8 +15,8 @@ from PIL import Image
 from skimage import data
 from typer.testing import CliRunner
 
-from analysis.report.build import report_sessions
-from analysis.report.source import from_sessions
+from analysis.report.report_source import from_sessions
+from analysis.report.write_report import report_sessions
 from pipeline.gl.texture import read_back
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest

@@ -25,7 +25,7 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.report.build import report_decisions, report_sessions
+from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 

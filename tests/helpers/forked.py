@@ -82,7 +82,7 @@ sys.stderr.flush()
 os._exit(status)
 """
 READ = (
-    "PIL.PngImagePlugin", "analysis.report.build", "analysis.tasks.preference", "jinja2",
+    "PIL.PngImagePlugin", "analysis.report.write_report", "analysis.tasks.preference", "jinja2",
     "moderngl", "stimuli.build", "stimuli.check", "study_app.cli", "study_app.presenter",
     "study_app.run", "study_app.session", "study_app.window",
 )  # fmt: skip

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from analysis.report import build
+from analysis.report import write_report
 from protocols.html_page import Figure
 
 
@@ -15,7 +15,7 @@ from protocols.html_page import Figure
 def undrawn() -> Iterator[None]:
     """Leave every figure out of the reports that are written meanwhile."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_draw", lambda *_, **__: {})
+        patch.setattr(write_report, "_draw", lambda *_, **__: {})
         yield
 
 
@@ -23,7 +23,7 @@ def undrawn() -> Iterator[None]:
 def drawn_narrow() -> Iterator[None]:
     """Draw each figure for one column of text alone, where others look at the wide ones."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_WIDTHS", {"narrow": build._WIDTHS["narrow"]})
+        patch.setattr(write_report, "_WIDTHS", {"narrow": write_report._WIDTHS["narrow"]})
         yield
 
 

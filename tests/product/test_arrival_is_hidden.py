@@ -11,10 +11,10 @@ import pytest
 from attack.guesses import export_and_guess, recorded, secretly
 from attack.kills import CASES, write_study
 
-from analysis.export import write
+from analysis.export import write_export
 from analysis.export.choices import FORMATS, ExportOptions
 from analysis.export.order import telling_columns, tells_order
-from analysis.export.write import export_study
+from analysis.export.write_export import export_study
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
@@ -209,8 +209,8 @@ def as_it_was(monkeypatch):
     """Exports as they were: order, arrangement and keys stay wherever there is a secret."""
 
     def unprotect() -> None:
-        monkeypatch.setattr(write, "telling_columns", lambda _study: frozenset())
-        monkeypatch.setattr(write, "tells_order", lambda _study: False)
+        monkeypatch.setattr(write_export, "telling_columns", lambda _study: frozenset())
+        monkeypatch.setattr(write_export, "tells_order", lambda _study: False)
 
     return unprotect
 

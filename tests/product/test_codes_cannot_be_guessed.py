@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from analysis.export.choices import FORMATS, ExportOptions
-from analysis.export.write import export_study
+from analysis.export.write_export import export_study
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes, sha256_json
 from protocols.load import load_display, load_protocol
@@ -174,7 +174,7 @@ def test_new_names_follow_from_nothing_that_is_public(studies, tmp_path):
 
     Five people have 120 orders, so one study may have any of them by chance; four have not.
     """
-    from analysis.export.people import people_of
+    from analysis.export.exported_people import people_of
     from analysis.journals import read_study
 
     def order_of(path, sessions):

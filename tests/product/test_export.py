@@ -336,7 +336,7 @@ def test_a_gaze_file_outside_the_sitting_is_never_read(tmp_path):
 
 def test_codes_stay_apart_when_they_become_labels():
     from analysis.export.bids import subject
-    from analysis.export.people import Person
+    from analysis.export.exported_people import Person
 
     labels = {subject(Person(code, None, ())) for code in ("a-b", "a_b", "ab")}
 

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from analysis.models import bayesian as module
-from analysis.models.bayesian import Posterior, Prior, _verdict, bayesian_preference
+from analysis.models import preference_posterior as module
 from analysis.models.logistic import glmm_logit
+from analysis.models.preference_posterior import Posterior, Prior, _verdict, bayesian_preference
 from analysis.parts.bayes import BayesPart
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError

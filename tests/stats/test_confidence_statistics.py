@@ -26,7 +26,7 @@ from analysis.models.metacognition import (
     roc_points,
 )
 from analysis.report.content import Content, content_of
-from analysis.report.source import from_question
+from analysis.report.report_source import from_question
 from analysis.tables.table import Table
 from analysis.tasks import analysis_of
 from study_app.cli import app

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 from yes_no_table import of_table
 
-from analysis.models.bias import order_bias, side_bias
-from analysis.models.learning import trend
+from analysis.models.order_and_side import order_bias, side_bias
 from analysis.models.reaction import reaction_times
+from analysis.models.trends import trend
 
 
 def test_d_prime_by_hand():

@@ -14,7 +14,7 @@ from analysis.parts.confidence import apa_measure, measured
 from analysis.parts.random_effects import OfModel, RandomEffects, TimeEffects
 from analysis.parts.shared import apa_difference
 from analysis.parts.times import TimesPart
-from analysis.plans.rates import RatePlan
+from analysis.plans.rate_plan import RatePlan
 from analysis.plots import psychometric_plot
 from analysis.report.wording import number, number_range, size, size_range
 

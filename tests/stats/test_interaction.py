@@ -12,8 +12,8 @@ from undrawn_reports import undrawn
 
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way_difference
-from analysis.models.interaction import jod_interactions, share_interactions
-from analysis.report.build import report_decisions
+from analysis.models.second_factor import jod_interactions, share_interactions
+from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol

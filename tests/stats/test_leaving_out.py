@@ -9,7 +9,7 @@ from analysis.models.clustered import two_way
 from analysis.models.preference import preference
 from analysis.parts import computed
 from analysis.parts.leaving_out import LeavingOutPart, _power
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 from analysis.plans.told import PreferencesTold
 
 

@@ -12,6 +12,7 @@ import pytest
 from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
+from analysis.models.arrow_matrix import RandomEffects
 from analysis.models.clustered import equivalence_p
 from analysis.models.formula import TILDE_OPERATOR
 from analysis.models.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
@@ -29,7 +30,6 @@ from analysis.models.logit import (
     profile_limits,
     separated,
 )
-from analysis.models.random_effects import RandomEffects
 from analysis.models.response import LOGIT, Response
 
 ORACLES = Path(__file__).parent / "oracles"

@@ -12,7 +12,7 @@ from made_up_trials import (
 )
 
 from analysis.models.ideal_observer import abx_share
-from analysis.models.rates import rate_contrasts
+from analysis.models.right_answers import rate_contrasts
 
 COLUMNS = {"participant", "scene", "method", "order", "expected", "answer", "correct", "rt_s"}
 

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.models.margins import margins
+from analysis.models.marginal_means import margins
 from analysis.models.ordinal import rating_model
 from analysis.models.parametric_bootstrap import Draws
 from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import ModelsPart
-from analysis.plans.rates import common_settings_of_table, prepared
+from analysis.plans.rate_plan import common_settings_of_table, prepared
 from analysis.plans.told import IdentificationTold, TimesTold
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from

@@ -9,7 +9,7 @@ import pytest
 from analysis.parts import computed
 from analysis.parts.choice_models import ChoiceModels, ChoiceModelsPart
 from analysis.parts.preferences import PreferencesPart
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 from protocols.blocks import Table
 
 

@@ -13,9 +13,9 @@ from typer.testing import CliRunner, Result
 
 from analysis.models.preference import preferences
 from analysis.parts import computed
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 from analysis.plans.told import PreferencesTold
-from analysis.plots.preference import forest_plot
+from analysis.plots.preference_plots import forest_plot
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from analysis.tasks.preference import PreferenceOfPairs

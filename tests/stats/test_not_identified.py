@@ -16,19 +16,19 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.models import scaling
-from analysis.models.bayesian import BayesianPreference, Posterior, PriorCheck
 from analysis.models.diffusion import diffusion_by_condition
-from analysis.models.learning import trend
 from analysis.models.logistic import glm_logit, models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.models.preference_posterior import BayesianPreference, Posterior, PriorCheck
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.reaction import reaction_times
+from analysis.models.trends import trend
 from analysis.parts import computed
 from analysis.parts.bayes import apa_bayes
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.right_models import apa_term
-from analysis.plans.ratings import settings_of
+from analysis.plans.rating_plan import settings_of
 from analysis.plans.told import RatingsTold
 from analysis.plots import reaction_plot
 from analysis.report.values import as_json

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from analysis.parts import computed
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 from analysis.tasks.preference import PreferenceOfPairs
 
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from undrawn_reports import undrawn
 
-from analysis.report.build import report_sessions
-from analysis.report.participants import participant_blocks
+from analysis.report.participants_section import participant_blocks
+from analysis.report.write_report import report_sessions
 from analysis.tidy import Tidy, read_sessions
 from protocols.journal import (
     Answer,

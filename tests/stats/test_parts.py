@@ -15,15 +15,15 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.models import bayesian
+from analysis.models import preference_posterior
 from analysis.parts import Estimate, Part, Shown, added, computed, estimates_of
-from analysis.parts.looks import LooksPart
-from analysis.report.build import report_decisions
+from analysis.parts.interim_looks import LooksPart
+from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
 from analysis.tasks import ANALYSES, analysis_of
 from analysis.tasks.note import write_note
-from analysis.tasks.times import TimesPlan
+from analysis.tasks.time_tables import TimesPlan
 from protocols.blocks import Cautions, Paragraph
 from protocols.blocks import Table as Rows
 from protocols.errors import StudyError
@@ -352,9 +352,9 @@ def _sampled_without_numpyro(monkeypatch):
         rng = np.random.default_rng(seed)
         share = np.clip(rng.normal(chosen.sum() / shown.sum(), 0.05, 4000), 0.001, 0.999)
         own = (np.log(share / (1 - share)), *np.abs(rng.normal(0.5, 0.1, (2, 4000))))
-        return (bayesian._Draws(share, *own, 1.0, 4000.0, 0),) * len(priors)
+        return (preference_posterior._Draws(share, *own, 1.0, 4000.0, 0),) * len(priors)
 
-    monkeypatch.setattr(bayesian, "_sampled", draws)
+    monkeypatch.setattr(preference_posterior, "_sampled", draws)
     kind, options, make = TABLES["preference"]
     monkeypatch.setitem(TABLES, "preference", (kind, options | {"bayes": True}, make))
 

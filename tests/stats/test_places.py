@@ -13,7 +13,7 @@ from undrawn_reports import undrawn
 
 from analysis.parts import Estimate
 from analysis.parts.places import difference
-from analysis.report.build import report_decisions, report_sessions
+from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 from protocols.results import read_results

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.models.sequential import plan_of, standing
+from analysis.models.sequential_bounds import plan_of, standing
 from analysis.planning import look_problems, planning_notes
 from analysis.showable import hopeless
 from analysis.tasks import analysis_of

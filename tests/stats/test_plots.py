@@ -23,21 +23,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from analysis.models.bias import Bias, order_bias, side_bias
 from analysis.models.bootstrap import bootstrap_scale
+from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
 from analysis.models.detection import identification, yes_no
 from analysis.models.deviations import Level
-from analysis.models.learning import course
 from analysis.models.metacognition import UnequalFit
+from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
-from analysis.models.pairings import counts, pairing_rows
 from analysis.models.preference import preferences
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
-from analysis.models.sequential import plan_of
+from analysis.models.sequential_bounds import plan_of
 from analysis.models.thresholds import fit_thresholds
+from analysis.models.trends import course
 from analysis.parts.scale import vote_tensor
 from analysis.plots import (
     ONE_COLUMN_IN,
@@ -59,11 +59,16 @@ from analysis.plots import (
     scaling_plot,
 )
 from analysis.plots.caterpillar import caterpillar_plot
-from analysis.plots.confidence import calibration_plot, metacognition_plot, pairs_plot, roc_plot
-from analysis.plots.interaction import interaction_plot
-from analysis.plots.preference import _odds_ticks
-from analysis.plots.ratings import ratings_plot
-from analysis.plots.sequential import bounds_plot
+from analysis.plots.confidence_plots import (
+    calibration_plot,
+    metacognition_plot,
+    pairs_plot,
+    roc_plot,
+)
+from analysis.plots.interaction_plot import interaction_plot
+from analysis.plots.preference_plots import _odds_ticks
+from analysis.plots.rating_plots import ratings_plot
+from analysis.plots.sequential_plot import bounds_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
 from analysis.tasks import analysis_of

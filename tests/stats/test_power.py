@@ -13,7 +13,7 @@ from scipy.special import expit
 from analysis.models.clustered import two_way, two_way_of_first
 from analysis.parts.preferences import PreferencesPart
 from analysis.pilot import preference_deviations
-from analysis.plans.preference import PreferencePlan, from_decisions, from_protocol
+from analysis.plans.preference_plan import PreferencePlan, from_decisions, from_protocol
 from analysis.power import default_participants, power
 from analysis.simulations import Choices, mean_logit
 from protocols.errors import StudyError

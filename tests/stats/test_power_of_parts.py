@@ -17,8 +17,8 @@ from analysis.parts import Part, Shown, computed
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.ratings import RatingsPart
 from analysis.pilot import rating_deviations
-from analysis.plans.preference import Comparison
-from analysis.plans.ratings import RatingPlan
+from analysis.plans.preference_plan import Comparison
+from analysis.plans.rating_plan import RatingPlan
 from analysis.plans.told import RatingsTold
 from analysis.power import planned_p_values, power
 from analysis.simulations import Choices, RatedSteps

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.models.bayes import binomial_bayes_factor, t_bayes_factor
+from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import holm, two_way
-from analysis.models.pairings import Comparisons, counts, pairing_rows
+from analysis.models.compared_methods import Comparisons, counts, pairing_rows
 from analysis.models.preference import cohens_h, preference, preferences
 
 ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())

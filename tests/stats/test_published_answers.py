@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.special import xlogy
 from yes_no_table import of_table
 
-from analysis.models.bayes import binomial_bayes_factor
+from analysis.models.bayes_factor import binomial_bayes_factor
 from analysis.models.bootstrap import bootstrap_scores
 from analysis.models.clustered import equivalence_p, holm, participant_t, sign_flip_floor
 from analysis.models.consistency import agreement, circular_triads, transitivity
@@ -24,7 +24,7 @@ from analysis.models.ideal_observer import forced_choice_d_prime
 from analysis.models.logistic import glm_logit, glmm_logit
 from analysis.models.logit import fit_logit, information
 from analysis.models.observers import check_observers
-from analysis.models.pairs import JOD_SIGMA, difference_design, pair_index
+from analysis.models.paired_counts import JOD_SIGMA, difference_design, pair_index
 from analysis.models.preference import preferences
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.scaling import scale

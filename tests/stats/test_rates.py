@@ -8,7 +8,7 @@ import pytest
 from scipy.special import expit
 
 from analysis.models.clustered import two_way
-from analysis.models.rates import (
+from analysis.models.right_answers import (
     contrasts,
     correct_rates,
     rate_contrasts,

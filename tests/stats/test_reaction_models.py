@@ -15,7 +15,7 @@ from analysis.models.contrasts import MOST_CONDITIONS, pairs_of
 from analysis.models.diffusion import diffusion_by_condition, ez_diffusion
 from analysis.models.linear_mixed import MOST_LEVELS, fit_linear_mixed
 from analysis.models.reaction_model import time_model
-from analysis.report.build import report_decisions
+from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 from protocols.errors import StudyError

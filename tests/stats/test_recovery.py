@@ -10,7 +10,7 @@ import pytest
 from scipy.special import expit
 from undrawn_reports import undrawn
 
-from analysis.report.build import report_sessions
+from analysis.report.write_report import report_sessions
 from protocols.load import load_display, load_protocol, shipped
 from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel

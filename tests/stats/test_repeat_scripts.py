@@ -20,7 +20,7 @@ from fixed_studies import TABLES, report_of
 from undrawn_reports import undrawn
 
 from analysis.repeat import lme4_effects, scripts
-from analysis.report.build import report_decisions
+from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import big, number, p_number, p_text, printable, share
+from analysis.report.write_report import report_decisions, report_sessions
 from protocols.errors import StudyError
 
 HOSTILE = (

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
-from analysis.models.bayes import t_bayes_factor
-from analysis.models.sequential import (
+from analysis.models.bayes_factor import t_bayes_factor
+from analysis.models.sequential_bounds import (
     critical_values,
     plan_of,
     sequential_error,
@@ -20,9 +20,9 @@ from analysis.models.sequential import (
     standing,
 )
 from analysis.parts import estimates_of
-from analysis.plots.sequential import bounds_plot
+from analysis.plots.sequential_plot import bounds_plot
 from analysis.power import planned_p_values
-from analysis.report.build import report_sessions
+from analysis.report.write_report import report_sessions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol

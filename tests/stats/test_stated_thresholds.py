@@ -18,13 +18,13 @@ from scipy import stats
 from scipy.special import ndtri
 from typer.testing import CliRunner
 
-from analysis.models.goodness import _deviances, _refitted, curve_misfits, misfits
+from analysis.models.goodness_of_fit import _deviances, _refitted, curve_misfits, misfits
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.psychometric_posterior import psychometric_posterior
 from analysis.models.quadrature import _Integrated
 from analysis.models.response import Response
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
-from analysis.plans.rates import RatePlan
+from analysis.plans.rate_plan import RatePlan
 from analysis.plots import DrawnCurve, people_plot, psychometric_plot
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
@@ -314,5 +314,5 @@ def test_every_person_has_a_panel_up_to_a_number_of_them(monkeypatch):
         return [one.get_title(loc="left") for one in axes if one.get_visible()]
 
     assert seen() == list(people)
-    monkeypatch.setattr("analysis.plots.levels.PANELS", 2)
+    monkeypatch.setattr("analysis.plots.psychometric_plots.PANELS", 2)
     assert seen() == ["P0", "P1"]

@@ -12,7 +12,7 @@ from fixed_studies import TABLES
 
 from analysis.parts import computed
 from analysis.parts.strengths import StrengthsPart
-from analysis.plans.preference import from_decisions
+from analysis.plans.preference_plan import from_decisions
 
 R = json.loads((Path(__file__).parent / "oracles" / "oracle_strengths.json").read_text())
 

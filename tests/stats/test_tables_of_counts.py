@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from analysis.models.bias import came_both_ways
+from analysis.models.order_and_side import came_both_ways
 from analysis.parts.bias import BiasPart
 from study_app.cli import app
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.guessing import below_guessing, curve_mistake
 from analysis.tables.decisions import read_decisions
-from analysis.tables.ratings import read_ratings
+from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times, read_trials
 from protocols.errors import StudyError

@@ -25,13 +25,13 @@ from scipy import stats
 from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.export.write import export_study
+from analysis.export.write_export import export_study
 from analysis.models.detection import YesNoResults
 from analysis.models.ideal_observer import abx_share
 from analysis.parts import computed
 from analysis.power import power
-from analysis.report.build import report_decisions, report_sessions
 from analysis.report.wording import share
+from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note
 from analysis.tidy import read_sessions

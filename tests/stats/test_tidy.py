@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.columns import dictionary, tables_of
+from analysis.data_dictionary import dictionary, tables_of
 from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.journal import Withdrawal, event_line

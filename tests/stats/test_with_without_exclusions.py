@@ -13,8 +13,8 @@ from analysis.models.preference import preferences
 from analysis.parts import Estimate, estimates_of
 from analysis.plans.told import DetectionTold, IdentificationTold
 from analysis.report.beside import Beside, beside, beside_blocks
-from analysis.report.build import report_sessions
-from analysis.report.source import from_sessions
+from analysis.report.report_source import from_sessions
+from analysis.report.write_report import report_sessions
 from analysis.tasks.detection import Detection
 from analysis.tasks.identification import Identification
 

@@ -16,10 +16,10 @@ from made_up_trials import (
 
 from analysis.models.critical_scaling import critical_scaling, fit_person
 from analysis.models.detection import abx, identification, yes_no
-from analysis.models.learning import trend
 from analysis.models.logistic import glm_logit
-from analysis.models.rates import correct_rates
+from analysis.models.right_answers import correct_rates
 from analysis.models.thresholds import fit_thresholds
+from analysis.models.trends import trend
 from analysis.parts.correct import apa_rate
 from analysis.parts.critical import apa_critical
 from analysis.parts.learning import apa_trend

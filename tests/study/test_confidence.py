@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
-from analysis.report.build import report_sessions
+from analysis.report.write_report import report_sessions
 from analysis.tidy import read_sessions
 from protocols.against_plan import contradictions, plan_of
 from protocols.errors import StudyError

@@ -184,7 +184,7 @@ def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monke
     """Two scenes and three scalings of it: the report says whose critical scaling is which."""
     if name == "critical-scaling" and not full:
         pytest.skip("ABX is reported elsewhere too; here with --full")
-    monkeypatch.setattr("analysis.report.build._draw", lambda *_, **__: [])
+    monkeypatch.setattr("analysis.report.write_report._draw", lambda *_, **__: [])
     text = shipped("studies")[name].read_text(encoding="utf-8")
     for line in text.splitlines():
         if line.startswith("  { name = ") and not re.search(

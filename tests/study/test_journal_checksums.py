@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.export.choices import ExportOptions
-from analysis.export.write import export_study
+from analysis.export.write_export import export_study
 from analysis.tidy import read_sessions
 from protocols.chain import due, first_link, sealed, stated
 from protocols.errors import StudyError

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from undrawn_reports import undrawn
 
-from analysis.report.build import report_sessions
+from analysis.report.write_report import report_sessions
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes, sha256_file, sha256_json
 from protocols.load import load_protocol, load_study

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from analysis.tables.table import Table as AnyTable
-from analysis.tables.write import write_table
+from analysis.tables.write_table import write_table
 from protocols.blocks import Section, Table
 from protocols.outside import json_bytes, markdown, page_bytes, visible
 from protocols.preregister import to_markdown

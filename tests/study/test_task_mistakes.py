@@ -199,7 +199,7 @@ def test_a_table_that_is_not_there_is_named(tmp_path):
 
 
 def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
-    from analysis.columns import tables_of
+    from analysis.data_dictionary import tables_of
     from protocols.columns import COMMON_COLUMNS
 
     for task in PARTS:

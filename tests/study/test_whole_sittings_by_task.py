@@ -11,7 +11,7 @@ import pytest
 from task_cases import CASES, CATCH, ROUND, case_text
 from undrawn_reports import undrawn
 
-from analysis.report.build import report_sessions
+from analysis.report.write_report import report_sessions
 from analysis.tidy import read_sessions
 from protocols.journal import Answer, BlockEnd, BlockStart, Break, Consent, SessionEnd
 from protocols.journal_file import read_journal

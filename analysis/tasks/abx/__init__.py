@@ -9,7 +9,7 @@ from analysis.models.detection import DiscriminationResults, abx
 from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RatePlan, baseline_in
+from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plans.told import AbxTold, WhichHalfTold
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts

@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.models.detection import DiscriminationResults, identification
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
-from analysis.plans.rates import RatePlan, baseline_in
+from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plans.told import IdentificationTold
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts

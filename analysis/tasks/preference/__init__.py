@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from analysis.models.clustered import least_p
-from analysis.models.pairings import as_numbers, pairing_rows
+from analysis.models.compared_methods import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
@@ -22,7 +22,7 @@ from analysis.parts.random_effects import ChoiceEffects, TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.strengths import StrengthsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.preference import (
+from analysis.plans.preference_plan import (
     PreferencePlan,
     from_decisions,
     from_protocol,

@@ -25,7 +25,7 @@ from analysis.parts.right_models import ModelsPart
 from analysis.parts.slopes import SlopesPart
 from analysis.parts.stated import StatedPart
 from analysis.parts.times import TimesPart
-from analysis.plans.rates import (
+from analysis.plans.rate_plan import (
     RatePlan,
     common_settings,
     common_settings_of_table,

@@ -22,8 +22,8 @@ from attack.kills import CASES, write_study
 from scipy.stats import binom
 
 from analysis.export.choices import FORMATS, ExportOptions, Format
-from analysis.export.people import people_of
-from analysis.export.write import export_study
+from analysis.export.exported_people import people_of
+from analysis.export.write_export import export_study
 from analysis.journals import read_study
 from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped

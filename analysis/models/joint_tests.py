@@ -8,7 +8,7 @@ from scipy import stats
 
 from analysis.models.bootstrap import drawn_scores, draws
 from analysis.models.clustered import least_p
-from analysis.models.pairs import fit_scores, pair_index, probability
+from analysis.models.paired_counts import fit_scores, pair_index, probability
 
 Floats = NDArray[np.float64]
 LEAST_DRAWN = 100

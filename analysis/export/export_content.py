@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.export.choices import ExportOptions
-from analysis.export.people import Person
+from analysis.export.exported_people import Person
 from analysis.export.public import scrub
 from analysis.journals import Progress
 from analysis.tidy import Tidy

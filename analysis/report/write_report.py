@@ -11,15 +11,15 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup, escape
 
-from analysis.columns import dictionary
+from analysis.data_dictionary import dictionary
 from analysis.parts import PartFigure
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.content import Content, content_of
-from analysis.report.page import report_page
-from analysis.report.source import Progress, Source, from_sessions, from_table
+from analysis.report.report_page import report_page
+from analysis.report.report_source import Progress, Source, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
-from analysis.tables.write import write_table
+from analysis.tables.write_table import write_table
 from analysis.tidy import write_tables
 from protocols.blocks import Paragraph
 from protocols.hashing import Json

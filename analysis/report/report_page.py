@@ -7,8 +7,8 @@ from markupsafe import Markup
 
 from analysis.report import wording
 from analysis.report.content import Content
-from analysis.report.participants import participant_blocks
-from analysis.report.source import Source
+from analysis.report.participants_section import participant_blocks
+from analysis.report.report_source import Source
 from analysis.report.values import rows_as_json
 from analysis.tidy import Tidy
 from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, Table

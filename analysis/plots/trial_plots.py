@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.models.bias import Bias
+from analysis.models.order_and_side import Bias
 from analysis.models.reaction import ReactionTimes
 from analysis.plots.style import (
     BLUE,

@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis.parts import Plan
 from analysis.plans.told import PreferencesTold
-from analysis.recording import recording_notes
+from analysis.recording_notes import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from analysis.models.pairings import counts, pairing_rows
+from analysis.models.compared_methods import counts, pairing_rows
 from protocols.errors import StudyError
 from protocols.prose import count_of
 

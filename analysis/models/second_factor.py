@@ -11,7 +11,7 @@ from analysis.models.bootstrap import difference_limits, drawn_scores, draws
 from analysis.models.cells import Grid
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
-from analysis.models.rates import Influence, contrasts, share_influence
+from analysis.models.right_answers import Influence, contrasts, share_influence
 from analysis.models.scaling import scale
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ import pandas as pd
 from scipy import stats
 
 from analysis.models.clustered import holm, sign_flip_p, two_way
-from analysis.models.pairings import cell_counts
+from analysis.models.compared_methods import cell_counts
 
 
 @dataclass(frozen=True)

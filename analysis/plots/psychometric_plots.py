@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.goodness import Misfit
-from analysis.models.learning import Course
+from analysis.models.goodness_of_fit import Misfit
+from analysis.models.trends import Course
 from analysis.plots.style import (
     DASHES,
     GREY,

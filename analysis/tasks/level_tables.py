@@ -12,7 +12,7 @@ from analysis.parts.levels import CurvesPart, ThresholdsPart
 from analysis.parts.own_curves import OwnCurvesPart
 from analysis.parts.slopes import SlopesPart
 from analysis.parts.stated import StatedPart
-from analysis.plans.rates import CurvePlan, RatePlan, common_settings_of_table
+from analysis.plans.rate_plan import CurvePlan, RatePlan, common_settings_of_table
 from analysis.plans.told import CurvesTold
 from analysis.tables.table import Source, opened
 from analysis.tasks.rates import RatesTask

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from analysis.models.detection import Measure
 from analysis.models.metacognition import UnequalFit
-from analysis.models.rates import Rate
+from analysis.models.right_answers import Rate
 from analysis.plots.style import (
     DASHES,
     GREY,

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.models.sequential import SequentialPlan
+from analysis.models.sequential_bounds import SequentialPlan
 from analysis.plots.style import BLUE, GREY, ORANGE, explain, new_figure, style
 from analysis.report.wording import leading
 

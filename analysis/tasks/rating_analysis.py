@@ -11,10 +11,10 @@ from analysis.parts.learning import StepLearning
 from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.ratings import RatingPlan, conditions_of, from_protocol, settings_of
+from analysis.plans.rating_plan import RatingPlan, conditions_of, from_protocol, settings_of
 from analysis.plans.told import RatingsTold
 from analysis.simulations import RatedSteps
-from analysis.tables.ratings import read_ratings
+from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions
 from analysis.tasks.base import TaskAnalysis

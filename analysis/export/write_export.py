@@ -6,7 +6,8 @@ from pathlib import Path
 
 from analysis.export.bids import write_bids
 from analysis.export.choices import ExportOptions, Format
-from analysis.export.content import Content
+from analysis.export.export_content import Content
+from analysis.export.exported_people import people_of
 from analysis.export.order import (
     refuse_adaptive,
     telling_columns,
@@ -16,7 +17,6 @@ from analysis.export.order import (
     without_columns,
     without_order,
 )
-from analysis.export.people import people_of
 from analysis.export.psychds import write_psych_ds
 from analysis.export.public import public_readings, public_tables, refuse_private
 from analysis.export.pwcmp import write_pwcmp

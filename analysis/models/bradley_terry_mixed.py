@@ -19,7 +19,7 @@ from analysis.models.glmm import (
     fit_crossed,
     reduced_ratio,
 )
-from analysis.models.pairs import components, has_maximum
+from analysis.models.paired_counts import components, has_maximum
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from analysis.tables.decisions import by_place, refuse_equals
-from analysis.tables.files import shortened
 from analysis.tables.table import Source, Table, opened
+from analysis.tables.table_files import shortened
 from analysis.tables.words import TIES, among
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean

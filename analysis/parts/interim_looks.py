@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models.sequential import SequentialPlan, Standing, plan_of, standing
+from analysis.models.sequential_bounds import SequentialPlan, Standing, plan_of, standing
 from analysis.parts import AnyPart, Estimate, Part, PartFigure, Plan, Shown, estimates_of
-from analysis.plots.sequential import bounds_plot
+from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
 from protocols.blocks import Block, Box, Paragraph, Picture, Table
 from protocols.sequential import Sequential

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import pandas as pd
 
-from analysis.models.pairings import ALL_SIZES, found_pairings
+from analysis.models.compared_methods import ALL_SIZES, found_pairings
 from analysis.parts import Plan
 from analysis.plans.told import PreferencesTold
 from protocols.errors import StudyError

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.models.bayes import t_bayes_factor
+from analysis.models.bayes_factor import t_bayes_factor
 from protocols.sequential import Sequential, SequentialRule
 
 Floats = NDArray[np.float64]
