@@ -359,8 +359,9 @@ class Attempt(Event, Grown):
     phase, clip_frame, frame_sha256. For several stimuli at once the last two hold one entry each,
     separated by a space. Of trials with stimuli that follow the gaze also gaze_x_px, gaze_y_px,
     field_x_px, field_y_px (pixels of the stimulus), age_s (sample to flip), eye, seed,
-    drawn_sha256 (of the picture's hash, place, method and parameters), and of the last frame of
-    each stimulus pixels_sha256 and grid (some of them, Base64)."""
+    drawn_sha256 (of the picture's hash, place, method and parameters), of the last frame of each
+    stimulus pixels_sha256 and grid (some of them, Base64), and suppressed (1: the eye saw little,
+    as far as gaze had come)."""
     further: tuple[FurtherAnswer, ...] = ()
     """Answers to all other questions of the trial, in their order. Left out where there are none,
     as in a void attempt."""

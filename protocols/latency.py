@@ -4,31 +4,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import AfterValidator
 
-from protocols.units import Count, Model, storable
+from protocols.units import Count, Grown, Model, storable
 
 EyeState: TypeAlias = Literal["found", "lost", "silent", "ahead", "none"]
 """Of the newest sample: it saw the eye; it did not; there was none for 100 ms; its stamp lies ahead
 of the clock; there never was one. Only a gaze that was `found` has a latency."""
 
 
-class LiveFrames(Model):
+class SaccadeTimes(Model):
+    """One saccade: its first and last fast sample."""
+
+    onset_s: Annotated[float, AfterValidator(storable)]
+    """Session clock."""
+    offset_s: Annotated[float, AfterValidator(storable)]
+    """Session clock. The eye sees little from the onset to 50 ms behind this."""
+
+
+class LiveFrames(Grown):
     """The frames of an attempt that were drawn to the gaze."""
 
     ages_ms: tuple[Annotated[float, AfterValidator(storable)], ...]
-    """Sample to flip, of the frames whose newest sample saw the eye, in their order."""
+    """Sample to flip, of the frames whose newest sample saw the eye, in their order. Frames that
+    held a gaze until a saccade count in no number."""
     lost: Count
     """Frames that held the last gaze: the eye was lost, or never found."""
     silent: Count
     """Frames that held it because the tracker sent nothing."""
     ahead: Count
     """Frames whose sample was stamped later than it came."""
+    saccades: tuple[SaccadeTimes, ...] = ()
+    """Those that were under way or just over in the attempt, as far as gaze had come."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("saccades",)
 
     @classmethod
-    def of(cls, frames: Iterable[tuple[EyeState, float]]) -> LiveFrames:
+    def of(
+        cls, frames: Iterable[tuple[EyeState, float]], saccades: tuple[SaccadeTimes, ...] = ()
+    ) -> LiveFrames:
         """Sum up (state of the eye, age in seconds) of frames."""
         shown = list(frames)
         eyes = [eye for eye, _ in shown]
@@ -37,6 +53,7 @@ class LiveFrames(Model):
             lost=eyes.count("lost") + eyes.count("none"),
             silent=eyes.count("silent"),
             ahead=eyes.count("ahead"),
+            saccades=saccades,
         )
 
 

@@ -10,6 +10,7 @@ from protocols.journal import GazeQuality, VoidReason
 from protocols.phases import ITI
 from protocols.script import Question, ScriptPhase, TrialScript
 from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.saccades import SUPPRESSED_AFTER_S, Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import Flip, Pacer
 from study_app.stage import KeyPress, Picture, Shown, Stage
@@ -66,17 +67,21 @@ class Watcher:
 
     Attributes
     ----------
+    saccades : SaccadeWatch or None
+        Finds saccades in all samples.
     seen : GazeSample or None
         The newest sample that saw the eye.
     """
 
     source: GazeSource
     monitor: FixationMonitor
+    saccades: SaccadeWatch | None = None
     seen: GazeSample | None = None
     _early: list[GazeSample] = field(default_factory=list)
     """Live frames had them, the trial did not yet."""
     _newest: GazeSample | None = None
     """The trial had it, live frames did not yet."""
+    _ended: list[Saccade] = field(default_factory=list)
 
     def poll(self) -> Sequence[GazeSample]:
         """Return the newest samples, for a live frame; the trial gets them too. Never waits."""
@@ -98,7 +103,19 @@ class Watcher:
     def _new(self) -> Sequence[GazeSample]:
         new = self.source.poll()
         self.seen = next((sample for sample in reversed(new) if sample.valid), self.seen)
+        if self.saccades is not None:
+            self._ended += self.saccades.take(new)
         return new
+
+    def saccades_since(self, t_s: float) -> list[Saccade]:
+        """Return those whose windows reach beyond a time, oldest first; it may not fall.
+
+        The last one may be under way.
+        """
+        self._ended = [one for one in self._ended if one.offset_s + SUPPRESSED_AFTER_S >= t_s]
+        watch = self.saccades
+        now = [watch.last] if watch is not None and watch.last and watch.under_way else []
+        return [*self._ended, *now]
 
     def stays_silent(self, stage: Stage, silence_s: float) -> bool:
         """Wait between two attempts for a source that fell silent; return whether it stays so."""

@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from protocols.journal import Attempt, FurtherAnswer, Phase, ShownStimulus
-from protocols.latency import LiveFrames
+from protocols.latency import LiveFrames, SaccadeTimes
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import GazeMode, TrialScript
 from study_app.attempt import Flipped, Log
+from study_app.gaze.saccades import Saccade
 from study_app.gaze.source import GazeSample
 from study_app.live.in_trials import Kept, LiveFrame, live_entries
 from study_app.recorder import Recorder
@@ -20,6 +21,7 @@ from study_app.trial import Trial
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
 LIVE_HEADER = (
     ",gaze_x_px,gaze_y_px,field_x_px,field_y_px,age_s,eye,seed,drawn_sha256,pixels_sha256,grid"
+    ",suppressed"
 )
 """Of attempts with stimuli that follow the gaze: places are pixels of the stimulus."""
 _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
@@ -35,6 +37,7 @@ def attempt_event(
     manifest: Manifest,
     recorder: Recorder,
     kept: Mapping[int, Kept],
+    saccades: Sequence[Saccade],
     *,
     store_gaze: bool,
 ) -> Attempt:
@@ -82,7 +85,7 @@ def attempt_event(
         gaze=log.quality if script.gaze is not GazeMode.NONE else None,
         gaze_file=gaze_file,
         flips_file=flips_file,
-        live=_live(log) if live_entries(script) else None,
+        live=_live(log, saccades, recorder) if live_entries(script) else None,
         further=tuple(
             FurtherAnswer(question=name, answer=one.answer, key=one.press.key, rt_s=one.rt_s)
             for name, one in given.items()
@@ -90,9 +93,18 @@ def attempt_event(
     )
 
 
-def _live(log: Log) -> LiveFrames:
+def _live(log: Log, saccades: Sequence[Saccade], recorder: Recorder) -> LiveFrames:
     flips = [shown.live.flip for shown in log.shown if shown.live is not None]
-    return LiveFrames.of((flip.eye, flip.age_s) for flip in flips)
+    return LiveFrames.of(
+        ((flip.eye, flip.age_s) for flip in flips if flip.follows),
+        tuple(
+            SaccadeTimes(
+                onset_s=recorder.session_time(one.onset_s),
+                offset_s=recorder.session_time(one.offset_s),
+            )
+            for one in saccades
+        ),
+    )
 
 
 def _shown(
@@ -184,4 +196,5 @@ def _live_columns(live: LiveFrame | None, kept: Mapping[int, Kept]) -> str:
     places = ",".join(map(repr, (*look.gaze_px, *look.field_px)))
     age = "" if math.isnan(flip.age_s) else f"{flip.age_s:.6f}"
     some = ",".join(kept.get(flip.number, ("", "")))
-    return f",{places},{age},{flip.eye},{look.seed},{live.sha256},{some}"
+    suppressed = "" if flip.suppressed is None else int(flip.suppressed)
+    return f",{places},{age},{flip.eye},{look.seed},{live.sha256},{some},{suppressed}"

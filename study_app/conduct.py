@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -28,6 +29,7 @@ from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSource, RawFile, Tracker
 from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
@@ -164,15 +166,18 @@ class _Conductor:
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
             timing = self._protocol.trial
-            info = gaze.info()
+            info, viewing = gaze.info(), Viewing.of(setting.display)
             monitor = FixationMonitor(
                 self._protocol.gaze,
-                Viewing.of(setting.display),
+                viewing,
                 (timing.fixation_x_deg, timing.fixation_y_deg),
                 info.rate_hz,
                 polled=info.polled,
             )
-            self._watcher = Watcher(gaze, monitor)
+            watch = None
+            if self._protocol.stimuli.follows_gaze:
+                watch = SaccadeWatch(math.radians(viewing.distance_mm / viewing.pitch_x_mm))
+            self._watcher = Watcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
         self._gaze_check = None
         if validate is not None and self._watcher is not None:
@@ -305,6 +310,7 @@ class _Conductor:
                 setting.manifest,
                 self._recorder,
                 self._stage.kept(),
+                self._watcher.saccades_since(log.flips[0].flip.t_s) if self._watcher else (),
                 store_gaze=self._protocol.privacy.store_gaze,
             )
             self._recorder.append(event)

@@ -28,6 +28,7 @@ from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Texts
+from study_app.gaze.saccades import check_saccade_rate
 from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder
 from study_app.sittings import claimed, is_stillborn, next_slot, require_portable, sitting_folder
@@ -201,6 +202,8 @@ def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | N
             f"gaze: the source must send at least {protocol.gaze.rate_min_hz:g} Hz"
             f" (got {info.rate_hz:g} Hz from {info.source})"
         )
+    if any(one.change != "always" for one in protocol.stimuli.live_methods().values()):
+        check_saccade_rate("stimuli.change: during-saccades", info.rate_hz)
     return GazeInfo(
         source=info.source,
         description=info.description,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 from protocols.blocks import Block
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.units import Condition, Model, Number, Parameters, Scalar, Seed, Text
+from protocols.units import Condition, Grown, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"
 """The column of a condition that says what is to be seen: statistics cluster on it."""
@@ -53,7 +53,11 @@ class Cut(Model):
     """Width over which the sides blend."""
 
 
-class LiveMethod(Model):
+Change: TypeAlias = Literal["always", "during-saccades"]
+"""Times at which the gaze that is drawn for may change."""
+
+
+class LiveMethod(Grown):
     """Method that draws a stimulus to the gaze."""
 
     method: Text
@@ -64,6 +68,10 @@ class LiveMethod(Model):
     """Of noise or displacement."""
     cut: Cut | None = None
     """Null: the whole picture is drawn by the method."""
+    change: Change = "always"
+    """When the gaze that is drawn for may change. Left out where it always may."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("change",)
 
 
 class Recipe(Model):

@@ -18,7 +18,7 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
 from protocols.prose import count_of
-from protocols.recipes.base import Cut, LiveMethod, Recipe, Stimulus
+from protocols.recipes.base import Change, Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (
     Degrees,
     Few,
@@ -39,6 +39,11 @@ CLOSED, OPEN = "closed", "open"
 CONSISTENT, INCONSISTENT = "consistent", "inconsistent"
 BUILTIN = "builtin:"
 """Before the name of a picture that is made here, in place of a file."""
+_FOLLOWS: Mapping[Change, str] = {
+    "always": "Each frame is drawn to the gaze of that moment.",
+    "during-saccades": "Each picture is drawn to the gaze of its first moment. It changes with the"
+    " gaze during saccades, and up to 50 ms behind them.",
+}
 _TURN = 360
 _FINER = 1000  # of a degree: angles are whole thousandths, the same on every platform
 
@@ -238,12 +243,16 @@ class FoveatedStimulus:
 class FoveatedImages(Grown, Recipe):
     """Stills prepared for a gaze by several methods, or drawn to it while they are shown."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("live", "crop")
+    added_later: ClassVar[tuple[str, ...]] = ("live", "change", "crop")
 
     kind: Literal["foveated-images"]
     live: bool = False
     """Draw every frame to the gaze of that moment, on the machine of the session. What is built and
     hashed is the picture itself. Default: pictures are made beforehand, for `gazes`."""
+    change: Change = "always"
+    """Of live pictures. `during-saccades`: the first frame of a phase shows the gaze of its moment,
+    which is held until a flip is due in a saccade or up to 50 ms behind it. Default: every frame
+    follows."""
     width_px: Pixels
     """Width of every stimulus. Stimuli are never rescaled on the screen."""
     height_px: Pixels
@@ -298,6 +307,10 @@ class FoveatedImages(Grown, Recipe):
             raise ValueError("cuts need a method beside 'reference'")
         if self.live and (self.rings is not None or self.gazes != (GazePoint(name="middle"),)):
             raise ValueError("live pictures follow the gaze: leave rings and gazes out")
+        if self.change != "always" and not self.live:
+            raise ValueError(
+                f"change is of live pictures (got {self.change!r}); set live = true, or leave it out"
+            )
         cropped = self.crop != "middle" or any(one.crop is not None for one in self.pictures)
         if cropped and self.fit != "cover":
             raise ValueError('crop needs fit = "cover" (got "exact", which cuts nothing)')
@@ -459,13 +472,15 @@ class FoveatedImages(Grown, Recipe):
                 parameters=one.shown.parameters,
                 seed=one.seed,
                 cut=None if one.cut_deg is None else Cut(angle_deg=one.cut_deg, ramp_deg=ramp_deg),
+                change=self.change,
             )
             for one in (self.stimuli() if self.live else ())
         }
 
     def identity(self) -> dict[str, Json]:
-        """Return everything that decides the pixels; labels do not."""
+        """Return everything that decides the pixels; labels, and when gaze is taken, do not."""
         raw = self.model_dump(mode="json")
+        raw.pop("change", None)
         for method in raw["methods"]:
             method.pop("label")
         return {"stimuli": raw}
@@ -508,7 +523,7 @@ class FoveatedImages(Grown, Recipe):
             f"Scenes: {', '.join(scene for scene in scenes if scene)}.",
             methods,
             *drawn,
-            *["Each frame is drawn to the gaze of that moment."] * self.live,
+            *[_FOLLOWS[self.change]] * self.live,
         )
 
     def size_px(self, _display: Display) -> tuple[int, int]:

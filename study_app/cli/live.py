@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import FoveatingRenderer
+    from protocols.recipes.base import Change
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
-    from study_app.live.loop import Change, Flip, LiveLoop
+    from study_app.live.loop import Flip, LiveLoop
     from study_app.live.renderer import View
     from study_app.live.screen import WindowScreen
     from study_app.window import Window
@@ -129,8 +130,8 @@ def live(
 
         metamerlab live around.exr --panorama -m warped-metamer --set law=v2
     """
+    from protocols.recipes.base import Change
     from stimuli.foveated.any_picture import Reading
-    from study_app.live.loop import Change
 
     with user_errors():
         exposed = panorama and stops is None and not clip
@@ -272,7 +273,7 @@ class _Showing:
         """Show until it is ended; say the latency."""
         from study_app.gaze.lsl_head import open_head
         from study_app.gaze.open_source import Desk, open_gaze
-        from study_app.gaze.saccades import LONGEST_GAP_S, SaccadeWatch
+        from study_app.gaze.saccades import SaccadeWatch, check_saccade_rate
         from study_app.live.loop import LiveLoop
 
         window, screen = self._window, self._screen
@@ -290,12 +291,8 @@ class _Showing:
             say_notes(info.notes)
             say(f"gaze: {info.source} {info.description}, {info.rate_hz:g} Hz")
             say(KEYS + ("; drag to look around" if self._renderer.source.panorama else ""))
-            if self._show.change != "always" and info.rate_hz * LONGEST_GAP_S < 1:
-                raise StudyError(
-                    "--change during-saccades needs gaze of at least"
-                    f" {1 / LONGEST_GAP_S:g} Hz (got {info.rate_hz:g} Hz); take a faster"
-                    " source, or leave the option out"
-                )
+            if self._show.change != "always":
+                check_saccade_rate("--change during-saccades", info.rate_hz)
             loop = LiveLoop(
                 screen, gaze, self._corner, polled=info.polled,
                 watch=SaccadeWatch(math.radians(self._renderer.geometry.distance_px)),

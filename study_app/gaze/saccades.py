@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from protocols.errors import StudyError
 from study_app.gaze.source import GazeSample
 
 MULTIPLE = 6.0
@@ -30,6 +31,8 @@ LONGEST_GAP_S = 0.05
 """Between two samples whose places still make a velocity."""
 SUPPRESSED_AFTER_S = 0.05
 """So long behind a saccade little is seen still (Ross et al. 2001)."""
+LEAST_HZ = 1 / LONGEST_GAP_S
+"""No saccade is found in slower gaze."""
 _RENEWED_S = 0.1  # between two looks at the deviation
 
 
@@ -76,7 +79,7 @@ class SaccadeWatch:
         self._velocities: deque[tuple[float, float, float]] = deque()
         self._threshold: tuple[float, float] | None = None
         self._renewed_s = -math.inf
-        self._began_s = math.nan
+        self._began_s, self._last_s = math.nan, -math.inf
         self.last: Saccade | None = None
 
     @property
@@ -90,12 +93,14 @@ class SaccadeWatch:
         Parameters
         ----------
         samples : iterable of GazeSample
-            In pixels, their stamps not falling. Of equal stamps the first one counts.
+            In pixels. What is not newer than all before is passed over: several may hand on the
+            same samples.
         """
         ended = []
         for sample in samples:
-            if self._five and sample.t_s <= self._five[-1].t_s:
+            if sample.t_s <= self._last_s:
                 continue
+            self._last_s = sample.t_s
             gone = not sample.valid or (
                 bool(self._five) and sample.t_s - self._five[-1].t_s > LONGEST_GAP_S
             )
@@ -145,3 +150,18 @@ class SaccadeWatch:
                 x_px_s, y_px_s = MULTIPLE * np.sqrt(np.maximum(variance, 0))
                 self._threshold = max(x_px_s, self._least_px_s), max(y_px_s, self._least_px_s)
         return self._threshold
+
+
+def check_saccade_rate(what: str, rate_hz: float) -> None:
+    """Refuse gaze in which no saccade is found.
+
+    Raises
+    ------
+    StudyError
+        If it is slower than `LEAST_HZ`; `what` names what needs it.
+    """
+    if rate_hz < LEAST_HZ:
+        raise StudyError(
+            f"{what} needs gaze of at least {LEAST_HZ:g} Hz (got {rate_hz:g} Hz); take a faster"
+            " source, or leave it out"
+        )

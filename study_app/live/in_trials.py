@@ -14,6 +14,7 @@ from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
 from protocols.recipes.base import LiveMethod
 from protocols.script import Live, ScriptPhase, Size, TrialScript
+from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import SPARE_SHARE, Flip, Gaze, LiveLoop, Screen
 from study_app.live.renderer import Described, Look, Place, Renderer, Studio, View
@@ -110,15 +111,19 @@ class Unseen:
 
 
 class SessionGaze(Gaze, Protocol):
-    """The gaze of a session, which also knows when it last saw the eye."""
+    """The gaze of a session, which also knows when it last saw the eye, and how the eye moves."""
 
     @property
     def seen(self) -> GazeSample | None:
         """The newest sample that saw the eye."""
 
+    @property
+    def saccades(self) -> SaccadeWatch | None:
+        """What finds saccades in all samples."""
+
 
 class _NoGaze:
-    seen = None
+    seen = saccades = None
 
     def poll(self) -> Sequence[GazeSample]:
         return ()
@@ -127,7 +132,7 @@ class _NoGaze:
 @dataclass(frozen=True)
 class _Stimulus:
     renderer: Renderer
-    seed: int
+    live: LiveMethod
     sha256: str
     corner_px: Place
 
@@ -161,7 +166,9 @@ class LiveShow:
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
         """Say whose gaze it is; `polled` as in `LiveLoop`."""
         self._gaze = gaze
-        self._loop = LiveLoop(self._screen, gaze, (0, 0), polled=polled, cost_s=self._cost_s)
+        self._loop = LiveLoop(
+            self._screen, gaze, (0, 0), polled=polled, cost_s=self._cost_s, watch=gaze.saccades
+        )
 
     def release(self) -> None:
         """Free what draws."""
@@ -194,13 +201,13 @@ class LiveShow:
             renderer.prepare(live.seed)
             renderer.hold(View())
             corner = float(entry.at[0] + across), float(entry.at[1] + down)
-            self._stimuli[number] = _Stimulus(renderer, live.seed, sha256_json(said), corner)
+            self._stimuli[number] = _Stimulus(renderer, live, sha256_json(said), corner)
 
     def first(self, number: int) -> moderngl.Texture:
         """Return what a stimulus shows to an eye before its middle."""
         one = self._stimuli[number]
         middle = one.renderer.describe().centre_px
-        return one.renderer.draw(Look(middle, middle, one.seed))
+        return one.renderer.draw(Look(middle, middle, one.live.seed))
 
     def show(self, entry: Live, last_flip_s: float, *, begins: bool) -> LiveFrame:
         """Show one frame.
@@ -213,10 +220,10 @@ class LiveShow:
             Whether it is the first frame of its phase.
         """
         one = self._stimuli[entry.stimulus]
-        self._loop.corner_px = one.corner_px
+        self._loop.corner_px, self._loop.change = one.corner_px, one.live.change
         if begins:
-            self._loop.pause(last_flip_s, self._gaze.seen)
-        flip, picture = self._loop.step(one.renderer, View(), one.seed)
+            self._loop.begin(last_flip_s, self._gaze.seen)
+        flip, picture = self._loop.step(one.renderer, View(), one.live.seed)
         self._drawn[entry.stimulus] = flip.number, picture
         return LiveFrame(flip, one.sha256)
 

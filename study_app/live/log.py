@@ -30,9 +30,10 @@ from protocols.journal import UtcTime
 from protocols.latency import EyeState, LatencySummary
 from protocols.outside import check_within
 from protocols.read_file import read_bytes
+from protocols.recipes.base import Change
 from protocols.units import Count, Model, Sha256
 from study_app.gaze.saccades import Saccade
-from study_app.live.loop import Change, Flip
+from study_app.live.loop import Flip
 from study_app.live.renderer import Described, Look, View
 
 FORMAT: Literal[1] = 1

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from protocols.latency import EyeState
+from protocols.recipes.base import Change
 from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.latency import AHEAD_S, SILENT_S, Latency
@@ -23,8 +24,6 @@ SPARE_SHARE = 0.15
 """Of a refresh, between a frame that is drawn and its flip: stamps come a little after the line."""
 _FORGET = 0.95  # of the dearest frame's cost, from frame to frame
 _LINE_SLACK = 1e-6
-Change: TypeAlias = Literal["always", "during-saccades"]
-"""Times at which the gaze that is drawn for may change."""
 
 
 class Screen(Protocol):
@@ -71,6 +70,8 @@ class Flip(NamedTuple):
     eye: EyeState
     sample_s: float
     """Stamp of the sample whose gaze is shown, not a number before the first one."""
+    follows: bool = True
+    """Whether it took the newest gaze; False: it held one until a saccade."""
     saccades: tuple[Saccade, ...] = ()
     """Those that ended since the flip before."""
     suppressed: bool | None = None
@@ -97,10 +98,15 @@ class LiveLoop:
     cost_s : float
         Of a frame, as far as it is known beforehand.
     watch : SaccadeWatch, optional
-        Finds saccades in the samples.
+        Finds saccades in the samples, some of which it may have had.
     change : Change
         During saccades alone: the gaze of the first frame is held until a flip is due where the
         eye sees little. It needs a watch.
+
+    Attributes
+    ----------
+    change : Change
+        May be set between two frames.
     """
 
     def __init__(
@@ -115,7 +121,7 @@ class LiveLoop:
         change: Change = "always",
     ) -> None:
         self._screen, self._gaze, self.corner_px, self._polled = screen, gaze, corner_px, polled
-        self._watch, self._change = watch, change
+        self._watch, self.change = watch, change
         self.latency = Latency()
         self.missed = 0
         """Refreshes without a frame of their own."""
@@ -124,6 +130,7 @@ class LiveLoop:
         self._newest: GazeSample | None = None
         self._seen: GazeSample | None = None  # the one whose gaze is shown
         self._held: GazeSample | None = None
+        self._begins = True
         self._cost_s = cost_s  # of a frame, until it is drawn
         self._flip_s = self._poll_s = math.nan
 
@@ -142,7 +149,7 @@ class LiveLoop:
         poll_s = screen.now()
         elapsed = 0 if self.number == 0 else max(1, round((poll_s - self._poll_s) * hz))
         ended = self._take(self._gaze.poll())
-        free = self._change == "always" or self.number == 0
+        free = self.change == "always" or self._begins
         free = free or bool(self._suppressed(begin_s + self._need_s))
         eye_px = self._eye_px() if free else (math.nan, math.nan)
         gaze_px, field_px = renderer.follow(eye_px, elapsed / hz)
@@ -157,25 +164,29 @@ class LiveLoop:
         sample_s = math.nan if self._seen is None else self._seen.t_s
         flip = Flip(
             self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s,
-            ended, self._suppressed(t_s),
+            free, ended, self._suppressed(t_s),
         )  # fmt: skip
         if free:
             self.latency.add(flip.eye, flip.age_s)
         self.missed += max(0, refreshes - 1)
-        self.number, self._flip_s, self._poll_s = self.number + 1, t_s, poll_s
+        self.number, self._flip_s, self._poll_s, self._begins = self.number + 1, t_s, poll_s, False
         return flip, picture
 
-    def pause(self, flip_s: float = math.nan, seen: GazeSample | None = None) -> None:
-        """Forget the last flip: what comes between was asked for, and is no missed refresh.
+    def pause(self) -> None:
+        """Forget the last flip: what comes between was asked for, and is no missed refresh."""
+        self._flip_s = math.nan
+
+    def begin(self, flip_s: float, seen: GazeSample | None) -> None:
+        """Have the next frame begin a picture: it shows the gaze of its moment.
 
         Parameters
         ----------
         flip_s : float
-            The last flip of what was shown in between, where it was on this screen.
+            The last flip of what was shown before, on this screen.
         seen : GazeSample, optional
             The last one that saw the eye: it is held where the next frame's eye is lost.
         """
-        self._flip_s, self._held = flip_s, seen
+        self._flip_s, self._held, self._begins = flip_s, seen, True
 
     def _wait(self) -> None:
         """Wait until the frame, begun then, is drawn just before a refresh."""

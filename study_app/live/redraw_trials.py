@@ -25,6 +25,7 @@ from protocols.read_file import read_bytes
 from protocols.schema import StudyProtocol
 from protocols.script import Live, ScriptPhase, Scripts, TrialScript
 from study_app.draw import Painter
+from study_app.gaze.saccades import SUPPRESSED_AFTER_S
 from study_app.live.in_trials import described, live_entry
 from study_app.live.log import Grid, Pixels
 from study_app.live.redraw import NEAR, Redrawn, compared, must_show
@@ -111,10 +112,14 @@ class TrialDrawer:
                 continue
             script = scripts.script(event.answers, event.role == "practice")
             samples = _samples(sitting.folder, event)
+            before: dict[str, str] = {}
             for row in self._rows(sitting.folder, event):
                 total[0] += 1
                 screens = {} if runs else captured
-                found = self._frame(row, event, script, samples, screens, seen, exactly=exactly)
+                found = self._frame(
+                    row, before, event, script, samples, screens, seen, exactly=exactly
+                )
+                before = row
                 for place, count in enumerate(found.counts):
                     total[1 + place] += count
                 problems += [f"flip {row['flip']}: {text}" for text in found.problems]
@@ -148,6 +153,7 @@ class TrialDrawer:
     def _frame(
         self,
         row: Mapping[str, str],
+        before: Mapping[str, str],
         attempt: Attempt,
         script: TrialScript,
         samples: Samples,
@@ -168,6 +174,8 @@ class TrialDrawer:
             )
             corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
             stamp_s = float(row["t_s"]) - float(row["age_s"] or "nan")
+            moved = live.change != "always" and _moves(row, before)
+            seen_little = moved and _falls_into_a_saccade(row, attempt, self.display.refresh_hz)
             look = Look((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
             kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
             if not all(map(math.isfinite, (*look.gaze_px, *look.field_px))):
@@ -183,6 +191,8 @@ class TrialDrawer:
             return _Found((0, 0), tuple(problems))
         if row["eye"] == "found" and samples and not _is_of(look, corner, stamp_s, samples):
             problems.append(f"must have the gaze of the sample that is {row['age_s']} s old")
+        if moved and not seen_little:
+            problems.append("must hold the gaze of the flip before (the eye was in no saccade)")
         if not kept and number not in captured:
             return _Found((0, 0), tuple(problems))
         renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
@@ -241,6 +251,23 @@ def _is_of(look: Look, corner_px: tuple[int, int], stamp_s: float, samples: Samp
             for place, corner, gaze in zip(sample, corner_px, look.gaze_px, strict=True)
         )
         for sample in near
+    )
+
+
+def _moves(row: Mapping[str, str], before: Mapping[str, str]) -> bool:
+    """Return whether a flip of a phase was drawn to another gaze than the one before."""
+    places = "gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px"
+    same_phase = row["phase"] == before.get("phase")
+    return same_phase and any(row[key] != before[key] for key in places)
+
+
+def _falls_into_a_saccade(row: Mapping[str, str], attempt: Attempt, hz: float) -> bool:
+    """Return whether a flip was due where the eye sees little, within half a refresh."""
+    due_s = float(row["t_s"]) - max(0, int(row["refreshes"]) - 1) / hz
+    windows = attempt.live.saccades if attempt.live is not None else ()
+    return any(
+        one.onset_s - 0.5 / hz <= due_s <= one.offset_s + SUPPRESSED_AFTER_S + 0.5 / hz
+        for one in windows
     )
 
 

@@ -8,12 +8,14 @@ import itertools
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
 from typer.testing import CliRunner
+from virtual_screen import VirtualScreen
 
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
@@ -39,12 +41,14 @@ from study_app.cli.live_renderer import FoveatingStudio
 from study_app.conduct import conduct
 from study_app.gaze.open_source import recorded
 from study_app.gaze.replay import ReplaySource
+from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.simulated import STEADY, GazeEvent, SimulatedGaze
+from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.live.in_trials import too_dear
-from study_app.live.loop import SPARE_SHARE
+from study_app.live.in_trials import LiveShow, Unseen, too_dear
+from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw_trials import TrialDrawer
-from study_app.live.renderer import STEPS_PER_PX
+from study_app.live.renderer import STEPS_PER_PX, View
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
 from study_app.run import SittingOptions, require_live
@@ -360,6 +364,110 @@ class Losing(SimulatedGaze):
         self.trials += 1
         lost_s = {1: 0.1, 2: 0.2}.get(self.trials, 0.0)
         self.restart(self.trials, [GazeEvent("loss", 0.52, lost_s)] if lost_s else [])
+
+
+class Jumping(SimulatedGaze):
+    """Makes one saccade of four degrees while a stimulus is shown, and one back much later."""
+
+    def mark(self, _text):
+        self.restart(1, [GazeEvent("away", 0.58, 9.0, (4.0, 0.0))])
+
+
+WAITS = {"live": 'true\nchange = "during-saccades"'}
+
+
+def test_in_a_study_that_waits_pictures_change_in_saccades_alone_and_the_journal_names_these(
+    gl_context, small, tmp_path, monkeypatch
+):
+    study, display = small(method='name = "warped", method = "warped-metamer"', **WAITS)
+
+    def gaze_of(clock):
+        return Jumping(clock, Viewing.of(display), (0, 0), behaviour=STEADY)
+
+    def sat(name):
+        studio = FoveatingStudio(gl_context)
+        folder, _ = sit(study, display, tmp_path / name, studio, gaze_of=gaze_of, stage=Stage)
+        return folder, again(gl_context, folder, study, display)
+
+    folder, found = sat("right")
+    assert (found.problems, found.equal) == ((), 2)
+    attempts = read_journal(folder / "journal.jsonl").attempts
+    for attempt, rows in zip(attempts, live_rows(folder), strict=True):
+        keys = "gaze_x_px", "field_x_px"
+        moved = [b for a, b in itertools.pairwise(rows) if any(a[k] != b[k] for k in keys)]
+        assert 2 <= len(moved) <= 5
+        assert {row["suppressed"] for row in moved} == {"1"}
+        saccade = attempt.live.saccades[-1]  # the one before is the way back
+        onset_s, end_s = saccade.onset_s, saccade.offset_s + SUPPRESSED_AFTER_S
+        assert all(onset_s <= float(row["t_s"]) <= end_s + 1e-6 for row in moved)
+        assert float(rows[-1]["gaze_x_px"]) - float(rows[0]["gaze_x_px"]) > 20  # it has landed
+        held = [row for row in rows if row["suppressed"] == "0"]
+        assert len(attempt.live.ages_ms) == 1 + SHOWN - len(held)
+        # The same samples give the same frames where no task is.
+        with (folder / attempt.gaze_file.file).open() as file:
+            taken = [(float(r["t_s"]), float(r["x_px"]), float(r["y_px"]))
+                     for r in csv.DictReader(file)]  # fmt: skip
+        np.testing.assert_allclose(
+            looks_of(taken, rows, display),
+            [[float(row[f"gaze_{axis}_px"]) for axis in "xy"] for row in rows],
+            atol=1 / STEPS_PER_PX,  # samples are recorded to two decimals
+        )
+
+    shows = LiveShow.show
+
+    def hasty(self, entry, last_flip_s, *, begins):
+        one = self._stimuli[entry.stimulus]
+        live = one.live.model_copy(update={"change": "always"})
+        self._stimuli[entry.stimulus] = dataclasses.replace(one, live=live)
+        return shows(self, entry, last_flip_s, begins=begins)
+
+    monkeypatch.setattr(LiveShow, "show", hasty)
+    _, found = sat("hasty")
+    wrong = [text for text in found.problems if "must hold the gaze of the flip before" in text]
+    assert len(wrong) == len(found.problems) > SHOWN // 2
+
+
+def looks_of(taken, rows, display):
+    """Return the gazes that a loop without a task shows to these samples."""
+    begin_s = float(rows[0]["t_s"]) - 1 / HZ
+    clock = VirtualClock(begin_s)
+    samples = [GazeSample(t_s, t_s, x, y) for t_s, x, y in taken]
+    corner = (display.width_px - WIDTH) / 2, (display.height_px - HEIGHT) / 2
+    loop = LiveLoop(
+        VirtualScreen(clock, HZ, (1 - SPARE_SHARE) / HZ), Played(clock, samples), corner,
+        polled=False, cost_s=(1 - SPARE_SHARE) / HZ, change="during-saccades",
+        watch=SaccadeWatch(np.radians(display.distance_mm / display.pitch_x_mm)),
+    )  # fmt: skip
+    loop.begin(begin_s, None)
+    unseen = Unseen(0, SimpleNamespace(centre_px=(0.0, 0.0)), None)
+    return [loop.step(unseen, View(), 0)[0].look.gaze_px for _ in rows]
+
+
+class Played:
+    """Samples, each from its own time on."""
+
+    def __init__(self, clock, samples):
+        self._clock, self._samples = clock, samples
+
+    def poll(self):
+        due = [one for one in self._samples if one.t_s <= self._clock() + 1e-5]
+        self._samples = self._samples[len(due) :]
+        return due
+
+
+def test_a_study_that_waits_for_saccades_needs_live_pictures_and_gaze_that_is_fast(small, tmp_path):
+    with pytest.raises(StudyError, match="change is of live pictures .* set live = true"):
+        small(live='false\nchange = "during-saccades"')
+    study, display = small(**WAITS)
+    assert study.stimuli_sha256 == small()[0].stimuli_sha256  # what is built is the same
+    patient = study.gaze.model_copy(update={"rate_min_hz": 1.0})
+
+    def slow(clock):
+        return SimulatedGaze(clock, Viewing.of(display), (0, 0), rate_hz=10.0, behaviour=STEADY)
+
+    with pytest.raises(StudyError, match="during-saccades needs gaze of at least 20 Hz"):
+        sit(study.model_copy(update={"gaze": patient}), display, tmp_path / "s", None, gaze_of=slow)
+    assert not (tmp_path / "s").exists()
 
 
 def test_an_eye_that_is_lost_when_a_picture_begins_holds_where_it_was_seen_before(small, tmp_path):

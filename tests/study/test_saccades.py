@@ -74,6 +74,11 @@ def test_blinks_gaps_and_duplicates_neither_make_nor_lengthen_a_saccade(rng):
     samples = moved(500, [(3.0, 0.04, 200.0)], rng)
     twice = [one for sample in samples for one in (sample, sample)]
     assert found(twice) == found(samples)
+    blinks = [s._replace(x_px=math.nan) if int(20 * s.t_s) % 7 == 3 else s for s in samples]
+    watch, once, again = SaccadeWatch(PX_PER_DEG), found(blinks), []
+    for first in range(0, len(blinks), 40):  # handed on by two, burst after burst
+        again += watch.take(blinks[first : first + 40]) + watch.take(blinks[first : first + 40])
+    assert once == again != []
     # The eye comes back elsewhere: nobody saw how.
     jump = moved(500, [(4.1, 0.01, 200.0)], rng)
     assert found([s for s in jump if not 4.09 < s.t_s < 4.15]) == []
