@@ -309,7 +309,8 @@ class FoveatedImages(Grown, Recipe):
             raise ValueError("live pictures follow the gaze: leave rings and gazes out")
         if self.change != "always" and not self.live:
             raise ValueError(
-                f"change is of live pictures (got {self.change!r}); set live = true, or leave it out"
+                f"change is of live pictures (got {self.change!r}); set live = true, or leave it"
+                " out"
             )
         cropped = self.crop != "middle" or any(one.crop is not None for one in self.pictures)
         if cropped and self.fit != "cover":

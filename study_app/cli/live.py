@@ -29,10 +29,10 @@ from study_app.cli.terminal import say, say_notes
 
 if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
+    from protocols.recipes.base import Change
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import Reading
     from study_app.cli.live_renderer import FoveatingRenderer
-    from protocols.recipes.base import Change
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog

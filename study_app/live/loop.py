@@ -15,7 +15,7 @@ from protocols.recipes.base import Change
 from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.latency import AHEAD_S, SILENT_S, Latency
-from study_app.live.renderer import Look, Place, Renderer, View, on_grid
+from study_app.live.renderer import Follower, Look, Place, View, on_grid
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
@@ -135,7 +135,7 @@ class LiveLoop:
         self._flip_s = self._poll_s = math.nan
 
     def step(
-        self, renderer: Renderer, view: View | Callable[[], View], seed: int
+        self, renderer: Follower, view: View | Callable[[], View], seed: int
     ) -> tuple[Flip, moderngl.Texture]:
         """Show one frame; return it with its picture, which the next step draws over.
 

@@ -13,8 +13,9 @@ import moderngl
 
 from protocols.latency import LatencySummary
 from study_app.gaze.source import GazeSample
+from study_app.live.latency import Latency
 from study_app.live.loop import LiveLoop, Screen
-from study_app.live.renderer import Described, Look, Place, Renderer, View
+from study_app.live.renderer import Follower, Look, Place, View
 
 GAZE_HZ = 1000.0
 WARM_UP_FRAMES = 10
@@ -48,9 +49,6 @@ class GreySquare:
     def hold(self, view: View) -> None:
         """Analyse nothing."""
 
-    def prepare(self, seed: int) -> None:
-        """Make nothing."""
-
     def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:  # noqa: ARG002
         """Return the eye's own place."""
         return eye_px, eye_px
@@ -59,21 +57,17 @@ class GreySquare:
         """Return the square."""
         return self._texture
 
-    def describe(self) -> Described:
-        """Raise: its frames are never drawn again."""
-        raise NotImplementedError
-
     def release(self) -> None:
         """Free the square."""
         self._texture.release()
 
 
-def measure_latency(screen: Screen, square: Renderer, frames: int = FRAMES) -> LatencySummary:
+def measure_latency(screen: Screen, square: Follower, frames: int = FRAMES) -> LatencySummary:
     """Show frames to the synthetic gaze, and return how old it was at their flips."""
     loop = LiveLoop(screen, SyntheticGaze(screen.now), (0, 0), polled=False)
-    for _ in range(WARM_UP_FRAMES):
-        loop.step(square, View(), 0)
-    loop.latency = type(loop.latency)()
-    for _ in range(frames):
-        loop.step(square, View(), 0)
-    return loop.latency.summary()
+    latency = Latency()
+    for number in range(WARM_UP_FRAMES + frames):
+        flip, _ = loop.step(square, View(), 0)
+        if number >= WARM_UP_FRAMES:
+            latency.add(flip.eye, flip.age_s)
+    return latency.summary()

@@ -65,14 +65,11 @@ class Described(Grown):
     added_later: ClassVar[tuple[str, ...]] = ("cut",)
 
 
-class Renderer(Protocol):
-    """Draws one source by one method."""
+class Follower(Protocol):
+    """What the loop asks: a picture for a gaze."""
 
     def hold(self, view: View) -> None:
         """Analyse what is looked at, unless it is what is held."""
-
-    def prepare(self, seed: int) -> None:
-        """Make what a seed decides, unless it is at hand; this may take longer than a frame."""
 
     def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
         """Return the gaze, and that of the field, for an eye so long after the last call.
@@ -82,6 +79,13 @@ class Renderer(Protocol):
 
     def draw(self, look: Look) -> moderngl.Texture:
         """Show what is held, in a texture that stays the renderer's: rgba32f or rgba8."""
+
+
+class Renderer(Follower, Protocol):
+    """Draws one source by one method, and says how, so that its frames can be drawn again."""
+
+    def prepare(self, seed: int) -> None:
+        """Make what a seed decides, unless it is at hand; this may take longer than a frame."""
 
     def describe(self) -> Described:
         """Say what else decides pixels."""
