@@ -69,7 +69,7 @@ class LiveMethod(Grown):
     cut: Cut | None = None
     """Null: the whole picture is drawn by the method."""
     change: Change = "always"
-    """When the gaze that is drawn for may change. Left out where it always may."""
+    """Times at which the gaze that is drawn for may change. Left out where it always may."""
 
     added_later: ClassVar[tuple[str, ...]] = ("change",)
 

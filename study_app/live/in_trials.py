@@ -119,7 +119,7 @@ class SessionGaze(Gaze, Protocol):
 
     @property
     def saccades(self) -> SaccadeWatch | None:
-        """What finds saccades in all samples."""
+        """Watch that has all samples."""
 
 
 class _NoGaze:

@@ -71,7 +71,7 @@ class Flip(NamedTuple):
     sample_s: float
     """Stamp of the sample whose gaze is shown, not a number before the first one."""
     follows: bool = True
-    """Whether it took the newest gaze; False: it held one until a saccade."""
+    """True if it took the newest gaze, false if it held one until a saccade."""
     saccades: tuple[Saccade, ...] = ()
     """Those that ended since the flip before."""
     suppressed: bool | None = None

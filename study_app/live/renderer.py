@@ -66,7 +66,7 @@ class Described(Grown):
 
 
 class Follower(Protocol):
-    """What the loop asks: a picture for a gaze."""
+    """Picture for each gaze: all that the loop asks for."""
 
     def hold(self, view: View) -> None:
         """Analyse what is looked at, unless it is what is held."""
