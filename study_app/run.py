@@ -34,9 +34,9 @@ from study_app.display_check import (
     shortfall,
     write_report,
 )
-from study_app.gaze.open_source import Desk, check_choice, open_gaze
+from study_app.gaze.open_source import check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
-from study_app.gaze.source import CalibrationResult, GazeSource
+from study_app.gaze.source import CalibrationResult, Desk, GazeSource
 from study_app.gaze_check import Calibrated, Targets
 from study_app.live.in_trials import too_dear
 from study_app.live.renderer import Studio

@@ -283,12 +283,13 @@ class RateInteraction(InteractionPart[RatePlan]):
             there = (cells["expected"] == plan.answers[0]).to_numpy()
             answers = replace(answers, given=answers.given == there)
         at, (baseline, *others) = cells[plan.interaction].map(name_of), plan.values
+        sides: list[tuple[str, ...]] = [(one, baseline) for one in others] or [(baseline,)]
         compared = [
             {
                 value: [(cells["condition"] == name) & (at == value) for name in names]
                 for value in _values(cells, plan)
             }
-            for names in ([(one, baseline) for one in others] or [(baseline,)])
+            for names in sides
         ]
         return _planned(self.name, answers, people, plan, compared)
 

@@ -36,7 +36,7 @@ from study_app.cli.errors import user_errors
 from study_app.cli.new_study import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
-from study_app.cli.script_command import script
+from study_app.cli.script_command import script, trial_table
 from study_app.cli.terminal import PlainConsole, say, say_notes
 from study_app.gaze.open_source import check_choice
 
@@ -347,23 +347,4 @@ def _feasibility_table(study: StudyProtocol, screen: Display) -> Table:
         table.add_row(
             name + mark, f"{entry.refresh_hz:g} Hz", f"{entry.distance_mm / 10:g} cm", verdict
         )
-    return table
-
-
-def trial_table(plan: Plan) -> Table:
-    """Return a table of a participant's trials."""
-    columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
-    orders = {trial.answers for trial in plan.trials}
-    title = f"Trials of slot {plan.slot}"
-    if len(orders) == 1:
-        title += f"; keys from the left: {', '.join(plan.trials[0].answers)}"
-    table = Table(title=title, title_justify="left")
-    answered = ["correct"] if any(trial.correct for trial in plan.trials) else []
-    for column in ("block", "trial", *columns, *answered, *(["keys"] if len(orders) > 1 else [])):
-        table.add_column(column, overflow="fold", no_wrap=column == "trial")
-    for trial in plan.trials:
-        shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
-        right = [trial.correct or ""] if answered else []
-        keys = [" ".join(trial.answers)] if len(orders) > 1 else []
-        table.add_row(str(trial.block), trial.id, *shown, *right, *keys)
     return table

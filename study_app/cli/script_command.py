@@ -14,7 +14,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.manifest import read_manifest
-from protocols.plan import make_plan
+from protocols.plan import Plan, make_plan
 from protocols.result_folder import whole_folder
 from protocols.script import (
     Entry,
@@ -103,8 +103,6 @@ def script(
             }
             typer.echo(json.dumps(whole, ensure_ascii=False))
             return
-        from study_app.cli.protocol_commands import trial_table
-
         console = PlainConsole()
         console.print(trial_table(plan))
         for alike in _alike(scripts):
@@ -112,6 +110,25 @@ def script(
         if trial is None and len(scripts) < len(plan.trials):
             count = f"{len(plan.trials) - len(scripts)} of {len(plan.trials)} trials are adaptive"
             say(f"note: {count}, and have a script in the session only")
+
+
+def trial_table(plan: Plan) -> Table:
+    """Return a table of a participant's trials."""
+    columns = list(dict.fromkeys(name for trial in plan.trials for name in trial.condition))
+    orders = {trial.answers for trial in plan.trials}
+    title = f"Trials of slot {plan.slot}"
+    if len(orders) == 1:
+        title += f"; keys from the left: {', '.join(plan.trials[0].answers)}"
+    table = Table(title=title, title_justify="left")
+    answered = ["correct"] if any(trial.correct for trial in plan.trials) else []
+    for column in ("block", "trial", *columns, *answered, *(["keys"] if len(orders) > 1 else [])):
+        table.add_column(column, overflow="fold", no_wrap=column == "trial")
+    for trial in plan.trials:
+        shown = [str(trial.condition.get(column, "adaptive")) for column in columns]
+        right = [trial.correct or ""] if answered else []
+        keys = [" ".join(trial.answers)] if len(orders) > 1 else []
+        table.add_row(str(trial.block), trial.id, *shown, *right, *keys)
+    return table
 
 
 def _alike(scripts: Sequence[TrialScript]) -> list[list[TrialScript]]:

@@ -7,8 +7,8 @@ import time
 from protocols.display import Display
 from protocols.errors import StudyError
 from study_app.doctor.findings import FOR_SESSIONS, Finding, Status
-from study_app.gaze.open_source import Desk, check_kind, open_gaze
-from study_app.gaze.source import GazeSample
+from study_app.gaze.open_source import check_kind, open_gaze
+from study_app.gaze.source import Desk, GazeSample
 
 LISTEN_S = 1.0
 _FEWEST = 0.8

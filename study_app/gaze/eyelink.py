@@ -20,7 +20,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.open_source import Desk
+    from study_app.gaze.source import Desk
 
 HOST = "100.1.1.1"
 WAIT_S = 3.0

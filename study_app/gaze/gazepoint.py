@@ -19,7 +19,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.open_source import Desk
+    from study_app.gaze.source import Desk
 
 PORT = 4242
 WAIT_S = 5.0

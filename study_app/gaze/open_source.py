@@ -6,10 +6,8 @@ To add a tracker, write its adapter (`study_app.gaze.source.GazeSource`) and one
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
-from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
 from protocols.session_schema import Gaze
@@ -21,31 +19,12 @@ from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
-from study_app.gaze.source import GazeSource, LookAt
+from study_app.gaze.source import Desk, GazeSource
 from study_app.gaze.tobii import TobiiGaze
 from study_app.gaze.trusted import TrustedGaze
 
-
-def _no_window(*_: object) -> bool:
-    return False
-
-
 _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 """Of every `GazeSource`."""
-
-
-@dataclass(frozen=True)
-class Desk:
-    """Parts of the session that an adapter may use."""
-
-    display: Display
-    clock: Callable[[], float]
-    cursor_px: Callable[[], tuple[float, float]]
-    refresh_hz: float
-    look_at: LookAt = _no_window
-    """Shows a target in the session's window; for `calibrate` and `check_drift`."""
-    store: bool = True
-    """True if gaze may be kept: a tracker's own recording too."""
 
 
 def _lsl(rest: str, desk: Desk) -> GazeSource:

@@ -29,7 +29,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.open_source import Desk
+    from study_app.gaze.source import Desk
 
 HOST, PORT = "neon.local", 8080
 WAIT_S = 8.0

@@ -7,12 +7,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
+from protocols.display import Display
+
 LookAt: TypeAlias = Callable[
     [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
 ]
 """Called with the target's place in pixels (None: an empty screen), how long to show it (one flip
 at least), what to call at every flip, and what to tell the keys that go down. False: someone
 pressed a quit key."""
+
+
+def _no_window(*_: object) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Parts of the session that an adapter may use."""
+
+    display: Display
+    clock: Callable[[], float]
+    cursor_px: Callable[[], tuple[float, float]]
+    refresh_hz: float
+    look_at: LookAt = _no_window
+    """Shows a target in the session's window; for `calibrate` and `check_drift`."""
+    store: bool = True
+    """True if gaze may be kept: a tracker's own recording too."""
 
 
 class GazeSample(NamedTuple):

@@ -17,7 +17,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.open_source import Desk
+    from study_app.gaze.source import Desk
 
 WAIT_S = 5.0
 """Longest wait for the first samples."""

@@ -14,7 +14,7 @@ from protocols.load import load_display, load_protocol
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import conduct
-from study_app.gaze.open_source import Desk
+from study_app.gaze.source import Desk
 from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze_check import Calibrated, Targets
 from study_app.observers import ArtificialObserver, PreferenceModel

@@ -10,7 +10,8 @@ from protocols.errors import StudyError
 from protocols.journal import Note, SessionEnd
 from protocols.side_files import check_side_files
 from study_app.gaze.eyelink import EyelinkGaze, graphics
-from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.open_source import open_gaze
+from study_app.gaze.source import Desk
 from study_app.virtual import VirtualClock
 
 

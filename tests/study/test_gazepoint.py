@@ -16,7 +16,8 @@ from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SessionEnd
 from protocols.side_files import check_side_files
 from study_app.gaze.gazepoint import GazepointGaze
-from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.open_source import open_gaze
+from study_app.gaze.source import Desk
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
 

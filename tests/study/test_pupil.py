@@ -14,8 +14,9 @@ from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
 from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SessionEnd
 from protocols.side_files import check_side_files
-from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.open_source import open_gaze
 from study_app.gaze.pupil import PupilGaze, homography, on_screen
+from study_app.gaze.source import Desk
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
 

@@ -11,8 +11,9 @@ import pytest
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display
-from study_app.gaze.open_source import Desk, open_gaze
+from study_app.gaze.open_source import open_gaze
 from study_app.gaze.recording import load_recording
+from study_app.gaze.source import Desk
 
 WIDE, HIGH = 1280, 1024
 

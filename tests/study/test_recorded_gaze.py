@@ -29,8 +29,8 @@ from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
-from study_app.gaze.open_source import Desk
 from study_app.gaze.pupil import PupilGaze, homography
+from study_app.gaze.source import Desk
 from study_app.gaze.tobii import TobiiGaze
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock

@@ -3,8 +3,8 @@
  */
 import { at } from "./design";
 import { Pacer } from "./pacing";
-import { answerOf, type Picture, type Question, type ScriptPhase, type TrialScript } from "./script";
-import { advance, BEGIN, follows, isDone, isOver, type Interrupt, type Trial } from "./trial";
+import { answerOf, type Interrupt, type Picture, type Question, type ScriptPhase, type TrialScript } from "./script";
+import { advance, BEGIN, follows, isDone, isOver, type Trial } from "./trial";
 
 export type Disturbance = "focus" | "hidden" | "full-screen" | "size";
 

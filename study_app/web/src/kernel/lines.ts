@@ -1,7 +1,7 @@
 /** The lines that go home, as `protocols/web_lines.py` defines them. */
 import type { AttemptLog } from "./attempt";
 import type { SessionEvent } from "./session";
-import type { VoidReason } from "./trial";
+import type { VoidReason } from "./script";
 
 /** What the gate found: nothing that tells one person from another. */
 export interface Machine {

@@ -1,5 +1,4 @@
 /** A trial as data that a stage can draw: the part of `protocols/script.py` that the browser needs. */
-import type { VoidReason } from "./trial";
 
 export interface Frames {
   readonly kind: "frames";
@@ -41,6 +40,14 @@ export interface Question {
   readonly pointer: boolean;
 }
 
+export type Interrupt = "paused" | "quit" | "focus-lost";
+export type VoidReason =
+  | Interrupt
+  | "gaze-break"
+  | "data-loss"
+  | "no-fixation"
+  | "too-late"
+  | "dropped-frames";
 export type Outcome = VoidReason | "warned" | "right" | "wrong";
 
 export interface ScriptPhase {

@@ -5,7 +5,7 @@ import { nextLevel, type Answered } from "./adaptive";
 import { Chance } from "./chance";
 import { at, type Design } from "./design";
 import { shown, type Plan, type PlannedTrial } from "./plan";
-import type { VoidReason } from "./trial";
+import type { VoidReason } from "./script";
 
 export interface Attempt {
   readonly kind: "attempt";

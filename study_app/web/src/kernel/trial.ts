@@ -7,21 +7,15 @@ import {
   frameOf,
   questionsOf,
   STUDY_QUESTION,
+  type Interrupt,
   type Outcome,
   type Picture,
   type ScriptPhase,
   type TrialScript,
+  type VoidReason,
 } from "./script";
 
 export type Watch = "held" | "away" | "violation" | "loss";
-export type Interrupt = "paused" | "quit" | "focus-lost";
-export type VoidReason =
-  | Interrupt
-  | "gaze-break"
-  | "data-loss"
-  | "no-fixation"
-  | "too-late"
-  | "dropped-frames";
 
 /** What happened up to one flip. */
 export interface Observed {
