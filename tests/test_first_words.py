@@ -1,4 +1,4 @@
-"""Docstrings, texts below attributes and help texts begin with their noun, or with a verb.
+"""Docstrings, texts below attributes, help texts and comments begin with their noun, or a verb.
 
 A line in a list of functions, keys or options is found by its first word.
 """
@@ -6,6 +6,7 @@ A line in a list of functions, keys or options is found by its first word.
 from __future__ import annotations
 
 import ast
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +15,11 @@ import pytest
 
 FOLDERS = ("analysis", "benchmarks", "pipeline", "protocols", "script", "stimuli", "study_app")
 
-# "The what" and "Of how" are no nouns either.
-WORDS = (
-    r"\s*(?:(?:the|a|an|of)\s+)?(?:what|where|how|whether|which|who|whom|whose|why|when)(?:ever)?\b"
-)
+HEADS = "what|where|how|whether|which|who|whom|whose|why|when"
+WORDS = rf"\s*(?:(?:the|a|an|of)\s+)?(?:{HEADS})(?:ever)?\b"  # "The what" and "Of how" are no nouns
 HEADLESS = re.compile(WORDS, re.IGNORECASE)
 SUSPECT = re.compile(f"[\"']{WORDS}", re.IGNORECASE)  # of these files alone the syntax is read
+COMMENT = re.compile(rf"(?://|\s*/\*\*) (?:{HEADS.title()})\b")
 
 
 def text_of(node: ast.AST) -> str | None:
@@ -56,19 +56,33 @@ def headless(source: str) -> list[str]:
     ]
 
 
-def sources(repository: Path) -> Iterator[Path]:
+def headless_comments(source: str) -> list[str]:
+    """Return line and first words of such comments of TypeScript or GLSL, at a line's beginning."""
+    return [
+        f"{number}: {line.strip()[:60]}"
+        for number, line in enumerate(source.splitlines(), 1)
+        if COMMENT.match(line)
+    ]
+
+
+CHECKS = {".py": headless, ".ts": headless_comments, ".glsl": headless_comments}
+
+
+def ours(repository: Path) -> Iterator[Path]:
     yield repository / "metamerlab.py"
-    for folder in FOLDERS:
-        paths = [*(repository / folder).rglob("*.py")]
-        assert paths, folder
-        yield from (path for path in paths if "node_modules" not in path.parts)
+    for top in FOLDERS:
+        assert (repository / top).is_dir()
+        for folder, folders, names in os.walk(repository / top):
+            folders[:] = [name for name in folders if name != "node_modules"]
+            yield from (Path(folder, name) for name in names)
 
 
 def test_every_text_begins_with_its_noun(repository):
     found = [
         f"{path.relative_to(repository)}:{line}"
-        for path in sources(repository)
-        for line in headless(path.read_text(encoding="utf-8"))
+        for path in ours(repository)
+        if path.suffix in CHECKS
+        for line in CHECKS[path.suffix](path.read_text(encoding="utf-8"))
     ]
 
     assert not found, "\n".join(["say what it is: 'Share of ...', 'True if ...':", *found])
@@ -105,3 +119,10 @@ def test_a_text_without_its_noun_is_caught(source):
 )
 def test_a_text_with_its_noun_passes(source):
     assert headless(source) == []
+
+
+def test_a_comment_without_its_noun_is_caught():
+    assert len(headless_comments("// Which vertex.\nint a;\n  /** How often. */\n")) == 2
+    assert (
+        headless_comments("// Vertex of what.\nint a;  // which\n  // What was kept may be.") == []
+    )

@@ -46,13 +46,13 @@ uniform sampler2DArray moments_6;
 
 vec3 variance_of(vec4 first, vec4 second) { return max(first.xyz - second.xyz * second.xyz, 0.0); }
 
-// What a block's noise is to be multiplied by, but for the gains, and what else is known of it. Room
+// Weights of a block's noise, but for the gains, and what else is known of it. Room
 // for the most levels, for indices written out: arrays that are indexed by a variable are slow.
 struct Block { vec4 weights[6], scalars[3]; };
 
 #define SCALAR(own, i) own.scalars[(i) / 4][(i) % 4]
 
-// What the pool of a block has in a layer of resolution 2, and in the same of the coarser one.
+// Value of the pool of a block in a layer of resolution 2, and in the same of the coarser one.
 #if COARSER
 #define CHOSEN(array, coarser, layer, share) \
     mix(texelFetch(array, ivec3(block, layer), 0), textureLod(coarser, vec3(within, float(layer)), 0.0), share)

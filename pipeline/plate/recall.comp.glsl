@@ -1,5 +1,5 @@
 #version 430
-// What a view knows, and what the plate keeps for its holes; all else nothing.
+// Colours that a view knows, and those that the plate keeps for its holes; all else nothing.
 // Twin: reference.py. Change both or neither.
 
 #constant ROW  // work-group size, pixels in a row

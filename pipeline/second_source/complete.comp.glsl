@@ -1,5 +1,5 @@
 #version 430
-// What a second picture saw goes into the holes of the first.
+// Colours of a second picture in the holes of the first.
 // Twin: completed() in reference.py.
 
 #constant TILE

@@ -1,4 +1,4 @@
-// Which tiles are in a region.
+// Tiles that are in a region.
 
 layout(std430) readonly buffer Active { uint active_tiles[]; };
 

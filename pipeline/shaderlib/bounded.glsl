@@ -23,7 +23,7 @@ vec3 normal_share(vec3 z) {
     return mix(tail, 1.0 - tail, greaterThan(z, vec3(0.0)));
 }
 
-// Where the function has a value, and the density there (within 5e-5 of itself).
+// Place where the function has a value, and the density there (within 5e-5 of itself).
 struct Normal { vec3 place, density; };
 
 Normal normal_at(vec3 share) {

@@ -1,4 +1,4 @@
-// What is changed fades in beyond the fovea, and is clipped; the fovea is copied.
+// Changes fade in beyond the fovea, and are clipped; the fovea is copied.
 // Twin: finished() in foveation/reference.py. Needs pools.glsl.
 
 #constant FADE_SHARE  // of the fovea's radius: over it what is changed fades in

@@ -1,4 +1,4 @@
-// Where a fragment lies on a texture, and the level of detail of its pixel and of its pool.
+// Place of a fragment on a texture, and the level of detail of its pixel and of its pool.
 
 #constant LEVELS  // of pixels: no pool is larger than so many halvings of them
 

@@ -4,7 +4,7 @@
 // Texels of chains are laid out by planes.glsl. The guide is an image of its own: all chains
 // share it.
 //
-// What Mesa's software renderer taught: no local arrays here or in the passes (one that is
+// Lessons of Mesa's software renderer: no local arrays here or in the passes (one that is
 // not unrolled lives in memory, 10x slower), no loops (2x), no texture layers (they lie a
 // power of two apart and push each other out of the cache, 3x), images rather than buffers
 // for what is read more often than written (a buffer is read lane by lane).
@@ -13,7 +13,7 @@
 
 uniform float depth_threshold;
 
-// What of four children goes into their parent.
+// Shares of four children in their parent.
 struct Pull {
     vec4 share;        // of each child; sums to 1, or 0 if nothing is known
     float confidence;  // the parent's validity
@@ -33,7 +33,7 @@ Pull pull_shares(vec4 validity, vec4 guide, float deepest) {
     return Pull(total > 0.0 ? weight / total : vec4(0.0), confidence);
 }
 
-// Which of four neighbours a pixel takes, and how much: those of its own depth; where none is, those
+// Shares of four neighbours in a pixel: those of its own depth count; where none is, those
 // not nearer. Twin: guided_mean() in inpaint/reference.py.
 struct Shares {
     vec4 share;    // sums to 1, or 0 if all are nearer
@@ -66,7 +66,7 @@ vec4 relax_shares(float guide, vec4 guides) {
     return total > 0.0 ? share / total : vec4(0.0);
 }
 
-// How much a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,
+// Share that a texel keeps of itself: validity ** gamma, and 0 stays 0 at every gamma; all,
 // where nothing of its depth lies below. Give gamma as a constant, and the driver folds the choice:
 // left open, every pixel takes the power as well.
 float kept(float validity, float gamma, bool similar) {

@@ -45,7 +45,7 @@ void append(uint list, uint first, ivec2 pixel, int chain) {
     add(list, first, entry_of(pixel, chain), uint(LIST_GROUP));
 }
 
-// Which of 2x2 pixels: 1 for the first, 2 for the next in x, 4 for the one below, 8 for the last.
+// Bits of 2x2 pixels: 1 for the first, 2 for the next in x, 4 for the one below, 8 for the last.
 uint bits(bool a, bool b, bool c, bool d) {
     return uint(a) + 2u * uint(b) + 4u * uint(c) + 8u * uint(d);
 }

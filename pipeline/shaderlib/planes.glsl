@@ -3,7 +3,7 @@
 
 #constant PLANES
 
-// Where a pixel's first plane is, in an image of chains that are `rows` high.
+// Texel of a pixel's first plane, in an image of chains that are `rows` high.
 ivec2 texel_at(ivec2 pixel, int chain, int rows) {
     return ivec2(PLANES * pixel.x, pixel.y + chain * rows);
 }

@@ -27,7 +27,7 @@ bool is_hole(ivec2 pixel) {
     return is_within(pixel, imageSize(image)) && imageLoad(image, pixel).a < 0.5;
 }
 
-// Where a pixel lies in the plate.
+// Place of a pixel in the plate.
 ivec2 place_of(ivec2 pixel) {
     vec2 motion = roundEven(float(SUBPIXELS) * imageLoad(flow_px, pixel).xy);
     return SUBPIXELS * (pixel + margin) - ivec2(motion);
@@ -57,7 +57,7 @@ uint number_of(ivec2 pixel) { return uint(pixel.y * imageSize(image).x + pixel.x
 
 uint texel_number(ivec2 texel) { return uint(texel.y * imageSize(plate_m).x + texel.x); }
 
-// Whether the plate keeps a colour of this depth at a place, and which.
+// True if the plate keeps a colour of this depth at a place; and that colour.
 bool recalled(ivec2 place, float own, out vec3 colour) {
     int total = 0;
     uvec3 summed = uvec3(0u);

@@ -1,4 +1,4 @@
-// Where a place on the picture lies in polar cells around a gaze. Twin: compression/grid.py.
+// Place in polar cells of a place on the picture, around a gaze. Twin: compression/grid.py.
 
 #constant WHOLE_TURN     // 1: the last row goes on at the first one
 #constant FIRST_RAD      // angle of the first row

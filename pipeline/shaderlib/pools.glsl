@@ -1,4 +1,4 @@
-// How widely the eye pools at a place, as the share of each level of detail.
+// Width of the eye's pools at a place, as the share of each level of detail.
 // Twin: geometry.py, pooling.py and lod.py in foveation/. Change both or neither.
 
 #constant PROJECTION       // 0: a flat picture, 1: a whole panorama, 2: a pole of one; see geometry.py
@@ -21,7 +21,7 @@ uniform float fovea_deg;
 
 const float PI = 3.14159265358979;
 
-// Of what lies at a place: its direction, its angle from the gaze, and the pixels of a square degree
+// Place of a picture before the eye: its direction, its angle from the gaze, and the pixels of a square degree
 // there.
 struct Place {
     vec3 ray;

@@ -11,7 +11,7 @@
 #constant OVERLAP          // see below
 #constant TOGETHER         // of the variance of all bands' sum; see together_by_levels()
 
-// What a level's three bands measure (rows) of products of deviations: of each two levels i <= j.
+// Measures (rows) of a level's three bands of products of deviations: of each two levels i <= j.
 // See overlap_by_levels(). Written into the code: reading it would take longer than all else here.
 const int PAIRS = LEVELS * (LEVELS + 1) / 2;
 const float[] OVERLAPS = OVERLAP;
@@ -24,7 +24,7 @@ vec3 wanted[6];  // deviations, with the gains so far: of the high band, the sum
 
 void want(int level, vec3 band) { wanted[level] = vec3(band.x, band.y + band.z, band.y - band.z); }
 
-// What the bands of all levels measure: of the high band; half the oriented ones' sum, and difference.
+// Measures of all levels' bands: of the high band; half the oriented ones' sum, and difference.
 vec3 measured[6];
 
 // Add what a level's bands measure of a pair of levels, `at` of all pairs.

@@ -1,4 +1,4 @@
-// What the pictures that a panorama is worked out in agree on. Twin: foveation/sphere.py.
+// Shares and displacements common to the pictures of a panorama. Twin: foveation/sphere.py.
 // Change both or neither.
 
 #constant BELT_SINE  // of the latitude to which a panorama is itself

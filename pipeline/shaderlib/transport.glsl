@@ -1,4 +1,4 @@
-// What a hole's pixels see around them, for coherence transport.
+// Surroundings of a hole's pixels, for coherence transport.
 // Twin: transport/reference.py. Change both or neither.
 
 layout(rgba32f) uniform readonly image2D image;  // rgb: encoded; a: 1 known, 0 hole
@@ -27,7 +27,7 @@ float guide_at(ivec2 place) { return max(0.0, 1.0 - z_near_m / imageLoad(depth_m
 
 bool is_alike(float guide, float other) { return abs(guide - other) <= depth_threshold; }
 
-// Whether a step leads to another pixel within a radius.
+// True if a step leads to another pixel within a radius.
 bool in_disc(ivec2 along, int radius_px) {
     int squared = along.x * along.x + along.y * along.y;
     return squared > 0 && squared <= radius_px * radius_px;

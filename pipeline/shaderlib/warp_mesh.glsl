@@ -80,7 +80,7 @@ ivec2 place_of(int index, int columns) {
 
 bool is_strip(int part) { return part > 0 && part < BAND; }
 
-// Which vertex of its quad (0 to 3: a b c d) gives a part's corner `k` colour, motion and depth.
+// Vertex of its quad (0 to 3: a b c d) that gives a part's corner `k` colour, motion and depth.
 int source_of(int part, int k) {
     int second = k == 1 || k == 2 ? 1 : 0;
     return part == 0 ? k : is_strip(part) ? (part - 1 + second) & 3
@@ -167,12 +167,12 @@ Areas wide_areas(dvec2 a, dvec2 b, dvec2 c, dvec2 d) {
                  float(ab + bc - ac), float(ac + cd + da));
 }
 
-// Whether a point on the left of `edge` is inside, or on it and the edge is top or left.
+// True if a point on the left of `edge` is inside, or on it and the edge is top or left.
 bool inside(float area, ivec2 edge) {
     return area > 0.0 || (area == 0.0 && (edge.y < 0 || (edge.y == 0 && edge.x > 0)));
 }
 
-// Whether abc or acd covers the centre, and how its second and third corner weigh there.
+// True if abc or acd covers the centre; and the weights of its second and third corner there.
 bool covers(Quad quad, Areas area, out vec2 weight, out bool upper) {
     upper = inside(area.ab, quad.b - quad.a) && inside(area.bc, quad.c - quad.b)
         && inside(-area.ac, quad.a - quad.c);

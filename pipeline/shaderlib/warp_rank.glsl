@@ -1,4 +1,4 @@
-// Who shows at a target pixel: the least key, and the first quad among equal keys.
+// Rank of surfaces at a target pixel: the least key shows, and the first quad among equal keys.
 // Twin: partitioned_depth() and nearest() in warp/reference.py.
 //
 // Eq. 1's partition as integers: the top bit says "stretched". Below it, a surface's key
@@ -23,7 +23,7 @@ layout(std430) buffer Lists {
     // resolve.comp.glsl leaves to the second. Room for all there are.
     uint entries[];
 };
-// What to draw of each large quad: bit k for part k, TORN, CONTESTED. From classify.comp.glsl.
+// Parts to draw of each large quad: bit k for part k, TORN, CONTESTED. From classify.comp.glsl.
 layout(std430) buffer Parts { uint parts[]; };
 
 const int LARGE = 0, CONTESTED_SMALL = 1;  // of counts

@@ -42,8 +42,8 @@ Spread held(Spread spread, vec3 skew, float tightness, float coloured) {
     return Spread(spread.deviation, spread.rate, mix(near, far, low), mix(far, near, low));
 }
 
-// What the four blocks around a cell, as textureGather() has them, give each of its pixels: a column a
-// pixel.
+// Shares of the four blocks around a cell, as textureGather() has them, in each of its pixels: a
+// column a pixel.
 mat4 shares_of(ivec2 cell) {
     vec2 place = vec2(0.75) - 0.5 * vec2(cell & 1);  // of the cell's middle between blocks
     mat4 shares;

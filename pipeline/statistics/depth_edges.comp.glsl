@@ -1,6 +1,6 @@
 #version 430
-// Where the first halving has to look at depth: tiles within whose reach depth jumps go into one
-// list, all others into another.
+// Tiles in which the first halving has to look at depth: those within whose reach depth jumps go
+// into one list, all others into another.
 
 #constant HALVED_TILE  // edge of a tile, pixels of resolution 2
 

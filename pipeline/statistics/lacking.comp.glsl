@@ -48,7 +48,7 @@ vec3 lacking(vec3 variance, vec3 measured, float held) {
     return max(vec3(0.0), variance - (held < 0.0 ? measured : held * variance));
 }
 
-// How much of chroma goes with so much of luma.
+// Slope of chroma on luma.
 vec3 slope_of(vec3 product, vec3 square) {
     return mix(vec3(0.0), product / square, greaterThan(square, vec3(SMALLEST_VARIANCE)));
 }

@@ -33,7 +33,7 @@ vec4 extents(int y, int x, ivec2 last) {
 
 vec2 guides(vec2 depths) { return max(vec2(0.0), 1.0 - z_near_m / depths); }
 
-// Whether the left and the right result mix depths, given their four rows. Guides grow with depth,
+// True if the left and the right result mix depths, given their four rows. Guides grow with depth,
 // rounded as well: the farthest depth has the largest.
 bvec2 mixes(vec4 a, vec4 b, vec4 c, vec4 d) {
     vec2 nearest = min(min(a.xz, b.xz), min(c.xz, d.xz));

@@ -1,5 +1,5 @@
 #version 430
-// What material.frag.glsl would read, as numbers: place on the texture, rho and eta.
+// Fragments as material.frag.glsl would read them, as numbers: place on the texture, rho and eta.
 
 #include "footprint.glsl"
 

@@ -16,7 +16,7 @@ bool first_time(ivec2 pixel) {
     return atomicExchange(listed[uint(pixel.y * imageSize(image).x + pixel.x)], 1u) == 0u;
 }
 
-// Whether there is known colour beside the pixel.
+// True if there is known colour beside the pixel.
 bool begin(ivec2 pixel) {
     if (!is_inside(pixel) || is_known(pixel)) return false;
     float guide = guide_at(pixel);

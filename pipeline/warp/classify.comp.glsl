@@ -21,7 +21,7 @@ ivec2 side_from(ivec2 pixel, ivec2 along) {
                        - subpixels(imageLoad(flow_px, pixel).xy);
 }
 
-// How many sides beyond `pixel` stretch like `side`, up to SURFACE_PX - 1.
+// Number of sides beyond `pixel` that stretch like `side`, up to SURFACE_PX - 1.
 int alike(ivec2 pixel, ivec2 along, ivec2 towards, ivec2 side) {
     ivec2 size = imageSize(depth_m);
     int count = 0;
@@ -34,7 +34,7 @@ int alike(ivec2 pixel, ivec2 along, ivec2 towards, ivec2 side) {
     return count;
 }
 
-// Whether the side from this vertex to the next ties two surfaces together: it is long, and
+// True if the side from this vertex to the next ties two surfaces together: it is long, and
 // too few of its neighbours in line stretch alike.
 bool torn(ivec2 vertex, ivec2 along) {
     ivec2 pixel = pixel_of(vertex);
@@ -50,8 +50,8 @@ bool torn(ivec2 first) {
         || torn(first + right, down);
 }
 
-// Whether a vertex is a thing of its own (THIN), or lies in between two others (MIXED), along one
-// line of pixels; 0 if not both sides are torn.
+// Kind of a vertex along one line of pixels: a thing of its own (THIN), or in between two others
+// (MIXED); 0 if not both sides are torn.
 const uint THIN = 1u, MIXED = 2u;
 
 uint kind(ivec2 vertex, ivec2 along) {

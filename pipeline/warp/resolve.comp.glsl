@@ -21,7 +21,7 @@ layout(rgba32f) uniform writeonly image2D warped_colour;
 layout(r32f) uniform writeonly image2D warped_depth_m;
 layout(rg32f) uniform writeonly image2D warped_flow_px;
 
-// What a pixel shows: a hole that nothing reached, until told otherwise.
+// Colour of a pixel: a hole that nothing reached, until told otherwise.
 vec4 shown = vec4(0.0);
 float depth = bool(EXTEND) ? 0.0 : INFINITE;
 vec2 motion = vec2(0.0);
@@ -61,7 +61,7 @@ void show(ivec2 p, ivec2 q, ivec2 r, vec2 fp, vec2 fq, vec2 fr, vec3 metres, vec
     depth = blend_depth(metres, weight);
 }
 
-// How the second and third corner of a triangle weigh at the origin; see Areas.
+// Weights of the second and third corner of a triangle at the origin; see Areas.
 vec2 narrow_weight(ivec2 p, ivec2 q, ivec2 r) {
     int pq = turn(p, q), qr = turn(q, r), pr = turn(p, r);
     return vec2(-float(pr), float(pq)) / float(pq + qr - pr);

@@ -26,7 +26,7 @@ bool hole_at(ivec2 pixel) {
         && imageLoad(warped_colour, pixel).a == 0.0;
 }
 
-// Whether at most RIM_PX steps `along` lead into three hole pixels in line, the first of which
+// True if at most RIM_PX steps `along` lead into three hole pixels in line, the first of which
 // moves as `motion`. No loop: see guided.glsl.
 bool rim_along(ivec2 pixel, ivec2 along, vec2 motion) {
     ivec2 first = pixel + along;

@@ -1,5 +1,5 @@
 #version 430
-// Where each source pixel goes, and its depth as the target sees it.
+// Motion of each source pixel, and its depth as the target sees it.
 // Twin: flow_between() in pipeline/camera.py.
 
 layout(local_size_x = 64) in;  // rows, as the warp reads what it writes

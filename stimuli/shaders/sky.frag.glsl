@@ -1,5 +1,5 @@
 #version 430
-// What lies behind everything: a panorama at infinite depth.
+// Sky behind everything: a panorama at infinite depth.
 
 in vec2 place;
 

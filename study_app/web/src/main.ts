@@ -21,17 +21,17 @@ export type { Ending };
 const SLOTS = 2 ** 20;
 
 export interface Options {
-  /** Where the study's files lie. Left out: beside the page. */
+  /** Address of the study's files. Left out: beside the page. */
   readonly base?: string;
   /** The study archive's server, where there is one. */
   readonly jatos?: Jatos;
   /** Parameters of the link. Left out: those of the page. */
   readonly link?: URLSearchParams;
-  /** What comes between the session's end and the thanks, after which a server takes nothing. */
+  /** Work between the session's end and the thanks, after which a server takes nothing. */
   readonly rest?: (ending: Ending) => Promise<void>;
 }
 
-/** Whether a participant who opens the page goes on with a session. */
+/** True if a participant who opens the page goes on with a session. */
 export async function begun(options: Options = {}): Promise<boolean> {
   const [, study] = await studyOf(options);
   return (await storeOf(options, study).load()) !== null;

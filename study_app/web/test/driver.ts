@@ -11,7 +11,7 @@ interface Orders {
   open: { url: string; scripts: string[]; size: [number, number]; anew: boolean };
   evaluate: { script: string };
   close: object;
-  /** What went wrong in the page so far. */
+  /** Errors in the page so far. */
   errors: object;
   quit: object;
 }

@@ -15,7 +15,7 @@ const PACK = {
 } as unknown as Pack;
 const STUDY = { stimuli: { clip: PACK }, stimulus_px: [4, 3], pictures: {} } as unknown as WebStudy;
 
-/** What was asked for: the range, and how the cache is used. */
+/** Requests so far: the range, and how the cache is used. */
 let asked: [string, RequestCache | undefined][];
 let decoded: number[];
 

@@ -24,7 +24,7 @@ type Asked =
   | { ask: "attempt"; script: TrialScript; observed: Observed[] }
   | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number };
 
-/** How often something happens, as shares: refreshes missed, pauses, disturbances, deaths of the page. */
+/** Shares at which something happens: refreshes missed, pauses, disturbances, deaths of the page. */
 interface Faults {
   readonly missed: number;
   readonly paused: number;

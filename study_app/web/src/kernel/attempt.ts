@@ -17,7 +17,7 @@ export interface Press {
   readonly x: number | null;
 }
 
-/** What was observed: a press and a disturbance say after which flip. */
+/** Observations of an attempt: a press and a disturbance say after which flip. */
 export interface AttemptLog {
   /** The first on the page's clock, each other one since that before. */
   readonly flips_us: readonly number[];
@@ -25,11 +25,11 @@ export interface AttemptLog {
   readonly disturbed: readonly [flip: number, what: Disturbance] | null;
 }
 
-/** What the next flip shows. */
+/** Picture of the next flip. */
 export interface Shown {
   readonly phase: ScriptPhase;
   readonly refreshes: number;
-  /** What says how the attempt stands, drawn first. */
+  /** Notice of how the attempt stands, drawn first. */
   readonly notice: Picture | null;
 }
 
@@ -58,12 +58,12 @@ export class AttemptRun {
     return isDone(this.state, this.script);
   }
 
-  /** Whether the outcome is known, and has been shown. */
+  /** True if the outcome is known, and has been shown. */
   get over(): boolean {
     return isOver(this.state);
   }
 
-  /** Whether the participant's answer is awaited, so that a click may give it. */
+  /** True if the participant's answer is awaited, so that a click may give it. */
   get asks(): boolean {
     return !this.over && at(this.script.phases, this.state.phase).question?.pointer === true;
   }

@@ -24,18 +24,18 @@ export type PageName =
 export interface Page {
   readonly name: PageName;
   readonly text: string;
-  /** Whoever goes on earlier stays. */
+  /** Shortest time on the page, s; a participant who goes on earlier stays. */
   readonly least_s: number;
   readonly question: ClosingQuestion | null;
-  /** What was typed or chosen before the question was left. */
+  /** Text that was typed or chosen before the question was left. */
   readonly draft: string;
-  /** How much of the session is done, shown as a bar; 0: nothing is shown. */
+  /** Share of the session that is done, shown as a bar; 0: nothing is shown. */
   readonly done_share: number;
 }
 
 export interface PageResult {
   readonly leaves: boolean;
-  /** What a question's page collected. */
+  /** Answer that a question's page collected. */
   readonly answer: string;
   readonly duration_s: number;
 }

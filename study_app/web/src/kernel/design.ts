@@ -1,4 +1,4 @@
-/** What a study's plan follows from: the part of `study.json` that Python exports for it.
+/** Design that a study's plan follows from: the part of `study.json` that Python exports for it.
  *
  * The names are those of `protocols/web_study.py`, which defines them.
  */
@@ -76,7 +76,7 @@ export interface Design {
   readonly adaptive: Adaptive | null;
 }
 
-/** Whose session it is. */
+/** Participant of a session. */
 export interface Person {
   readonly seed: number;
   readonly participant: string;

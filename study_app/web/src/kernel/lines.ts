@@ -3,7 +3,7 @@ import type { AttemptLog } from "./attempt";
 import type { SessionEvent } from "./session";
 import type { VoidReason } from "./script";
 
-/** What the gate found: nothing that tells one person from another. */
+/** Machine as the gate found it: nothing that tells one person from another. */
 export interface Machine {
   readonly browser: string;
   readonly refresh_hz: number;
@@ -18,7 +18,7 @@ export interface Machine {
   readonly simulated: boolean;
 }
 
-/** Whose session it is, and where its numbers come from. */
+/** Participant of a session, and the source of its numbers. */
 export interface Begun {
   readonly participant: string;
   readonly slot: number;
@@ -66,7 +66,7 @@ export type Said =
 export type Line = Said & {
   readonly study: string;
   readonly participant: string;
-  /** Which opening of the page wrote it, from 0. */
+  /** Number of the opening of the page that wrote it, from 0. */
   readonly run: number;
   /** Number of the line, from 0, over all runs. */
   readonly n: number;
@@ -74,7 +74,7 @@ export type Line = Said & {
   readonly at: string;
 };
 
-/** What a page that is opened again must know; small enough for a server's memory of a session. */
+/** Memory of a page that is opened again; small enough for a server's memory of a session. */
 export interface History {
   readonly begun: Begun;
   readonly run: number;
@@ -85,7 +85,7 @@ export interface History {
   readonly last: string;
 }
 
-/** Where lines go. `keep` ends when the history is safe, `send` when the line has arrived. */
+/** Store of lines. `keep` ends when the history is safe, `send` when the line has arrived. */
 export interface Store {
   load(): Promise<History | null>;
   keep(history: History): Promise<void>;
@@ -128,7 +128,7 @@ export class LineLog {
     return new LineLog(store, study, stamps, past.begun, past.run + 1, past.next, past.events);
   }
 
-  /** What has happened, of all that decides what comes next. */
+  /** Events so far, of all that decides what comes next. */
   get history(): readonly SessionEvent[] {
     return this.events;
   }

@@ -1,4 +1,4 @@
-/** Which refresh each flip fell on, and which were missed, as `study_app/pacing.py` defines it. */
+/** Refresh that each flip fell on, and missed refreshes, as `study_app/pacing.py` defines it. */
 export type FlipKind = "first" | "on-time" | "late" | "missed" | "doubled";
 
 export interface Flip {

@@ -25,7 +25,7 @@ export interface Plan extends Person {
   readonly trials: readonly PlannedTrial[];
 }
 
-/** What a trial shows, whatever the order: no two trials in a row show the same. */
+/** Stimuli of a trial, whatever the order: no two trials in a row show the same. */
 export function shown(trial: { readonly stimuli: readonly string[] }): string {
   return [...new Set(trial.stimuli)].sort().join("\n");
 }

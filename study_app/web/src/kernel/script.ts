@@ -76,7 +76,7 @@ export const STUDY_QUESTION = "answer";
 /** The key name of a click or touch. */
 export const POINTER = "pointer";
 
-/** Which frame is shown after so many refreshes of the phase. */
+/** Index of the frame that is shown after so many refreshes of the phase. */
 export function frameOf(entry: Frames, refreshes: number): number {
   return entry.every ? Math.min(Math.floor(refreshes / entry.every), entry.last) : 0;
 }
@@ -98,7 +98,7 @@ export function afterAnswer(script: TrialScript, index: number): number {
   return next < 0 ? index + 1 : next;
 }
 
-/** How many questions are asked. */
+/** Number of questions asked. */
 export function questionsOf(script: TrialScript): number {
   return new Set(script.phases.flatMap(({ question }) => (question ? [question.name] : []))).size;
 }

@@ -1,4 +1,4 @@
-/** What comes next in a session, as `study_app/session.py` defines it: a pure function of design,
+/** Next step of a session, as `study_app/session.py` defines it: a pure function of design,
  * plan and events so far. Nothing else is remembered.
  */
 import { nextLevel, type Answered } from "./adaptive";
@@ -19,7 +19,7 @@ export interface Attempt {
   readonly stimuli: readonly string[];
 }
 
-/** What has happened; kinds that decide nothing are left out. */
+/** Event of a session; kinds that decide nothing are left out. */
 export type SessionEvent =
   | Attempt
   | { readonly kind: "consent"; readonly agreed: boolean }
@@ -85,7 +85,7 @@ export function nextStep(design: Design, plan: Plan, events: readonly SessionEve
   return { step: "finish", consented: true };
 }
 
-/** Which trial comes after `trial`, the one that runs; null where that is not known. */
+/** Return the trial after `trial`, the one that runs; null where that is not known. */
 export function following(
   design: Design,
   plan: Plan,
@@ -177,7 +177,7 @@ function rightAnswers(trials: readonly PlannedTrial[], attempts: readonly Attemp
     .map((attempt) => attempt.correct === true);
 }
 
-/** Whether these answers to a round of practice reach its criterion. */
+/** True if these answers to a round of practice reach its criterion. */
 function isPassed(design: Design, answers: readonly boolean[]): boolean {
   const share = design.practice?.criterion_share ?? null;
   const right = answers.filter(Boolean).length;
@@ -209,7 +209,7 @@ function queueOf(
   return queue;
 }
 
-/** Where in the queue a void trial comes again. */
+/** Return the place in the queue where a void trial comes again. */
 function requeued(
   plan: Plan,
   queue: readonly PlannedTrial[],

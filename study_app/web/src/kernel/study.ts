@@ -37,7 +37,7 @@ export interface ClosingQuestion {
   readonly choices: readonly string[];
 }
 
-/** What a participant reads beside trials. */
+/** Texts that a participant reads beside trials. */
 export interface Pages {
   readonly consent: string;
   readonly instructions: readonly string[];

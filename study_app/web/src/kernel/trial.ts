@@ -17,7 +17,7 @@ import {
 
 export type Watch = "held" | "away" | "violation" | "loss";
 
-/** What happened up to one flip. */
+/** Observations up to one flip. */
 export interface Observed {
   /** Refreshes since the flip before: 1 in time, more where some were missed. */
   readonly refreshes: number;
@@ -54,12 +54,12 @@ export const BEGIN: Trial = {
   warned: false,
 };
 
-/** Whether every phase is over. */
+/** True if every phase is over. */
 export function isDone(trial: Trial, script: TrialScript): boolean {
   return trial.phase === script.phases.length;
 }
 
-/** Whether the outcome is fixed; feedback and blank may still be running. */
+/** True if the outcome is fixed; feedback and blank may still be running. */
 export function isOver(trial: Trial): boolean {
   return trial.completed || trial.void_reason !== null;
 }

@@ -5,14 +5,14 @@ import type { Rate, WebStudy } from "../kernel/study";
 import { filled, type Words } from "./words";
 
 const REFRESHES = 300;
-/** How far a measured rate may be from one of the study's, as a share. */
+/** Largest distance of a measured rate from one of the study's, as a share. */
 const NEAR_SHARE = 0.005;
 const LEAST_MEMORY_GB = 2;
 
-/** Why the study does not run here, in the participant's language. */
+/** Reason why the study does not run here, in the participant's language. */
 export class Refusal extends Error {}
 
-/** What can be said before anything is measured. */
+/** Refuse a device by what is known before anything is measured. */
 export function checkDevice(study: WebStudy, words: Words): void {
   const phone = matchMedia("(pointer: coarse) and (hover: none)").matches;
   if (phone && Math.min(screen.width, screen.height) < 600) throw new Refusal(words.phone);

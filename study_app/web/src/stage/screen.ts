@@ -11,7 +11,7 @@ import { keyName } from "./keys";
 import { painterOf, type Painter } from "./painter";
 import type { Words } from "./words";
 
-/** Who waits longer for pictures is told why. */
+/** Time after which a participant who waits for pictures is told why. */
 const SLOW_MS = 5000;
 
 export class Screen implements Stage {
@@ -52,7 +52,7 @@ export class Screen implements Stage {
     });
   }
 
-  /** What every line says of its time. */
+  /** Time stamps of a line. */
   stamps(): { t_s: number; at: string } {
     const t_s = Math.round((performance.now() - this.opened_ms) * 1e3) / 1e6;
     return { t_s, at: new Date().toISOString() };
@@ -121,7 +121,7 @@ export class Screen implements Stage {
     return result;
   }
 
-  /** What was drawn at the last callback is on the screen from this one on. */
+  /** Note a flip: the picture of the last callback is on the screen from this one on. */
   private flipped(run: AttemptRun, now_ms: number): void {
     const presses = this.presses;
     this.presses = [];
@@ -275,7 +275,7 @@ interface Field {
   value(): string;
 }
 
-/** Where an answer is typed, or one of several is chosen. */
+/** Field in which an answer is typed, or one of several is chosen. */
 function answerField(choices: readonly string[], draft: string): Field {
   if (!choices.length) {
     const text = document.createElement("textarea");

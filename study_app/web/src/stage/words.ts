@@ -1,4 +1,4 @@
-/** What the page itself says to participants, in their language; the study's texts come with it. */
+/** Texts of the page itself for participants, in their language; the study's texts come with it. */
 const EN = {
   start: "Start in full screen",
   resume: "Go on in full screen",

@@ -1,7 +1,7 @@
-/** Where lines go: to JATOS, or into the browser's own storage, from where they are saved as a file. */
+/** Stores of lines: JATOS, or the browser's own storage, from where they are saved as a file. */
 import type { History, Store } from "../kernel/lines";
 
-/** What the page uses of `jatos.js`. */
+/** Part of `jatos.js` that the page uses. */
 export interface Jatos {
   /** Of the participant's link. */
   readonly urlQueryParameters?: Readonly<Record<string, string>>;
@@ -22,7 +22,7 @@ export interface Jatos {
   uploadResultFile(data: string, name: string): Promise<unknown>;
 }
 
-/** What a server did not take, though it was asked again and again. */
+/** Lines that a server did not take, though it was asked again and again. */
 export class UnsentError extends Error {}
 
 /** Ask until it is done, ever more slowly; then give up. */
