@@ -519,6 +519,7 @@ class Session:
                 self.manifest,
                 recorder,
                 stage.kept(),
+                (),
                 store_gaze=False,
             )
             made.append(event)
