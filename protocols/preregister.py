@@ -311,7 +311,8 @@ def _times(protocol: StudyProtocol) -> list[str]:
         return []
     return [
         "Reaction times are a question of their own: a log-normal mixed model compares conditions"
-        f" (two-sided, alpha = {protocol.analysis.alpha:g}, Holm-adjusted over its comparisons)."
+        f" (likelihood ratio, two-sided, alpha = {protocol.analysis.alpha:g}, Holm-adjusted over"
+        " its comparisons)."
         " Where answers are two and right or wrong, EZ diffusion is fitted too. Times decide"
         " nothing about the tests above."
     ]

@@ -26,6 +26,7 @@ from analysis.parts.shared import (
     apa_test,
     between,
     compared,
+    decisive,
     limits,
     mean_differences_p,
     ratio_told,
@@ -93,7 +94,7 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
 
     def planned_p(self, found: Ratings) -> float | None:
         """Return the least adjusted p of the comparisons."""
-        known = [one.p_adjusted for one in found.model.contrasts if one.p_adjusted >= 0]
+        known = [p for p in map(decisive, found.model.contrasts) if p >= 0]
         return min(known, default=None)
 
     def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingPlan) -> Tests:
@@ -116,7 +117,7 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
                 one.difference,
                 one.lower,
                 one.upper,
-                one.p_adjusted,
+                decisive(one),
                 count,
             )
             for one in found.model.contrasts
@@ -126,9 +127,10 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
     def show(self, found: Ratings, plan: RatingPlan) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
-        first = min(model.contrasts, key=lambda one: (math.isnan(one.p), one.p))
-        count = sum(_decisive(one, plan) < plan.alpha for one in model.contrasts)
-        several = plan.correction == "holm" and len(model.contrasts) > 1
+        holm = plan.correction == "holm"
+        own = [decisive(one, adjusted=False) for one in model.contrasts]
+        first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
+        count = sum(decisive(one, adjusted=holm) < plan.alpha for one in model.contrasts)
         caption = (
             f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
             f" {plan.limits}, from the first condition on."
@@ -139,7 +141,7 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
                     "Clearest comparison",
                     apa_rating(first, model, plan.bootstrap_draws),
                     f"{count} of {len(model.contrasts)} comparisons differ,"
-                    f" two-sided{', Holm-adjusted' if several else ''}.",
+                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by likelihood ratio.",
                 ),
             ),
             headline=apa_rating(first, model, plan.bootstrap_draws),
@@ -179,11 +181,6 @@ def _unit(model: RatingModel) -> str:
     return "SD" if model.link == "probit" else "logits"
 
 
-def _decisive(one: RatingDifference, plan: RatingPlan) -> float:
-    """Return the p that decides: adjusted where the table's options correct."""
-    return one.p_adjusted if plan.correction == "holm" else one.p
-
-
 def _methods(found: Ratings, plan: RatingPlan) -> str:
     model = found.model
     kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
@@ -193,8 +190,8 @@ def _methods(found: Ratings, plan: RatingPlan) -> str:
     return (
         f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
-        f" {', '.join(model.sd)}. Differences have likelihood ratios, and Wald's statistics and"
-        f" limits, with {law} degrees of freedom, two-sided, alpha ="
+        f" {', '.join(model.sd)}. Differences were tested by likelihood ratios, beside Wald's"
+        f" statistics and limits, with {law} degrees of freedom, two-sided, alpha ="
         f" {leading(f'{plan.alpha:g}')}, {corrected} over {len(model.contrasts)} comparisons."
     )
 

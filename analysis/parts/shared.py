@@ -76,13 +76,20 @@ def limits(
     return title, "n", lambda one: text(one.lower, one.upper)
 
 
+def decisive(one: Comparison, *, adjusted: bool = True) -> float:
+    """Return the p that decides: of the likelihood ratio where there is one, else of t."""
+    if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
+        return one.ratio_p_adjusted if adjusted else one.ratio_p
+    return one.p_adjusted if adjusted else one.p
+
+
 def ratio_told(plan: Plan) -> str:
     """Return what likelihood ratios of a mixed model are, for a paragraph below a table."""
     draws = plan.bootstrap_draws
     law = f"by parametric bootstrap ({draws} draws)" if draws else "by the same t"
     return (
-        f"LR p: of the likelihood ratio against equal conditions, {law}. p: of Wald's statistic,"
-        " which goes with the limits."
+        f"LR p: of the likelihood ratio against equal conditions, {law}; it decides. p: of Wald's"
+        " statistic, which goes with the limits."
     )
 
 

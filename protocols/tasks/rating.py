@@ -62,8 +62,8 @@ class RatingsAnalysis(MixedAnalysis):
         against = "each pair" if self.baseline is None else f"each against {self.baseline}"
         return [
             f"Ratings are compared between values of {self.by}, {against}, by a cumulative"
-            f" {self.link} mixed model, random over participants and scenes, two-sided, alpha"
-            f" {self.alpha:g}; correction {self.correction}.",
+            f" {self.link} mixed model, random over participants and scenes, by likelihood ratio,"
+            f" two-sided, alpha {self.alpha:g}; correction {self.correction}.",
             *self.mixed_sentences(),
         ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.parts.ratings import RatingsPart
+from analysis.plans.told import RatingsTold
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -83,6 +86,28 @@ def test_the_page_shows_places_comparisons_people_and_times(votes, imported):
     assert list(pd.read_csv(imported / "out" / "tables" / "ratings.csv")["condition"]) == [
         "blur", "fill", "ours",
     ]  # fmt: skip
+
+
+def test_the_likelihood_ratio_that_stands_first_decides(votes, rng):
+    """Of the clearest comparison, how many differ, the main numbers and the planned looks."""
+    rows = votes.rename(columns={"who": "participant", "vote": "rating"})
+    plan = analysis_of("ratings").settings_of_table(
+        rows, "table", RatingsTold(by="method", scale=SCALE, baseline="blur")
+    )
+    part = RatingsPart()
+    found = part.compute(rows, plan, {}, rng)
+    fill, ours = found.model.contrasts
+    fill = replace(fill, p=0.3, p_adjusted=0.3, ratio_p=0.01, ratio_p_adjusted=0.02)
+    ours = replace(ours, p=0.001, p_adjusted=0.002, ratio_p=0.2, ratio_p_adjusted=0.2)
+    found = replace(found, model=replace(found.model, contrasts=(fill, ours)))
+
+    assert part.planned_p(found) == 0.02
+    assert [one.p for one in part.estimates(found, plan)] == [0.02, 0.2]
+    (box,) = part.show(found, plan).lead
+    assert box.lead.startswith("fill was rated")
+    assert "1 of 2 comparisons differ, two-sided, Holm-adjusted, by likelihood ratio" in box.text
+    assert part.planned_p(replace(found, model=replace(found.model, contrasts=(
+        replace(ours, ratio_p=np.nan, ratio_p_adjusted=np.nan),)))) == 0.002  # fmt: skip
 
 
 def test_graded_pairs_with_ties_become_a_report_too(tmp_path):
