@@ -31,6 +31,7 @@ from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
 from analysis.models.bradley_terry_mixed import paired_model
 from analysis.models.clustered import two_way
 from analysis.models.metacognition import (
+    UNBIASED_PADDING,
     fit_meta,
     fit_unequal,
     graded_area,
@@ -39,12 +40,15 @@ from analysis.models.metacognition import (
 )
 from analysis.models.observers import check_observers
 from analysis.models.paired_counts import Model, pair_index, probability
+from analysis.models.reaction_model import time_model
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
 from analysis.parts.preferences import PreferencesPart
+from analysis.parts.times import TimesPart
 from analysis.plans.preference_plan import from_protocol
 from analysis.power import power
 from analysis.simulations import Choices, mean_logit
+from analysis.tasks import analysis_of
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record
 from protocols.load import load_protocol
@@ -171,6 +175,24 @@ class ConfidenceRates:
     d_a: float | None
     slope: float | None
     left_out: float
+
+
+@dataclass(frozen=True)
+class TimesPower:
+    """How often reaction times at two sizes differ at .05, by two tests of the same studies.
+
+    `closed` is `analysis power`'s closed form, `model` the likelihood ratio that a report prints
+    first; `alike` is how often both decide the same. A `ratio` of 1: false positives.
+    """
+
+    participants: int
+    scenes: int
+    repeats: int
+    ratio: float
+    studies: int
+    closed: float
+    model: float
+    alike: float
 
 
 @dataclass(frozen=True)
@@ -524,6 +546,28 @@ def confidence_rates(scale_down: int) -> list[ConfidenceRates]:
     return rows
 
 
+def times_power(scale_down: int) -> list[TimesPower]:
+    """Draw times as `analysis power` does; judge them by its closed form and by the model."""
+    protocol = load_protocol(Path("inpainting-2afc"))
+    timed = protocol.analysis.model_copy(update={"reaction": "models"})
+    study = protocol.model_copy(update={"analysis": timed})
+    chosen = analysis_of("preference").simulation(study).deciding()
+    rng, studies, rows = np.random.default_rng(11), max(10, 100 // scale_down), []
+    for people, scenes, repeats, effect in ((11, 6, 2, 1.25), (6, 3, 2, 1.5), (30, 20, 1, 1.1)):
+        simulation = chosen.resized(scenes, repeats)
+        own = {one.name: one.value for one in simulation.assumptions}
+        for ratio in (1.0, effect):
+            answers = simulation.drawn(own | {"rt_ratio": ratio}, studies, people, rng)
+            test = TimesPart().planned_over(answers, (people,), simulation.plan)["times"]
+            closed = test()[:, 0, 0] < 0.05
+            tables = (simulation.table(answers.of(number, people)) for number in range(studies))
+            models = (time_model(table, ("size",)) for table in tables)
+            model = np.array([one.ratios[0].ratio_p for one in models]) < 0.05
+            rates = [float(np.mean(each)) for each in (closed, model, closed == model)]
+            rows.append(TimesPower(people, scenes, repeats, ratio, studies, *rates))
+    return rows
+
+
 def _confident_study(
     rng: np.random.Generator, people: int, trials: int, steps: int, m_ratio: float
 ) -> tuple[float, ...]:
@@ -535,7 +579,7 @@ def _confident_study(
         with suppress(ValueError):
             fits.append(fit_meta(counts))
         with suppress(ValueError):
-            unequal.append(fit_unequal(counts))
+            unequal.append(fit_unequal(counts, UNBIASED_PADDING))
         by_answer = counts.reshape(2, 2, steps)
         right = by_answer[0, 0, ::-1] + by_answer[1, 1]
         wrong = by_answer[1, 0, ::-1] + by_answer[0, 1]
@@ -687,6 +731,7 @@ def main(argv: list[str]) -> int:
         "learning_rates": lambda n: list(learning_rates(n)),
         "paired_rates": lambda n: list(paired_rates(n)),
         "confidence_rates": lambda n: list(confidence_rates(n)),
+        "times_power": lambda n: list(times_power(n)),
         "analysis_costs": lambda n: list(analysis_costs(n)),
     }
     only = "timings" if arguments.speed_only else arguments.only

@@ -7,6 +7,7 @@ of different participants, form small blocks, and the few others, such as scenes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
+N = TypeVar("N", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class RandomEffects:
         )
         return np.asarray((half * scale[self._first]).sum(axis=0)), trace.astype(np.float64)
 
-    def by_factor(self, slots: Floats) -> tuple[Floats, ...]:
+    def by_factor(self, slots: NDArray[N]) -> tuple[NDArray[N], ...]:
         """Return the effects of each factor, in the order of its levels."""
         return tuple(slots[places] for places in self._kept)
 

@@ -1,9 +1,9 @@
 """Standard deviations of random effects: profile limits, shares of variance, and their levels."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,19 +148,53 @@ def held_maximum(
     return -float(found.fun)
 
 
-def with_shares(
-    found: Sequence[Deviation], rest: float, slopes: Sequence[str] = ()
+def deviations_of(
+    sd: Mapping[str, float],
+    errors: Floats,
+    log_likelihood: Callable[[int, float], float],
+    best: float,
+    level: float,
+    names: Mapping[str, Sequence[str]],
+    modes: Sequence[Floats],
+    slots: Sequence[NDArray[np.int64]],
+    solve: Callable[[Floats], Floats],
+    *,
+    rest: float,
+    slopes: Sequence[str] = (),
 ) -> tuple[Deviation, ...]:
-    """Return deviations with their shares of the variance, `rest` that of one answer.
+    """Return deviations with profile limits, their shares of the variance, and their levels.
 
-    `slopes` name those that are no intercepts: at the middle of what they multiply they are 0.
+    Parameters
+    ----------
+    sd, errors
+        By name of the effect, and about the standard errors of these.
+    log_likelihood : callable
+        From the number of an effect and its deviation, held there, to the maximum over all else;
+        `best` where none is held.
+    names : mapping of effect to names of its levels
+        Whose levels are wanted.
+    modes, slots : sequences of ndarray (levels,)
+        Of each effect, its levels and their places in the curvature of all. Of more places than
+        `MOST_PROFILED` neither limits nor levels are had.
+    solve : callable
+        Of that curvature, in units of the deviations, by a vector.
+    rest : float
+        Variance of one answer. `slopes` name the deviations that have no share of it: where what
+        they multiply is at its middle they are 0.
     """
-    total = rest + sum(one.sd**2 for one in found if one.name not in slopes)
-    return tuple(
-        replace(one, icc=math.nan if one.name in slopes else one.sd**2 / total) for one in found
-    )
-
-
-def levels_of(names: Sequence[str], values: Floats, errors: Floats) -> tuple[Level, ...]:
-    """Return the levels of one effect."""
-    return tuple(map(Level, names, values.tolist(), errors.tolist()))
+    total = rest + sum(own**2 for name, own in sd.items() if name not in slopes)
+    effects, found = sum(map(len, slots)), []
+    for number, (name, own) in enumerate(sd.items()):
+        ends: tuple[float, float] = math.nan, math.nan
+        levels: tuple[Level, ...] = ()
+        if effects <= MOST_PROFILED:
+            held = partial(log_likelihood, number)
+            ends = profile_limits(held, own, best, float(errors[number]), level)
+            if name in names:
+                units = np.eye(effects)[slots[number]]
+                spread = [float(unit @ solve(unit)) for unit in units]
+                apart = (own * np.sqrt(spread)).tolist()
+                levels = tuple(map(Level, names[name], modes[number].tolist(), apart))
+        icc = math.nan if name in slopes else own**2 / total
+        found.append(Deviation(name, own, *ends, icc, levels))
+    return tuple(found)

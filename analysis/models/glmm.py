@@ -1,9 +1,7 @@
 """Models of trials with crossed random effects, fitted by the Laplace approximation."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -12,16 +10,7 @@ from scipy import optimize
 from scipy.special import expit
 
 from analysis.models.arrow_matrix import Arrow, RandomEffects
-from analysis.models.deviations import (
-    LATENT_VARIANCE,
-    MOST_PROFILED,
-    Deviation,
-    Level,
-    held_maximum,
-    levels_of,
-    profile_limits,
-    with_shares,
-)
+from analysis.models.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
 from analysis.models.logit import fit_logit
 from analysis.models.numeric import newton_polish
 from analysis.models.response import LOGIT, Rates, Response, steep_prior
@@ -222,23 +211,20 @@ def crossed_deviations(
     """
     model = _Laplace(design, fit.counted, response)
     point = np.concatenate([fit.beta, fit.sd, response.start()])
-    errors = np.sqrt(np.diag(fit.covariance).clip(min=0.0))
-    at = model._solve(point)
-    found = []
-    for number, (name, sd) in enumerate(zip(names, fit.sd.tolist(), strict=True)):
-        place = fit.beta.size + number
-        ends = math.nan, math.nan
-        if model.effects.size <= MOST_PROFILED:
-            held = partial(held_maximum, model, point, fit.covariance, place)
-            ends = profile_limits(held, sd, fit.log_likelihood, float(errors[place]), level)
-        own: tuple[Level, ...] = ()
-        if name in levels and model.effects.size <= MOST_PROFILED:
-            slots = model.effects.by_factor(np.arange(float(model.effects.size)))[number]
-            units = (np.arange(model.effects.size) == slot for slot in slots)
-            spread = [float(at.arrow.solve(unit.astype(float))[unit][0]) for unit in units]
-            own = levels_of(levels[name], fit.random[number], sd * np.sqrt(spread))
-        found.append(Deviation(name, sd, *ends, math.nan, own))
-    return with_shares(found, LATENT_VARIANCE[response.link], slopes)
+    first = fit.beta.size
+    return deviations_of(
+        dict(zip(names, fit.sd.tolist(), strict=True)),
+        np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
+        lambda number, sd: held_maximum(model, point, fit.covariance, first + number, sd),
+        fit.log_likelihood,
+        level,
+        levels,
+        fit.random,
+        model.effects.by_factor(np.arange(model.effects.size)),
+        model._solve(point).arrow.solve,
+        rest=LATENT_VARIANCE[response.link],
+        slopes=slopes,
+    )
 
 
 def reduced_ratio(

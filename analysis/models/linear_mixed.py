@@ -1,6 +1,5 @@
 """Linear mixed models with crossed random intercepts, by restricted maximum likelihood."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -10,14 +9,7 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 from scipy.sparse import linalg as splinalg
 
-from analysis.models.deviations import (
-    MOST_PROFILED,
-    Deviation,
-    Level,
-    levels_of,
-    profile_limits,
-    with_shares,
-)
+from analysis.models.deviations import Deviation, deviations_of
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
@@ -178,21 +170,20 @@ class _Products:
         inner, scale = self._factor(theta)
         _, beta, _, _, answer = self._solved(inner, scale)
         modes = scale * (answer - inner.solve(scale[:, None] * self.zx) @ beta)
-        starts = np.concatenate([[0], np.cumsum(self.sizes)])
-        found = []
-        for place, name in enumerate([*groups, "residual"]):
-            ends = math.nan, math.nan
-            if sum(self.sizes) <= MOST_PROFILED:
-                held = partial(self._held, sd, place)
-                ends = profile_limits(held, float(sd[place]), best, 0.2 * float(sd[place]), level)
-            own: tuple[Level, ...] = ()
-            if name in names and sum(self.sizes) <= MOST_PROFILED:
-                slots = np.arange(starts[place], starts[place + 1])
-                units = (np.arange(scale.size) == slot for slot in slots)
-                spread = [float(inner.solve(unit.astype(float))[unit][0]) for unit in units]
-                own = levels_of(names[name], modes[slots], sd[place] * np.sqrt(spread))
-            found.append(Deviation(name, float(sd[place]), *ends, math.nan, own))
-        return (*with_shares(found[:-1], residual**2), found[-1])
+        ends = np.cumsum(self.sizes)[:-1]
+        return deviations_of(
+            dict(zip([*groups, "residual"], sd.tolist(), strict=True)),
+            0.2 * sd,
+            partial(self._held, sd),
+            best,
+            level,
+            names,
+            np.split(modes, ends),
+            np.split(np.arange(scale.size), ends),
+            inner.solve,
+            rest=residual**2,
+            slopes=["residual"],
+        )
 
     def _held(self, sd: Floats, place: int, value: float) -> float:
         """Return the largest restricted log likelihood where one deviation is held."""

@@ -25,16 +25,7 @@ from analysis.models.contrasts import (
     wald,
     with_holm,
 )
-from analysis.models.deviations import (
-    LATENT_VARIANCE,
-    MOST_PROFILED,
-    Deviation,
-    Level,
-    held_maximum,
-    levels_of,
-    profile_limits,
-    with_shares,
-)
+from analysis.models.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
 from analysis.models.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.numeric import numeric_hessian
 from analysis.models.parametric_bootstrap import Draws
@@ -281,9 +272,6 @@ def fit_cumulative(
         if not proper or float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
             covariance[: cut[1], : cut[1]] = axes / np.maximum(curvature, FLAT) @ axes.T
     best_value = -laplace(theta, beta, sd)
-    few = z.shape[1] <= MOST_PROFILED
-    modes = np.repeat(sd, sizes) * mode
-    spread = np.diag(np.linalg.inv(bowl)) if few and level is not None else mode
 
     def sloped(point: Floats) -> tuple[float, Floats]:
         value = laplace(*np.split(point, cut))
@@ -291,20 +279,21 @@ def fit_cumulative(
         rise = [laplace(*np.split(point + one, cut)) - value for one in steps]
         return value, np.array(rise) / 1e-5
 
-    found = []
-    ends_at = np.cumsum(sizes).astype(int).tolist()
-    for number, name in enumerate(effects) if level is not None and proper else ():
-        place, own = cut[1] + number, slice(ends_at[number] - sizes[number], ends_at[number])
-        ends = math.nan, math.nan
-        if few and level is not None:
-            held = partial(held_maximum, sloped, natural, covariance, place)
-            error = math.sqrt(max(float(covariance[place, place]), 0.0))
-            ends = profile_limits(held, float(sd[number]), best_value, error, level)
-        known: tuple[Level, ...] = ()
-        if few and name in (names or {}):
-            apart = sd[number] * np.sqrt(spread[own])
-            known = levels_of((names or {})[name], modes[own], apart)
-        found.append(Deviation(name, float(sd[number]), *ends, math.nan, known))
+    deviations: tuple[Deviation, ...] = ()
+    if level is not None and proper:
+        ends = np.cumsum(sizes)[:-1]
+        deviations = deviations_of(
+            dict(zip(effects, sd.tolist(), strict=True)),
+            np.sqrt(np.diag(covariance).clip(min=0.0))[cut[1] :],
+            lambda number, own: held_maximum(sloped, natural, covariance, cut[1] + number, own),
+            best_value,
+            level,
+            names or {},
+            np.split(np.repeat(sd, sizes) * mode, ends),
+            np.split(np.arange(z.shape[1]), ends),
+            partial(np.linalg.solve, bowl),
+            rest=LATENT_VARIANCE[link],
+        )
     return CumulativeFit(
         theta=theta,
         beta=beta,
@@ -312,7 +301,7 @@ def fit_cumulative(
         covariance=covariance,
         log_likelihood=best_value,
         converged=proper,
-        deviations=with_shares(found, LATENT_VARIANCE[link]),
+        deviations=deviations,
     )
 
 

@@ -141,7 +141,8 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
                     "Clearest comparison",
                     apa_rating(first, model, plan.bootstrap_draws),
                     f"{count} of {len(model.contrasts)} comparisons differ,"
-                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by likelihood ratio.",
+                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by likelihood"
+                    " ratio.",
                 ),
             ),
             headline=apa_rating(first, model, plan.bootstrap_draws),
