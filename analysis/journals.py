@@ -12,7 +12,7 @@ from protocols.plugins import culprit
 from protocols.schema import StudyProtocol
 from protocols.side_files import SideFiles, check_side_files
 from protocols.tasks.pairs import PairTask
-from protocols.tasks.registry import check_row
+from protocols.tasks.task_kinds import check_row
 
 Progress = Callable[[str, int, int], None]
 """Told what is done, how much of it, and of how much; 0 where no end is known."""

@@ -44,7 +44,7 @@ from pipeline.synthesis import reference as synthesis
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from protocols.revision import code_revision, package_version
-from stimuli.scenes.registry import scene_names
+from stimuli.scenes.builtin_scenes import scene_names
 
 PART = PagePart("ablation table")
 SEED = 1

@@ -31,7 +31,7 @@ from benchmarks.estimates import of_posterior, of_reversals
 from benchmarks.machine import processor
 from benchmarks.output import file_to_write, write_record
 from protocols.adaptive import active_pairs, quest_plus, up_down
-from protocols.adaptive.psychometric import probability, slope_of
+from protocols.adaptive.psychometric_function import probability, slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
 from protocols.adaptive.up_down import UpDown
 from protocols.chance import Chance

@@ -41,7 +41,7 @@ from pipeline.features.reference import analyse
 from pipeline.foveation.lod import Pools
 from pipeline.quality import psnr_db
 from stimuli import pictures as sheets
-from stimuli.denoised.pairs import WIDTH_DEG, Pair, Rendering, View, pairs_of
+from stimuli.denoised.training_pictures import WIDTH_DEG, Pair, Rendering, View, pairs_of
 from stimuli.score.statistics import statistics_distance
 
 VIEWS = ("colonnade-3", "garden-3", "shed-3", "castle-0", "castle-1")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import entr
 
-from protocols.adaptive.levels import History
+from protocols.adaptive.answer_history import History
 from protocols.adaptive.quest_plus import PARAMETERS, Grid, posterior
 from protocols.adaptive.up_down import UpDown, performance, track
 from protocols.errors import StudyError

@@ -36,7 +36,7 @@ from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.textures.bake import bake
 from protocols.revision import package_version
-from stimuli.textured.draw import TexturedRenderer
+from stimuli.textured.draw_globes import TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import SCENES, WIDTH_DEG
 

@@ -36,10 +36,10 @@ from pipeline.warp.settings import Window
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
 from stimuli.paths import STILL, Pose
-from stimuli.read_file import read_picture
+from stimuli.read_stimulus import read_picture
 from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
-from stimuli.scenes.registry import build_scene, scene_names
+from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.stereo import PAIR_WARP
 
 PARTS = {"fvvdp": PagePart("paper table"), "cvvdp": PagePart("cvvdp table")}
@@ -166,7 +166,7 @@ def fovvideovdp() -> Score | None:
     if importlib.util.find_spec("pyfvvdp") is None:
         return None
     from stimuli.score.fovvideovdp import open_metric
-    from stimuli.score.viewing import standard_fhd
+    from stimuli.score.viewing_conditions import standard_fhd
 
     return _in_holes(open_metric(standard_fhd(), None, foveated=False))
 
@@ -176,7 +176,7 @@ def colorvideovdp() -> Score | None:
     if importlib.util.find_spec("pycvvdp") is None:
         return None
     from stimuli.score.colorvideovdp import open_metric
-    from stimuli.score.viewing import standard_fhd
+    from stimuli.score.viewing_conditions import standard_fhd
 
     return _in_holes(open_metric(standard_fhd()))
 

@@ -21,14 +21,14 @@ from stimuli.footage import Footage, Shot
 from stimuli.paths import make_path
 from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
-from stimuli.scenes.registry import build_scene
-from stimuli.steps import metameric_steps
+from stimuli.scenes.builtin_scenes import build_scene
+from stimuli.warp_steps import metameric_steps
 
 FILLS = "push-pull", "metameric", "background-extension", "coherence-transport"
 
 SEED = 1
 DETAIL_PX = (120, 160)
-STEPS = (  # of `stimuli.steps`, and what stands under them
+STEPS = (  # of `stimuli.warp_steps`, and what stands under them
     ("base", "2 base: colour of what lies at the hole's depth"),
     ("level0-bands", "3 finest bands: high, along x, along y"),
     ("level0-deviation", "4 their deviations, carried into the hole"),

@@ -20,17 +20,17 @@ from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.schema import StudyProtocol
 from stimuli.build import build
+from stimuli.build_plan import Orders
 from stimuli.executors import cores, local_processes
-from stimuli.orders import Orders
-from stimuli.scenes.registry import scene_names
+from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.score.batch import subjects_of_batch
+from stimuli.score.measure_clips import Results, Settings, score
 from stimuli.score.metrics import HOLES, choose_metrics
 from stimuli.score.report import duels_markdown, write_report
-from stimuli.score.run import Results, Settings, score
 from stimuli.score.speed import time_methods
 from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels, method_order
-from stimuli.score.viewing import standard_fhd
-from stimuli.score.write import CACHE_FOLDER, JSON_NAME
+from stimuli.score.viewing_conditions import standard_fhd
+from stimuli.score.write_scores import CACHE_FOLDER, JSON_NAME
 from study_app.cli.progress import progress_line
 
 MOTIONS: dict[str, dict[str, Any]] = {

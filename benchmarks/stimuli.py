@@ -29,8 +29,8 @@ from benchmarks.stimuli_report import Findings, Ratio, Speed
 
 if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
+    from stimuli.build_plan import Orders
     from stimuli.clip import Survey
-    from stimuli.orders import Orders
     from stimuli.scenery import Scenery
     from stimuli.worker import SceneContext
 
@@ -196,8 +196,8 @@ def _ready(
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
     from protocols.recipes.warped_clips import ClipName
+    from stimuli.build_plan import Orders
     from stimuli.clip import Survey
-    from stimuli.orders import Orders
     from stimuli.worker import SceneContext
 
     protocol = load_protocol(Path("demo"))

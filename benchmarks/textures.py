@@ -29,9 +29,9 @@ from pipeline.textures.bake import bake
 from pipeline.textures.footprints import saved, touched
 from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments
-from stimuli.textured.draw import TexturedRenderer
+from stimuli.textured.draw_globes import TexturedRenderer
 from stimuli.textured.scenes import SCENES, WIDTH_DEG
-from stimuli.textured.to_files import open_texture
+from stimuli.textured.texture_files import open_texture
 
 TEXTURE_PX = 8192
 SMALL_PX = 64  # of the map that is drawn in its place: only its coordinates matter

@@ -27,7 +27,7 @@ from protocols.revision import code_revision, package_version
 from stimuli.paths import STILL, Pose
 from stimuli.render import Renderer
 from stimuli.scenery import RenderedScenery
-from stimuli.scenes.registry import build_scene, scene_names
+from stimuli.scenes.builtin_scenes import build_scene, scene_names
 
 PART = PagePart("thin table")
 DIRECTIONS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))

@@ -26,7 +26,7 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS, create_method
 from stimuli import pictures
-from stimuli.scenes.registry import scene_names
+from stimuli.scenes.builtin_scenes import scene_names
 
 WINDOW_PX = 3.0  # standard deviation
 CROP_PX = 64

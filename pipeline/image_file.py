@@ -17,7 +17,7 @@ from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
 from pipeline.limits import check_need, check_values
 from pipeline.netpbm import read_netpbm
-from pipeline.statements.check import check_statements, refusal
+from pipeline.statements.check_statements import check_statements, refusal
 from pipeline.statements.row import Use
 from protocols.outside import reading, visible_line
 

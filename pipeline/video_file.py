@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.limits import check_values
-from pipeline.statements.check import Said, judged
-from pipeline.video_header.read import number_bytes, statements
+from pipeline.statements.check_statements import Said, judged
+from pipeline.video_header.read_header import number_bytes, statements
 from protocols.outside import reading
 
 _CONTAINERS: Final = (

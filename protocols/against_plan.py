@@ -15,7 +15,7 @@ from protocols.journal import Attempt, SessionStart
 from protocols.plan import Plan, PlannedTrial, planned_trials
 from protocols.schema import StudyProtocol
 from protocols.session_schema import POINTER
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 
 _ROUND_S = 2e-6
 """Stamps are rounded to microseconds."""

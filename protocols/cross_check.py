@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 from typing import get_args
 
 from protocols.errors import Problem
+from protocols.participant_texts import unknown_placeholders
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import Design, Gaze, Privacy, Response, TextSection, TrialTiming
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
-from protocols.tasks.registry import TASKS
-from protocols.wording import unknown_placeholders
+from protocols.tasks.task_kinds import TASKS
 
 
 def cross_check(sections: Mapping[str, object]) -> list[Problem]:

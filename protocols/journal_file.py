@@ -9,7 +9,6 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from protocols.chain import due, first_link, stated
 from protocols.errors import StudyError, refuse_format_1
 from protocols.journal import (
     EVENT,
@@ -20,6 +19,7 @@ from protocols.journal import (
     SessionStart,
     Withdrawal,
 )
+from protocols.journal_checksums import due, first_link, stated
 from protocols.outside import check_within
 from protocols.read_file import read_bytes
 

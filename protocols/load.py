@@ -23,7 +23,7 @@ from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import View
 from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 
 M = TypeVar("M", bound=BaseModel)
 SECRET_SUFFIX = ".secret"

@@ -25,11 +25,11 @@ from pydantic import BaseModel
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.format_reference import bounds_in_words
 from protocols.hashing import sha256_bytes
 from protocols.own_stimuli import OwnStimuli
 from protocols.prose import shortest
 from protocols.publish import schema_text
-from protocols.reference import bounds_in_words
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.units import NAME_PATTERN

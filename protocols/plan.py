@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from protocols.chance import Chance
+from protocols.counterbalancing import place_of
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
 from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
-from protocols.places import place_of
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Cell, Turn
 from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
@@ -76,10 +76,10 @@ class Plan(Model):
 def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slot: int) -> Plan:
     """Return the trials of a participant.
 
-    Counterbalancing by the slot's place (`protocols.places`): bit 0 turns the arrangement of every
-    trial, bit 1 the keys, and the scene order is a row of a Latin square. Within a participant the
-    arrangements of a condition take turns over the repeats, and no two trials in a row show the
-    same.
+    Counterbalancing by the slot's place (`protocols.counterbalancing`): bit 0 turns the arrangement
+    of every trial, bit 1 the keys, and the scene order is a row of a Latin square. Within a
+    participant the arrangements of a condition take turns over the repeats, and no two trials in a
+    row show the same.
 
     Raises
     ------

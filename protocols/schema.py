@@ -18,7 +18,7 @@ from protocols.hashing import sha256_bytes, sha256_json
 from protocols.plugins import culprit
 from protocols.pool import Pool
 from protocols.recipes.base import Recipe
-from protocols.recipes.registry import RECIPES
+from protocols.recipes.recipe_kinds import RECIPES
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.session_schema import (
     Design,
@@ -32,7 +32,7 @@ from protocols.session_schema import (
     Web,
 )
 from protocols.tasks.base import Analysis, Cell, Task
-from protocols.tasks.registry import TASKS, check_returns
+from protocols.tasks.task_kinds import TASKS, check_returns
 from protocols.units import Grown
 
 if TYPE_CHECKING:

@@ -26,6 +26,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import TrialId
 from protocols.manifest import Manifest
+from protocols.participant_texts import fill, key_label, unknown_placeholders
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
 from protocols.recipes.base import LiveMethod
@@ -45,7 +46,6 @@ from protocols.units import (
     Text,
 )
 from protocols.viewing import Viewing
-from protocols.wording import fill, key_label, unknown_placeholders
 
 Place: TypeAlias = tuple[int, int]
 """Of an upper left corner: pixels right of and below the screen's middle."""

@@ -13,8 +13,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field
 
 from protocols.adaptive.section import AdaptiveLevels, QuestPlusLevels, UpDownLevels
+from protocols.counterbalancing import rounds
 from protocols.errors import StudyError
-from protocols.places import rounds
 from protocols.schema import StudyProtocol
 from protocols.tasks import base
 from protocols.units import Count, Few, LanguageCode, Model, Name, Number, Positive, Share, Text

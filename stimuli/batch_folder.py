@@ -33,7 +33,7 @@ from protocols.recipes.warped_clips import ClipName
 from protocols.result_folder import leaves, remove_own
 from protocols.whole_file import PART, sync_folder, write_whole
 from stimuli.contact import SHEET_NAME
-from stimuli.preview import PREVIEW_FOLDER
+from stimuli.preview_video import PREVIEW_FOLDER
 
 BUILD_FOLDER = ".build"
 HOLES_FOLDER = "holes"

@@ -34,11 +34,11 @@ from protocols.recipes.warped_clips import ExrScene
 from stimuli.exr import Transfer, stored_transfer
 from stimuli.exr_parts import frame_files, read_parts
 from stimuli.foveated.any_picture import read_any
-from stimuli.look import ScenePreview, look_around
+from stimuli.scene_views import ScenePreview, look_around
+from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import ENDINGS, files_of
 from stimuli.scenes.pair_check import judge_pair
-from stimuli.scenes.registry import scene_names
 from stimuli.scenes.sequence import load_picture, motion_of
 from stimuli.scenes.stereo import ASSUMED_BASELINE_M, BUILT_IN, built_in_pair, load_pair
 

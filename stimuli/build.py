@@ -20,9 +20,9 @@ from stimuli.batch_folder import (
     remove_surveys,
     survey_name,
 )
+from stimuli.build_plan import Orders
 from stimuli.clip import Survey, read_survey
 from stimuli.clip_build import ClipBuild, Job
-from stimuli.orders import Orders
 from stimuli.records import WarpedDraft
 from stimuli.worker import clip_job, describe_renderer, survey_job
 

@@ -16,7 +16,7 @@ from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.contact import SHEET_NAME
 from stimuli.png import decode
-from stimuli.preview import preview_path
+from stimuli.preview_video import preview_path
 
 _ENDS = ("least", "most")
 

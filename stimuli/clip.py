@@ -26,10 +26,10 @@ from protocols.hashing import sha256_bytes
 from protocols.recipes.warped_clips import ClipName
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import SURVEY_NAME
+from stimuli.build_plan import Orders
 from stimuli.exr import save_colour
 from stimuli.fills import Fills
 from stimuli.footage import Footage, Shot
-from stimuli.orders import Orders
 from stimuli.paths import make_path
 from stimuli.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.scenery import Scenery

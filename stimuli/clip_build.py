@@ -28,7 +28,7 @@ from stimuli.batch_folder import (
 )
 from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.executors import LocalProcesses
-from stimuli.preview import PREVIEW_FOLDER, preview_path
+from stimuli.preview_video import PREVIEW_FOLDER, preview_path
 from stimuli.records import ManifestDraft
 from stimuli.worker import RendererInfo, preview_job
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from stimuli.build_plan import Orders
 from stimuli.clip import ENCODERS
 from stimuli.footage import Footage, Shot
-from stimuli.orders import Orders
 from stimuli.paths import make_path
 from stimuli.png import encode_frame
 

@@ -19,10 +19,10 @@ from protocols.outside import page_bytes
 from protocols.result_folder import whole_folder
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import survey_name
+from stimuli.build_plan import Orders
 from stimuli.clip import shot_of, take_survey
 from stimuli.footage import Footage
 from stimuli.open_scene import open_scenery
-from stimuli.orders import Orders
 from stimuli.png import encode_frame
 
 NAMES_FILE = "frames.csv"

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.colour import decode_srgb
-from stimuli.batches import Batch, DepthShaders
 from stimuli.programs import columns, set_uniform
+from stimuli.triangle_batches import Batch, DepthShaders
 from stimuli.world import Light, Mesh, World
 
 SHADOW_PX = 2048

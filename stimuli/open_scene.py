@@ -20,7 +20,7 @@ from protocols.recipes.warped_clips import (
     View,
 )
 from stimuli.scenery import RenderedScenery, Scenery
-from stimuli.scenes.registry import build_scene, scene_entry
+from stimuli.scenes.builtin_scenes import build_scene, scene_entry
 from stimuli.world import Vector, Viewpoint, World
 
 BASE_MODULES = ("stimuli.clip", "stimuli.footage", "stimuli.open_scene", "stimuli.solve")

@@ -20,9 +20,9 @@ from protocols.schema import StudyProtocol
 from protocols.units import Scalar
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
+from stimuli.build_plan import Orders
 from stimuli.clip import Survey, read_survey
 from stimuli.open_scene import open_world
-from stimuli.orders import Orders
 from stimuli.worker import RendererInfo
 
 VERSIONED = (

@@ -22,10 +22,10 @@ from pipeline.errors import GLUnavailableError, print_notes
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
+from stimuli.build_plan import Orders
 from stimuli.clip import Survey, make_frames, take_survey
 from stimuli.open_scene import open_scenery
-from stimuli.orders import Orders
-from stimuli.preview import preview_path, write_preview
+from stimuli.preview_video import preview_path, write_preview
 from stimuli.scenery import Scenery
 
 _PR_SET_PDEATHSIG = 1

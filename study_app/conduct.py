@@ -21,10 +21,10 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
+from protocols.participant_texts import consent_text
 from protocols.plan import Plan
 from protocols.script import Scripts
 from protocols.viewing import Viewing
-from protocols.wording import consent_text
 from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from protocols.participant_texts import fill
 from protocols.session_schema import Question, Response, Texts
-from protocols.wording import fill
 from study_app.stage import Page, PageResult, Stage
 
 

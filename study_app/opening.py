@@ -31,7 +31,13 @@ from protocols.session_schema import Texts
 from study_app.gaze.saccades import check_saccade_rate
 from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder
-from study_app.sittings import claimed, is_stillborn, next_slot, require_portable, sitting_folder
+from study_app.session_folders import (
+    claimed,
+    is_stillborn,
+    next_slot,
+    require_portable,
+    sitting_folder,
+)
 from study_app.stage import Stage
 
 

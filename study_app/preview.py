@@ -20,6 +20,7 @@ from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.html_page import html_page
 from protocols.manifest import Manifest
+from protocols.participant_texts import key_label
 from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.base import SCENE
 from protocols.schema import StudyProtocol
@@ -37,7 +38,6 @@ from protocols.script import (
     Words,
 )
 from protocols.viewing import Viewing
-from protocols.wording import key_label
 from study_app.clips import read_frame
 from study_app.paint import Pixels, bitmaps_of, drawn
 from study_app.shown_texts import require_showable, shown_texts

@@ -45,8 +45,8 @@ from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter
 from study_app.recorder import utc_now
+from study_app.session_folders import is_stillborn, sitting_folder
 from study_app.shown_texts import require_showable
-from study_app.sittings import is_stillborn, sitting_folder
 from study_app.strip import Extras
 from study_app.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.window import Pacing, Window

@@ -26,8 +26,8 @@ from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
 from study_app.recorder import Recorder
+from study_app.session_folders import find_sittings, is_stillborn
 from study_app.shown_texts import require_showable
-from study_app.sittings import find_sittings, is_stillborn
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 

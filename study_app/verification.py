@@ -12,7 +12,7 @@ from protocols.plan import Plan
 from protocols.schema import StudyProtocol
 from protocols.side_files import check_side_files
 from study_app.session import RunTrial, next_step
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from protocols.chain import first_link, sealed
 from protocols.errors import StudyError
 from protocols.journal import SessionStart, Withdrawal
+from protocols.journal_checksums import first_link, sealed
 from protocols.journal_file import JOURNAL_NAME
 from protocols.locks import lock_name
 from protocols.whole_file import write_whole
 from study_app.recorder import journal_held
-from study_app.sittings import Sitting, claimed, find_sittings
+from study_app.session_folders import Sitting, claimed, find_sittings
 
 
 def find_participant(root: Path, code: str, study: str | None = None) -> Sitting:

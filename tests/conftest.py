@@ -409,8 +409,8 @@ def short_study() -> Callable[..., str]:
 @pytest.fixture(scope="session")
 def reseal() -> Callable[[Path], None]:
     """Give a function that computes a journal's checksums anew, after a test has changed it."""
-    from protocols.chain import due, first_link
     from protocols.hashing import canonical_json
+    from protocols.journal_checksums import due, first_link
 
     def resealed(path: Path) -> None:
         before, lines = first_link(b""), []

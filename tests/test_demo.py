@@ -22,11 +22,11 @@ from protocols.hashing import sha256_file
 from protocols.load import shipped
 from protocols.manifest import read_manifest
 from study_app.cli import app
-from study_app.cli.demo import run
-from study_app.cli.demo.run import run_demo
-from study_app.cli.demo.screen import PROGRAMS
+from study_app.cli.demo import demonstration
+from study_app.cli.demo.demonstration import run_demo
 from study_app.cli.demo.steps import Options, steps_of
-from study_app.sittings import find_sittings
+from study_app.cli.demo.xvfb import PROGRAMS
+from study_app.session_folders import find_sittings
 
 SMALLER = {
     "width_deg": "2.0",
@@ -205,7 +205,7 @@ def commands(monkeypatch) -> Commands:
                         (demo.out / name).write_text(str(len(ran)))
         return " ".join(words), "said"
 
-    monkeypatch.setattr(run._Demo, "_command", command)
+    monkeypatch.setattr(demonstration._Demo, "_command", command)
     return ran
 
 
@@ -311,7 +311,7 @@ def test_pictures_alone_are_one_command(options, commands):
 
 def test_a_command_that_fails_is_named_with_the_folder(options, capfd):
     options.out.mkdir()
-    demo = run._Demo(options, Console(file=io.StringIO()))
+    demo = demonstration._Demo(options, Console(file=io.StringIO()))
 
     with pytest.raises(StudyError, match=r"'metamerlab stimuli check nowhere' must end well .*2"):
         demo._command(["stimuli", "check", "nowhere"], dict(os.environ), True)

@@ -15,12 +15,12 @@ from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated import any_picture
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.look_through import _named, usual_choices
-from stimuli.foveated.looking import look_at, read_gaze
+from stimuli.foveated.condition_sheet import _named, usual_choices
+from stimuli.foveated.foveate_files import Outputs, foveate_file
+from stimuli.foveated.foveation_steps import condition_steps
+from stimuli.foveated.gaze_and_display import look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
 from stimuli.foveated.rings import draw_pools, ring_eccentricities
-from stimuli.foveated.steps import condition_steps
-from stimuli.foveated.to_files import Outputs, foveate_file
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64

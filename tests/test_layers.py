@@ -189,17 +189,19 @@ def test_no_module_of_the_protocols_imports_what_imports_it(repository):
     ],
 )
 def test_a_circle_is_caught(source):
-    plan = "from protocols.places import place_of"
+    plan = "from protocols.counterbalancing import place_of"
     sources = {
         "protocols": ("", True),
         "protocols.errors": ("", False),
         "protocols.plan": (plan, False),
-        "protocols.places": (source, False),
+        "protocols.counterbalancing": (source, False),
         "protocols.tasks": ("import protocols.plan", True),
         "protocols.tasks.base": ("from protocols.errors import StudyError", False),
     }
-    assert {"protocols.places", "protocols.plan"} <= set(in_circles(modules_above(sources)))
-    assert not in_circles(modules_above(sources | {"protocols.places": ("", False)}))
+    assert {"protocols.counterbalancing", "protocols.plan"} <= set(
+        in_circles(modules_above(sources))
+    )
+    assert not in_circles(modules_above(sources | {"protocols.counterbalancing": ("", False)}))
 
 
 def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):

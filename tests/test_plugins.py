@@ -77,8 +77,8 @@ def test_a_broken_plug_in_is_named_with_its_package_and_a_cure(
 
 DEMO = load_protocol(Path("demo"))
 REGISTRIES = {
-    "tasks": "protocols/tasks/registry.py",
-    "recipes": "protocols/recipes/registry.py",
+    "tasks": "protocols/tasks/task_kinds.py",
+    "recipes": "protocols/recipes/recipe_kinds.py",
     "builders": "stimuli/recipes/__init__.py",
     "observers": "study_app/observers/__init__.py",
     "analyses": "analysis/tasks/__init__.py",
@@ -262,7 +262,7 @@ for method, error, words in json.loads(sys.argv[1]):
 ENTRY_POINTS = """[metamerlab.tasks]
 mine = odd:Odd
 [metamerlab.observers]
-mine = study_app.observers.two_interval:PreferenceModel.of
+mine = study_app.observers.preference_observer:PreferenceModel.of
 """
 DOORS = {
     "check": ("protocol", "check"),

@@ -15,7 +15,7 @@ from protocols.journal import (
     Pause,
     SessionEnd,
 )
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 
 _KINDS = (
     ("session-start", "The program was started for this session"),

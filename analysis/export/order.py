@@ -17,6 +17,7 @@ import pandas as pd
 from analysis.export.exported_people import drawn
 from analysis.journals import Reading, StudyReadings
 from analysis.tidy import Tidy
+from protocols.counterbalancing import arrival_shows
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
 from protocols.journal import (
@@ -27,7 +28,6 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
-from protocols.places import arrival_shows
 from protocols.schema import StudyProtocol
 from protocols.units import Condition
 

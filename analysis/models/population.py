@@ -13,7 +13,7 @@ from analysis.models.contrasts import Crossed, Difference, Pair, wald
 from analysis.models.numeric import delta_method
 from analysis.models.quadrature import mean_lapse
 from analysis.models.response import Response, axis_of
-from protocols.adaptive.psychometric import WIDTH_EDGE
+from protocols.adaptive.psychometric_function import WIDTH_EDGE
 
 Floats = NDArray[np.float64]
 

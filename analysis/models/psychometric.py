@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.models.response import Link
-from protocols.adaptive.levels import Shape
-from protocols.adaptive.psychometric import WIDTH_EDGE
-from protocols.adaptive.psychometric import sigmoid as broadcast_sigmoid
+from protocols.adaptive.answer_history import Shape
+from protocols.adaptive.psychometric_function import WIDTH_EDGE
+from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
 
 Floats = NDArray[np.float64]
 
@@ -119,7 +119,8 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
 
     A negative width gives 1 - S. ``weibull`` works on log(x), with threshold and width given on
     the axis of x (Wichmann and Hill 2001; widths as Schütt et al. 2016). The same function as
-    `protocols.adaptive.psychometric.sigmoid`; for one threshold and width ``weibull`` is faster.
+    `protocols.adaptive.psychometric_function.sigmoid`; for one threshold and width ``weibull`` is
+    faster.
     """
     if width < 0 and shape in SKEWED:
         return np.asarray(1.0 - sigmoid(x, threshold, -width, shape))

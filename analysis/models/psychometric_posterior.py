@@ -16,8 +16,8 @@ from analysis.models.clustered import holm
 from analysis.models.contrasts import pairs_of
 from analysis.models.psychometric import LINKS
 from analysis.models.response import Response, axis_of
-from protocols.adaptive.levels import Shape
-from protocols.adaptive.psychometric import WIDTH_EDGE, sigmoid
+from protocols.adaptive.answer_history import Shape
+from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
 
 Floats = NDArray[np.float64]
 

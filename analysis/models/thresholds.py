@@ -16,7 +16,7 @@ from analysis.models.population import Population, Threshold, span
 from analysis.models.psychometric import LINKS, SKEWED
 from analysis.models.quadrature import STARTS, PeopleFit, fit_people
 from analysis.models.response import Response, axis_of
-from protocols.adaptive.levels import Shape
+from protocols.adaptive.answer_history import Shape
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

@@ -43,7 +43,7 @@ from analysis.report.wording import (
 )
 from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped
 from protocols.prose import count_of
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 
 Floats = NDArray[np.float64]
 SECTION = ("confidence", "Confidence")

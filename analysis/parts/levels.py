@@ -43,7 +43,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from protocols.adaptive.levels import Shape
+from protocols.adaptive.answer_history import Shape
 from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
 
 Floats = NDArray[np.float64]

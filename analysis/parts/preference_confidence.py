@@ -33,7 +33,7 @@ from analysis.plots.confidence_plots import pairs_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import p_number, share
 from protocols.blocks import Paragraph, Picture, Table
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 
 CELL = ["pair", "scene", "size"]
 """Columns that make two questions the same."""

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.parts import Plan
 from analysis.plans.told import RatesTold, check_contrasts
-from protocols.adaptive.levels import Shape
+from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.prose import count_of

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from protocols.adaptive.levels import Shape
+from protocols.adaptive.answer_history import Shape
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
 from protocols.tasks.abx import AbxAnalysis

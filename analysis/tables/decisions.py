@@ -11,7 +11,7 @@ from analysis.tables.table import Source, Table, opened
 from analysis.tables.trials import confidence_of, given_columns
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing
 from protocols.columns import Column, decided
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 
 PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)

@@ -11,7 +11,7 @@ from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
 from protocols.suggest import did_you_mean
-from protocols.tasks.confidence import COLUMNS, CONFIDENCE
+from protocols.tasks.confidence_question import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS

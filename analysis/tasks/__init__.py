@@ -12,7 +12,7 @@ from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
 from protocols.suggest import did_you_mean
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 
 
 def _shipped(module: str, name: str) -> Callable[[], AnyAnalysis]:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compression import file_format, image_codecs
+from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, to_bytes, unpack
-from pipeline.compression.file_format import LEAST_ANGLES, MOST_ANGLES, Compressed, Statistics
+from pipeline.compression.compressed_file import LEAST_ANGLES, MOST_ANGLES, Compressed, Statistics
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import (
     MOST_LEVELS,
@@ -29,8 +29,8 @@ from pipeline.compression.lost import (
 )
 from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
-from pipeline.foveation.look import check_picture
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.picture_fixation import check_picture
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -114,7 +114,7 @@ def compress(
     if any(frame.shape != frames[0].shape for frame in frames):
         raise InputError("the frames of a clip must all be of one size")
     angles, size_bytes = settings.angles or DEFAULT_ANGLES, settings.size_bytes
-    file_format.check_request((width, height), gaze_px, angles)
+    compressed_file.check_request((width, height), gaze_px, angles)
     place = float(gaze_px[0]), float(gaze_px[1])
 
     def with_angles(count: int) -> _Work:
@@ -180,7 +180,7 @@ class _Work:
         quality = self._best_within(self._room(size_bytes))
         while True:
             found = self.at_quality(max(quality, 1))
-            over = len(file_format.to_bytes(found)) - size_bytes
+            over = len(compressed_file.to_bytes(found)) - size_bytes
             if over <= 0 or quality <= 1:
                 break
             # What maps take hardly depends on the quality of the bases.
@@ -197,11 +197,11 @@ class _Work:
 
     def _raised(self, found: Compressed, quality: int, size_bytes: int) -> Compressed:
         """Use what room is left: maps may have taken less than was thought."""
-        left = size_bytes - len(file_format.to_bytes(found))
+        left = size_bytes - len(compressed_file.to_bytes(found))
         better = self._best_within(sum(len(base) for base in found.bases) + left)
         if better > quality:
             again = self.at_quality(better)
-            if len(file_format.to_bytes(again)) <= size_bytes:
+            if len(compressed_file.to_bytes(again)) <= size_bytes:
                 return again
         return found
 

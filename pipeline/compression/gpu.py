@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from pipeline.compression import image_codecs
 from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_cells
-from pipeline.compression.file_format import Compressed
+from pipeline.compression.compressed_file import Compressed
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.passes import (
+from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
     Pooled,

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.resample import MARGIN, around, linear, to_cells
 from pipeline.foveation.chain import chain_of
-from pipeline.foveation.moments import (
+from pipeline.foveation.noise_plane import noise_plane
+from pipeline.foveation.pooled_moments import (
     BLOCK_HALVINGS,
     SMALLEST_VARIANCE,
     LevelMoments,
     Wanted,
     coefficient_moments,
 )
-from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.reference import shaped_noise
 
 Floats = NDArray[np.float64]

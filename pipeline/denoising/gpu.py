@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.passes import (
+from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
     Pooled,

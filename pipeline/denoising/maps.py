@@ -18,8 +18,13 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.chain import chain_length, chain_of, select
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.moments import BLOCK_HALVINGS, SMALLEST_VARIANCE, Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
+from pipeline.foveation.pooled_moments import (
+    BLOCK_HALVINGS,
+    SMALLEST_VARIANCE,
+    Wanted,
+    wanted_by_blocks,
+)
 from pipeline.foveation.reference import finished, shaped_noise
 
 Floats = NDArray[np.float64]

@@ -25,7 +25,7 @@ from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.look import check_picture
+from pipeline.foveation.picture_fixation import check_picture
 from pipeline.foveation.pooling import Pooling
 from pipeline.methods.onnx_files import one_line, open_session
 from protocols.outside import reading

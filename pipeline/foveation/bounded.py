@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 
 Floats = NDArray[np.float64]
 

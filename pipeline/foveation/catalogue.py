@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.look import Look, Picture
+from pipeline.foveation.picture_fixation import Look, Picture
 from pipeline.foveation.pooling import (
     CONSTANTS,
     Pooling,

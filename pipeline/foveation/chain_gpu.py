@@ -1,4 +1,4 @@
-"""The chain of a picture and its bands' moments, on the GPU. Twins: chain.py, moments.py."""
+"""The chain of a picture and its bands' moments, on the GPU. Twins: chain.py, pooled_moments.py."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import moderngl
 
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.passes import TILE, PicturePass, Pooled, resolutions
+from pipeline.foveation.picture_pass import TILE, PicturePass, Pooled, resolutions
 from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 
 POWERS = 3  # layers of powers

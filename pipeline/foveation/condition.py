@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.look import Look, Picture
+from pipeline.foveation.picture_fixation import Look, Picture
 from pipeline.foveation.pooling import Pooling
 
 if TYPE_CHECKING:

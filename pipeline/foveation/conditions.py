@@ -15,9 +15,16 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
-from pipeline.foveation.look import Look, Picture, as_floats, check_held, check_picture, check_size
 from pipeline.foveation.panorama import by_charts
-from pipeline.registry import Entry, check_given, defaults_of, find
+from pipeline.foveation.picture_fixation import (
+    Look,
+    Picture,
+    as_floats,
+    check_held,
+    check_picture,
+    check_size,
+)
+from pipeline.named_classes import Entry, check_given, defaults_of, find
 
 if TYPE_CHECKING:
     import moderngl

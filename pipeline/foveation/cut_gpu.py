@@ -6,7 +6,7 @@ import moderngl
 
 from pipeline.foveation.drawn import cut_normal
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.passes import TILE
+from pipeline.foveation.picture_pass import TILE
 from pipeline.gl.compute import Steps
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_texture

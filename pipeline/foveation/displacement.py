@@ -21,11 +21,11 @@ from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
 from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.foveation.lod import Pools, lod_of
-from pipeline.foveation.moments import SMALLEST_VARIANCE, band_variances
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, band_variances
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import finished, twice
 from pipeline.foveation.sphere import displaced_rays
-from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import white_noise
 
 Floats = NDArray[np.float64]

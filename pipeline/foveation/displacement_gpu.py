@@ -27,13 +27,13 @@ from pipeline.foveation.displacement import (
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import SMALLEST_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.passes import TILE, PicturePass, Pooled, halved, resolutions
+from pipeline.foveation.picture_pass import TILE, PicturePass, Pooled, halved, resolutions
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.sphere import FINEST
 from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
 from pipeline.gl.shader import Constant
-from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION
 
 MATCH_CONSTANTS: dict[str, Constant] = {

@@ -35,11 +35,11 @@ from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.catalogue import Metamer, Pooled
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.panorama import by_charts
+from pipeline.foveation.picture_fixation import Look, Picture
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
-from pipeline.noise.hashing import Stream
+from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
 from protocols.outside import reading
 

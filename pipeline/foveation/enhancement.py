@@ -25,10 +25,10 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, select
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools, lod_of
-from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import blurred, finished
 from pipeline.foveation.sphere import noise_strength
-from pipeline.noise.hashing import Stream
+from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
 
 Floats = NDArray[np.float64]

@@ -1,7 +1,7 @@
 #version 430
 // Gains: what each block of 4x4 pixels multiplies every band's noise by. A call makes 2x2 blocks, with
 // one spectral gain: what bands measure of each other is most of the work.
-// Twin: wanted_by_blocks() in moments.py, shaped_noise() in reference.py. Change both or neither.
+// Twin: wanted_by_blocks() in pooled_moments.py, shaped_noise() in reference.py. Change both or neither.
 
 #constant TILE               // work-group edge, 2x2 blocks
 #constant SMALLEST_VARIANCE  // added to what is divided by
@@ -63,7 +63,7 @@ struct Block { vec4 weights[6], scalars[3]; };
 #if CHROMA
 struct Colours { vec2 chroma; vec4 shape; };
 
-// Twin: colour_shape() in moments.py.
+// Twin: colour_shape() in pooled_moments.py.
 Colours colours_at(ivec2 block, vec2 within, float pool) {
     float share = beyond_lod(pool, 2);
     vec4 powers = CHOSEN(powers_2, powers_3, 0, share), squares = CHOSEN(powers_2, powers_3, 1, share);

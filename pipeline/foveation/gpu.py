@@ -18,9 +18,9 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import ChainPass, given
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import FADE_SHARE
-from pipeline.foveation.look import Look, Picture
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
-from pipeline.foveation.passes import (
+from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_pass import (
     PicturePass,
     Pooled,
     gains_constants,

@@ -18,10 +18,9 @@ from pipeline.foveation.chain import chain_length, chain_of
 from pipeline.foveation.chain_gpu import POWERS
 from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.look import as_floats
-from pipeline.foveation.moments import moment_chain, power_chain
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, tile_edge
-from pipeline.foveation.passes import (
+from pipeline.foveation.picture_fixation import as_floats
+from pipeline.foveation.picture_pass import (
     TILE,
     Pooled,
     gains_constants,
@@ -30,6 +29,7 @@ from pipeline.foveation.passes import (
     resolutions,
     weight_layers,
 )
+from pipeline.foveation.pooled_moments import moment_chain, power_chain
 from pipeline.gl.fragment import fragment_of
 from pipeline.gl.shader import Constant, flatten
 from pipeline.noise.gpu import (
@@ -42,7 +42,7 @@ from pipeline.noise.gpu import (
     layers_of,
     mix_constants,
 )
-from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import WHITE_BITS, mixing_weights, split, square_sum, white_steps
 
 Size = tuple[int, int]

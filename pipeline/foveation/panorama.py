@@ -24,7 +24,7 @@ from pipeline.foveation.geometry import (
     Geometry,
     pixel_centres,
 )
-from pipeline.foveation.look import Look, Picture
+from pipeline.foveation.picture_fixation import Look, Picture
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 
 SEEN_DEG = 35.0

@@ -9,7 +9,7 @@ from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import CapGeometry, Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
-from pipeline.foveation.passes import PicturePass, Pooled, sphere_constants
+from pipeline.foveation.picture_pass import PicturePass, Pooled, sphere_constants
 from pipeline.foveation.pooling import Pooling
 from pipeline.gl.compute import Steps
 

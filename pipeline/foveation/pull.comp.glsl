@@ -1,6 +1,6 @@
 #version 430
 // Pull: low-pass and halve the picture, make its bands' moments, and halve all older moments.
-// Twin: chain_of() in chain.py, moment_chain() and colour_shape() in moments.py. Change both or neither.
+// Twin: chain_of() in chain.py, moment_chain() and colour_shape() in pooled_moments.py. Change both or neither.
 
 #constant TILE    // work-group edge, texels
 #constant WRAPS   // 1: the picture goes on at its other side

@@ -19,8 +19,8 @@ from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.moments import SMALLEST_VARIANCE, Wanted, wanted_by_blocks
 from pipeline.foveation.noise_plane import noise_plane
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, Wanted, wanted_by_blocks
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import noise_strength
 from pipeline.noise.gains import spectral_gains

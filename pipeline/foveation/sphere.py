@@ -17,7 +17,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.noise.hashing import Bits, pcg3d
+from pipeline.noise.random_bits import Bits, pcg3d
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.passes import TILE
+from pipeline.foveation.picture_pass import TILE
 from pipeline.foveation.view import NOISE_BELT_DEG, belt_px, samples_of, turn
 from pipeline.gl.compute import Steps
 from pipeline.gl.passes import Pass

@@ -18,7 +18,7 @@ import moderngl
 
 from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
 from pipeline.methods.method import Method
-from pipeline.registry import Entry, check_given, defaults_of, find
+from pipeline.named_classes import Entry, check_given, defaults_of, find
 
 
 def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:

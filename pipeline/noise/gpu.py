@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.gl.compute import Texture, let_go
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
-from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import (
     MIXED_STEP,
     TAP_BITS,

@@ -34,8 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import fitted_kernels
-from pipeline.noise.hashing import Stream, key_of, pcg3d
 from pipeline.noise.mixing import LAGS, fitted_mixing
+from pipeline.noise.random_bits import Stream, key_of, pcg3d
 
 Steps: TypeAlias = NDArray[np.int32]
 """Noise in whole numbers."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.chain import halve, halve_box
-from pipeline.foveation.moments import coefficient_moments
+from pipeline.foveation.pooled_moments import coefficient_moments
 from pipeline.textures.layout import MOMENTS, Layout
 
 Floats = NDArray[np.float64]

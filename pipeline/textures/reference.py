@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.bounded import added
-from pipeline.foveation.moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import rgb_slopes
 from pipeline.textures.bake import Baked
 from pipeline.textures.surface_noise import SurfaceNoise, gains

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.statements.check import Said, other
+from pipeline.statements.check_statements import Said, other
 from pipeline.video_header.mp4 import cropped, shown_size
 
 _RATE_SHARE = 0.01  # how far two rates may differ by rounding

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from pipeline.statements.check import UPRIGHT, Said
+from pipeline.statements.check_statements import UPRIGHT, Said
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
 from pipeline.video_header.mp4 import laid_out
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from pipeline.statements.check import Said
+from pipeline.statements.check_statements import Said
 
 UNSAID: Final = 2
 MATRICES: Final = {

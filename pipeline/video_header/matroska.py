@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from pipeline.statements.check import UPRIGHT, Said, other
+from pipeline.statements.check_statements import UPRIGHT, Said, other
 from pipeline.video_header.colours import UNSAID, colour, gamma
 from pipeline.video_header.mp4 import cropped, dolby_vision, laid_out, shown_size
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from pipeline.statements.check import NO_CURE, UPRIGHT, Said, other
+from pipeline.statements.check_statements import NO_CURE, UPRIGHT, Said, other
 from pipeline.video_header.colours import colour, gamma
 
 _LIGHT = {"mdcv", "clli", "amve", "cclv", "SmDm", "CoLL"}

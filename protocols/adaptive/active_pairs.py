@@ -42,7 +42,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.special import entr, log_ndtr, ndtr, ndtri
 
-from protocols.adaptive.psychometric import Floats
+from protocols.adaptive.psychometric_function import Floats
 from protocols.chance import Chance
 from protocols.errors import StudyError
 

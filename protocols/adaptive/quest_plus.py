@@ -3,7 +3,7 @@
 Watson 2017, "QUEST+: A general multidimensional Bayesian adaptive psychometric method", Journal
 of Vision 17(3):10. Here: one stimulus dimension (the level), two answers (correct or not, or
 yes and no), and four parameters on a grid: guess, threshold, width, lapse. See
-`protocols.adaptive.psychometric` for what they mean.
+`protocols.adaptive.psychometric_function` for what they mean.
 
 **Posterior.** Prior times the likelihood of every answer, summed to 1. Only the counts of both
 answers at each level enter, so the order of the answers changes nothing, not even the rounding.
@@ -32,8 +32,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import entr
 
-from protocols.adaptive.levels import History, Shape, check_history, check_levels
-from protocols.adaptive.psychometric import Floats, check_shape, probability
+from protocols.adaptive.answer_history import History, Shape, check_history, check_levels
+from protocols.adaptive.psychometric_function import Floats, check_shape, probability
 from protocols.errors import StudyError
 
 PARAMETERS = ("guess", "threshold", "width", "lapse")

@@ -32,7 +32,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from protocols.adaptive.levels import History, check_history, check_levels
+from protocols.adaptive.answer_history import History, check_history, check_levels
 from protocols.errors import StudyError
 
 

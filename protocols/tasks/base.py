@@ -23,7 +23,7 @@ from protocols.phases import Clip, Fixation, Image, Live, Phase
 from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
-from protocols.tasks.confidence import COLUMNS, Confidence
+from protocols.tasks.confidence_question import COLUMNS, Confidence
 from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
 
 

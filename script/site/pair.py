@@ -11,7 +11,7 @@ from PIL import Image
 
 from pipeline.gl.context import lent_context
 from stimuli.render import Renderer
-from stimuli.scenes.registry import build_scene
+from stimuli.scenes.builtin_scenes import build_scene
 
 WIDTH_PX, HEIGHT_PX = 370, 250
 SAMPLES = 5  # along an edge of a pixel, averaged; the middle one tells its depth

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compression import file_format, image_codecs
+from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.codec import Settings, compress, decompress
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
@@ -97,7 +97,7 @@ def _rival(
         assert asked.size_bytes is not None
         return plain(picture, asked.size_bytes, asked.codec)
     made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
-    size = len(file_format.to_bytes(made))
+    size = len(compressed_file.to_bytes(made))
     return Rival(kind, asked.codec, made.quality, size, decompress(made, seed=0))
 
 

@@ -32,7 +32,8 @@ from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from protocols.outside import check_within, check_zip, reading
 from protocols.whole_file import write_whole
-from stimuli.denoised.pairs import (
+from stimuli.denoised.path_traced import need
+from stimuli.denoised.training_pictures import (
     MOST_VIEWS,
     WIDTH_DEG,
     Pair,
@@ -41,7 +42,6 @@ from stimuli.denoised.pairs import (
     pairs_of,
     seconds_for,
 )
-from stimuli.denoised.path_traced import need
 from stimuli.denoised.unet import (
     COLOURS,
     Weights,
@@ -50,7 +50,7 @@ from stimuli.denoised.unet import (
     scaled,
     to_onnx,
 )
-from stimuli.scenes.registry import scene_entry
+from stimuli.scenes.builtin_scenes import scene_entry
 
 KINDS: tuple[Kind, ...] = ("moments", "rgb")
 RATE = 1e-3  # Adam's, at first; it falls to a hundredth along half a cosine

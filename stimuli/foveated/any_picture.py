@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
-from pipeline.foveation.look import as_floats
+from pipeline.foveation.picture_fixation import as_floats
 from pipeline.image_file import (
     Pixels,
     check_fits,

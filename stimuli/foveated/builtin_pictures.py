@@ -20,7 +20,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.view import turn
 from stimuli.render import Renderer
-from stimuli.scenes.registry import SCENES, build_scene, scene_names
+from stimuli.scenes.builtin_scenes import SCENES, build_scene, scene_names
 from stimuli.world import look_at_pose
 
 NOTICES = "notices"

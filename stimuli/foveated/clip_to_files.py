@@ -18,8 +18,8 @@ from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import Reading, check_drawable, read_any
-from stimuli.foveated.look_through import check_choices
-from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.foveated.condition_sheet import check_choices
+from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.video import check_video, write_video
 

@@ -14,9 +14,9 @@ from stimuli.recipes.base import Builder
 BUILDERS: dict[str, str | type[Builder]] = registered(
     "builders",
     {
-        "warped-clips": "warped_clips:WarpedClipBuilder",
-        "files": "files:FileBuilder",
-        "foveated-images": "foveated_images:FoveatedBuilder",
+        "warped-clips": "build_warped_clips:WarpedClipBuilder",
+        "files": "build_files:FileBuilder",
+        "foveated-images": "build_foveated_images:FoveatedBuilder",
     },
     "name a class based on stimuli.recipes.base.Builder",
     based_on(Builder),

@@ -23,7 +23,7 @@ from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.drawn import before_background, bisected, direction_at, draw_ring
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
-from pipeline.foveation.look import Look
+from pipeline.foveation.picture_fixation import Look
 from pipeline.foveation.view import flat_view
 from pipeline.gl.context import release_context
 from protocols.recipes.foveated_images import (
@@ -37,7 +37,7 @@ from protocols.recipes.foveated_images import (
 )
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
-from stimuli.foveated.looking import read_gaze
+from stimuli.foveated.gaze_and_display import read_gaze
 from stimuli.png import encode_frame
 from stimuli.worker import GpuThread, RendererInfo, context_or_numpy
 

@@ -20,7 +20,7 @@ from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_
 from stimuli.score.measured import Curve, Measured
 from stimuli.score.metrics import FRAME
 from stimuli.score.pair import Image, Pair
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from stimuli.score.available import family_versions
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import Family
 from stimuli.score.pair import Pair
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 
 def hash_files(pairs: Iterable[Pair]) -> dict[Path, str]:

@@ -12,7 +12,7 @@ from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair
 from stimuli.score.torch_parts import Frames, load_torchvision, one_thread, quiet_libraries
-from stimuli.score.viewing import STANDARD_FHD, Gaze, Viewing
+from stimuli.score.viewing_conditions import STANDARD_FHD, Gaze, Viewing
 
 
 def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair, composed
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 
 def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001

@@ -18,11 +18,11 @@ from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
 from stimuli.score.available import Missing
 from stimuli.score.batch import Subject, Subjects
+from stimuli.score.measure_clips import Report, Settings, score
 from stimuli.score.measured import Curve
 from stimuli.score.metrics import FRAME, choose_metrics
 from stimuli.score.pair import Pair, read_colour
-from stimuli.score.run import Report, Settings, score
-from stimuli.score.viewing import Gaze, Viewing, standard_fhd
+from stimuli.score.viewing_conditions import Gaze, Viewing, standard_fhd
 
 METRICS_OF_FOVEATION = ("statistics", "band-ratio", "fvvdp", "cvvdp")
 PANORAMA_NOTE = (

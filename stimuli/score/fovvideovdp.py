@@ -22,7 +22,7 @@ from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair
 from stimuli.score.torch_parts import Frames, one_thread, quiet_libraries
-from stimuli.score.viewing import STANDARD_FHD, Gaze, Viewing
+from stimuli.score.viewing_conditions import STANDARD_FHD, Gaze, Viewing
 
 CURRENT = "fvvdp_parameters.json"
 VERSION_1_0 = "fvvdp_parameters_1_0.json"

@@ -18,7 +18,7 @@ from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Pair, composed
 from stimuli.score.torch_parts import load_torchvision, one_thread, quiet_libraries
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 WEIGHTS_NAME = "alexnet-owt-7be5be79.pth"
 WEIGHTS_URL = f"https://download.pytorch.org/models/{WEIGHTS_NAME}"

@@ -9,7 +9,7 @@ from pipeline.quality import SSIM_LEAST_PX, high_frequency_ratio, psnr_db, ssim
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Mask, Pair
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 
 def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001

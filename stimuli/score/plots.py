@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from protocols.outside import inline_svg
+from stimuli.score.measure_clips import Results
 from stimuli.score.metrics import FRAME, Metric
-from stimuli.score.run import Results
 from stimuli.score.tables import Table, method_order
 
 # Okabe and Ito's colours, told apart by every kind of colour vision; markers for print.

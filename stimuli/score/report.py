@@ -16,10 +16,10 @@ from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.score import plots
 from stimuli.score.available import versions
+from stimuli.score.measure_clips import Results
 from stimuli.score.metrics import HOLES, METRICS
-from stimuli.score.run import Results
 from stimuli.score.tables import Duel, Table, all_duels, all_tables, tables_csv, tables_latex
-from stimuli.score.write import (
+from stimuli.score.write_scores import (
     BANDS_NAME,
     CSV_NAME,
     FRAMES_NAME,

@@ -36,7 +36,7 @@ from pipeline.features.reference import analyse
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import FRAME, HOLES
 from stimuli.score.pair import Image, Mask, Pair, composed
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from protocols.errors import StudyError
 from protocols.outside import markdown, safe_cell
 from protocols.suggest import did_you_mean
+from stimuli.score.measure_clips import Results
 from stimuli.score.metrics import FRAME, HOLES, Metric
-from stimuli.score.run import Results
 
 OURS, RIVAL = "metameric", "push-pull"
 RIVALS = (RIVAL, "push-pull-depth")

@@ -38,7 +38,7 @@ SLOTS = (
     Slot(
         "new-study",
         "Make a folder to start a study from.",
-        "study_app.cli.new_study:new_study",
+        "study_app.cli.new_study_command:new_study",
         "WithFiles",
     ),
     Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),

@@ -14,7 +14,7 @@ import typer
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register

@@ -11,9 +11,9 @@ import typer
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from study_app.archive.index import INDEX_NAME
-from study_app.archive.read import Findings, check, check_folder, opened
-from study_app.archive.read import restore as restore_archive
-from study_app.archive.write import Wanted, write_archive
+from study_app.archive.read_archive import Findings, check, check_folder, opened
+from study_app.archive.read_archive import restore as restore_archive
+from study_app.archive.write_archive import Wanted, write_archive
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line

@@ -9,7 +9,7 @@ import typer
 
 from protocols.result_folder import check_folder, check_result
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     DisplayOption,
     FovOption,
@@ -103,7 +103,7 @@ def compress(
     from pipeline.compression.codec import DEFAULT_QUALITY, Settings
     from pipeline.errors import InputError
     from pipeline.video_file import is_video
-    from stimuli.compressed.to_files import ENDING, compress_file
+    from stimuli.compressed.compress_files import ENDING, compress_file
 
     with user_errors():
         if size_kb is not None and quality is not None:
@@ -163,7 +163,7 @@ def decompress(
 
         metamerlab decompress clip.metamer --out frames/ --video clip.mp4 --fps 60
     """
-    from stimuli.compressed.to_files import decompress_file
+    from stimuli.compressed.compress_files import decompress_file
     from stimuli.video import CODECS
 
     with user_errors():

@@ -9,7 +9,7 @@ import typer
 
 from protocols.result_folder import check_folder
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
     DisplayOption,
@@ -87,7 +87,7 @@ def run(
 
         metamerlab denoise run frames/ --gaze 0deg,0deg --out denoised/
     """
-    from stimuli.denoised.to_files import denoise_file
+    from stimuli.denoised.denoise_files import denoise_file
 
     with user_errors():
         if out.suffix.lower() in FILE_ENDINGS:
@@ -128,8 +128,8 @@ def render(
 
         metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
     """
-    from stimuli.denoised.pairs import Rendering
-    from stimuli.denoised.to_files import render_scene
+    from stimuli.denoised.denoise_files import render_scene
+    from stimuli.denoised.training_pictures import Rendering
 
     with user_errors():
         check_file(out, FILE_ENDINGS)
@@ -183,9 +183,9 @@ def train(
         metamerlab denoise run noisy.png --gaze 128,128 --network mine.onnx
     """
     from pipeline.errors import InputError
-    from stimuli.denoised.pairs import Rendering
     from stimuli.denoised.train import Training
     from stimuli.denoised.train import train as train_networks
+    from stimuli.denoised.training_pictures import Rendering
 
     with user_errors():
         check_file(out, (".onnx",))

@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.gaze_of_frames import is_of_frames, track_of
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     DisplayOption,
     FovOption,
@@ -36,7 +36,7 @@ from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from stimuli.choice import Choice
-    from stimuli.foveated.to_files import Outputs
+    from stimuli.foveated.foveate_files import Outputs
 
 DEFAULT_METHOD = "metamer"
 DEFAULT_FPS = 30.0
@@ -220,7 +220,7 @@ def foveate(
     from pipeline.video_file import is_video
     from stimuli.foveated.any_picture import Reading
     from stimuli.foveated.clip_to_files import foveate_clip
-    from stimuli.foveated.to_files import Outputs, foveate_file
+    from stimuli.foveated.foveate_files import Outputs, foveate_file
 
     with user_errors():
         sheet = compare is not None or score is not None
@@ -312,7 +312,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
     if outputs.steps is not None:
         check_result(outputs.steps, replace=True)
     if outputs.score is not None:
-        from stimuli.score.write import check_out
+        from stimuli.score.write_scores import check_out
 
         check_out(outputs.score)
 
@@ -320,7 +320,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
     from pipeline.foveation.conditions import condition_parameters
     from stimuli.choice import Choice
-    from stimuli.foveated.look_through import usual_choices
+    from stimuli.foveated.condition_sheet import usual_choices
 
     every = [choice.name for choice in usual_choices()]
     chosen = choose_methods(

@@ -60,7 +60,7 @@ def track_of(gaze: str, display: str | None, fps: float, say: Callable[[str], No
             return np.array([on_grid(place) for place in places])
 
         return replay
-    from stimuli.score.viewing import read_gaze
+    from stimuli.score.viewing_conditions import read_gaze
 
     points = np.array(read_gaze(gaze, may_be_lost=True).points_px)
 

@@ -28,8 +28,8 @@ def export_holes(
     Example: metamerlab stimuli export-holes my-study.toml --out holes
     """
     from protocols.load import load_study
+    from stimuli.build_plan import Orders
     from stimuli.export_holes import export_holes as write
-    from stimuli.orders import Orders
     from stimuli.recipes.warped_checks import look_at_scenes
 
     with user_errors():

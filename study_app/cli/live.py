@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 from protocols.load import load_display
 from study_app.cli.errors import user_errors
 from study_app.cli.foveate import DEFAULT_METHOD, frames_of
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     DisplayOption,
     FovOption,
     SettingsOption,
@@ -231,7 +231,7 @@ def _run(show: _Show, *, overlay: bool, pacing: Any) -> None:
 
 def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.looking import look_at
+    from stimuli.foveated.gaze_and_display import look_at
 
     looking = look_at(size, display=show.display, fov_deg=show.fov_deg)
     say(looking.words)

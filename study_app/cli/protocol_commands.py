@@ -19,6 +19,7 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
+from protocols.format_reference import reference_text
 from protocols.load import is_display, load_display, load_study, read_toml, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json
@@ -28,12 +29,11 @@ from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.prose import count_of
 from protocols.publish import publish, schema_names, schema_text
 from protocols.read_file import decode_utf8, read_bytes
-from protocols.reference import reference_text
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.whole_file import write_new
 from study_app.cli.errors import user_errors
-from study_app.cli.new_study import slug, study_name
+from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.script_command import script, trial_table

@@ -29,7 +29,7 @@ from study_app.cli.options import (
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 from study_app.verification import verify as verify_sitting
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant

@@ -14,14 +14,14 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import going_on, progress_line
-from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say, table_of
 
 if TYPE_CHECKING:
     from protocols.manifest import Manifest
     from stimuli.score.batch import Subjects
-    from stimuli.score.run import Results
+    from stimuli.score.measure_clips import Results
 
 
 @dataclass(frozen=True)
@@ -217,12 +217,12 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         subjects_of_panoramas,
         subjects_of_stills,
     )
+    from stimuli.score.measure_clips import Settings
+    from stimuli.score.measure_clips import score as run
     from stimuli.score.metrics import choose_metrics
-    from stimuli.score.run import Settings
-    from stimuli.score.run import score as run
     from stimuli.score.tables import check_focus
-    from stimuli.score.viewing import open_viewing, read_gaze
-    from stimuli.score.write import CACHE_FOLDER, check_out
+    from stimuli.score.viewing_conditions import open_viewing, read_gaze
+    from stimuli.score.write_scores import CACHE_FOLDER, check_out
 
     second, mask, names, focus = options.second, options.mask, options.metrics, options.focus
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])

@@ -32,7 +32,7 @@ from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say
-from study_app.sittings import sitting_folder
+from study_app.session_folders import sitting_folder
 
 
 def script(

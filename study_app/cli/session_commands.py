@@ -26,17 +26,17 @@ from protocols.tasks.pairs import PairTask
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Scalar
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.progress import going_on
-from study_app.cli.settings import takes_settings
-from study_app.cli.sitting_commands import register
+from study_app.cli.session_run_commands import register
 from study_app.cli.terminal import Description, PlainConsole, say, table_of
 from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.operator_view import standing
+from study_app.session_folders import Sitting, find_sittings
 from study_app.simulate import Simulation, participant_code, simulate_study
-from study_app.sittings import Sitting, find_sittings
 from study_app.verification import checksums_of
 
 GAZE_HZ = 250.0
@@ -239,7 +239,9 @@ def simulate(
                     ended = simulate_study(simulation, out, participants, on_attempt=on_attempt)
                     outcomes = {code: outcome.main_done for code, outcome in ended.items()}
                 else:
-                    from study_app.web.simulate import simulate_in_browser  # pictures and fonts
+                    from study_app.web.browser_observers import (
+                        simulate_in_browser,  # pictures and fonts
+                    )
 
                     outcomes = simulate_in_browser(
                         simulation, web, out, participants, on_attempt=on_attempt

@@ -21,7 +21,7 @@ from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 if TYPE_CHECKING:
     import moderngl
 
-    from stimuli.look import ScenePreview
+    from stimuli.scene_views import ScenePreview
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -177,7 +177,7 @@ def look(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.look import LIGHTINGS, ScenePreview, look_around
+    from stimuli.scene_views import LIGHTINGS, ScenePreview, look_around
 
     with user_errors():
         kind = None if lighting is None else one_of("--lighting", lighting, LIGHTINGS)
@@ -232,10 +232,10 @@ def panorama(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.look import ScenePreview
     from stimuli.open_scene import viewpoint_of
-    from stimuli.panorama import panorama_of
     from stimuli.pictures import of_colour, save_picture
+    from stimuli.render_panorama import panorama_of
+    from stimuli.scene_views import ScenePreview
 
     with user_errors():
         if out.suffix.lower() != ".png":
@@ -269,7 +269,7 @@ def _look_interactively(ctx: moderngl.Context, preview: ScenePreview) -> None:
     """Serve the page, open it where there is a browser, and print what is taken."""
     import webbrowser
 
-    from stimuli.look import look_interactively
+    from stimuli.scene_views import look_interactively
 
     def opened(address: str) -> None:
         say(f"{address} shows the scene; 'Done' there, or ctrl-C here, ends it")

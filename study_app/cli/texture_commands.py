@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     DisplayOption,
     FovOption,
     SeedOption,
@@ -57,8 +57,8 @@ def bake(
 
         metamerlab texture bake mars.tif --wrap --out mars.moments
     """
-    from pipeline.textures.file_format import ENDING
-    from stimuli.textured.to_files import bake_file
+    from pipeline.textures.baked_file import ENDING
+    from stimuli.textured.texture_files import bake_file
 
     with user_errors():
         check_file(out, (ENDING,))
@@ -107,7 +107,7 @@ def show(
     """
     from pipeline.errors import GLUnavailableError
     from stimuli.foveated.moving import ENDINGS
-    from stimuli.textured.to_files import metamer_settings, show_scene
+    from stimuli.textured.texture_files import metamer_settings, show_scene
 
     with user_errors():
         check_file(out, (".png", ".jpg"))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from protocols.errors import StudyError
 from protocols.journal import VoidReason
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 
 # Of every reason that can use up `max_attempts` (`study_app.session.NOT_THE_PARTICIPANTS` cannot).
 _CURES: dict[VoidReason, str] = {

@@ -12,7 +12,7 @@ from rich.console import Console
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
 from study_app.cli.errors import user_errors
-from study_app.cli.one_picture import (
+from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     SeedOption,
     SettingsOption,
@@ -24,8 +24,8 @@ from study_app.cli.one_picture import (
     print_methods,
     renderer,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import unknown_numbers
-from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.cli.warp_options import EyeOptions, FileOptions, PairOptions, PictureOptions
 
@@ -192,8 +192,8 @@ def _run(
     from stimuli import pictures
     from stimuli.exr import save_colour
     from stimuli.one_frame import comparison, warp_and_fill
-    from stimuli.steps import write_steps
     from stimuli.upsampled import periphery, upsampled, upsampled_sheet
+    from stimuli.warp_steps import write_steps
 
     frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
     console = PlainConsole(soft_wrap=True)
@@ -246,7 +246,7 @@ def _look(
 ) -> tuple[list[Choice], Eye | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.looking import gaze_words, look_at, read_gaze, width_deg
+    from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze, width_deg
     from stimuli.upsampled import Eye
 
     by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)

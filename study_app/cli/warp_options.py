@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from study_app.cli.one_picture import DisplayOption, FovOption, GazeOption, panel_option
+from study_app.cli.one_picture_options import DisplayOption, FovOption, GazeOption, panel_option
 
 _file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion or depth")

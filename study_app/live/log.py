@@ -1,7 +1,8 @@
 """The log of a live picture: a line for each flip, enough to draw every frame again.
 
-JSON lines, each with a checksum over itself and all lines before it (`protocols.chain`). Lines
-reach the system one by one: whoever kills the program loses the unfinished one at most.
+JSON lines, each with a checksum over itself and all lines before it
+(`protocols.journal_checksums`). Lines reach the system one by one: whoever kills the program loses
+the unfinished one at most.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from numpy.typing import NDArray
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from pipeline.gl.texture import format_of
-from protocols.chain import due, first_link, sealed_line, stated
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import Json, canonical_json, sha256_json
 from protocols.journal import UtcTime
+from protocols.journal_checksums import due, first_link, sealed_line, stated
 from protocols.latency import EyeState, LatencySummary
 from protocols.outside import check_within
 from protocols.read_file import read_bytes

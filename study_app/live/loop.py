@@ -14,7 +14,7 @@ from protocols.latency import EyeState
 from protocols.recipes.base import Change
 from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
-from study_app.live.latency import AHEAD_S, SILENT_S, Latency
+from study_app.live.latency_histogram import AHEAD_S, SILENT_S, Latency
 from study_app.live.renderer import Follower, Look, Place, View, on_grid
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics

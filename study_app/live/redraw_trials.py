@@ -31,7 +31,7 @@ from study_app.live.log import Grid, Pixels
 from study_app.live.redraw import NEAR, Redrawn, compared, must_show
 from study_app.live.renderer import STEPS_PER_PX, Look, Studio, View
 from study_app.paint import bitmaps_of, paint
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
 
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
 from protocols.schema import StudyProtocol
-from study_app.observers.base import ArtificialObserver, ObserverModel, rng_of
-from study_app.observers.rating import RatingModel
+from study_app.observers.observer_model import ArtificialObserver, ObserverModel, rng_of
+from study_app.observers.preference_observer import DEFAULT_UTILITIES, PreferenceModel
+from study_app.observers.rating_observer import RatingModel
 from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
-from study_app.observers.two_interval import DEFAULT_UTILITIES, PreferenceModel
 
 Maker = Callable[[StudyProtocol], ObserverModel]
 

@@ -12,7 +12,7 @@ import numpy as np
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import RatesAnalysis, value_of
-from study_app.observers.base import (
+from study_app.observers.observer_model import (
     NORMAL,
     Decision,
     ObserverModel,

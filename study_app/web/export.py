@@ -21,6 +21,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
 from protocols.hashing import sha256_bytes, sha256_json
 from protocols.manifest import Clip, Manifest, check_manifest
+from protocols.participant_texts import consent_text, fill
 from protocols.plan import planned_trials
 from protocols.read_file import read_bytes
 from protocols.result_folder import whole_folder
@@ -46,7 +47,6 @@ from protocols.web_study import (
     rates_of,
     scripts_at,
 )
-from protocols.wording import consent_text, fill
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 

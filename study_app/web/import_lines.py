@@ -72,7 +72,7 @@ from study_app.session import (
     TakeBreak,
     next_step,
 )
-from study_app.sittings import find_sittings, sitting_folder
+from study_app.session_folders import find_sittings, sitting_folder
 from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
 from study_app.trial import Trial
 

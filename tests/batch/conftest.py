@@ -9,7 +9,7 @@ import pytest
 from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
-from stimuli.orders import Orders
+from stimuli.build_plan import Orders
 from stimuli.worker import SCENES
 
 

@@ -38,7 +38,7 @@ from stimuli.check import check_batch
 from stimuli.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Where
-from stimuli.recipes.foveated_images import FoveatedBuilder
+from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from stimuli.recipes.foveated_work import STILLS, StillMaker
 from study_app.cli import app
 

@@ -34,7 +34,7 @@ from pipeline.methods.frames import FramesOnDisk
 from pipeline.statements.rows import ROWS as TABLE
 from pipeline.video_file import VideoFrames
 from pipeline.video_header.coding import of_pixel_format, of_stream
-from stimuli.read_file import read_frames, stated
+from stimuli.read_stimulus import read_frames, stated
 from stimuli.video import unpacked_video
 
 FRAMES = [picture(number) for number in range(6)]

@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from stimuli.exr import save_colour
 from stimuli.frames_folder import frames_folder
 from stimuli.pictures import save_picture
-from stimuli.read_file import read_picture
+from stimuli.read_stimulus import read_picture
 from stimuli.video import unpacked_video, write_video
 from study_app.cli import app
 

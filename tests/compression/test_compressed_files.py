@@ -9,7 +9,7 @@ from PIL import Image
 from skimage import data
 from typer.testing import CliRunner
 
-from pipeline.compression import file_format
+from pipeline.compression import compressed_file
 from pipeline.compression.codec import Settings, compress, decompress
 from pipeline.errors import InputError
 from stimuli.video import unpacked_video, write_video
@@ -28,7 +28,7 @@ def picture():
 
 @pytest.fixture(scope="module")
 def whole(picture):
-    return file_format.to_bytes(compress([picture], (48.0, 48.0), Settings(angles=64)))
+    return compressed_file.to_bytes(compress([picture], (48.0, 48.0), Settings(angles=64)))
 
 
 @pytest.fixture
@@ -48,10 +48,10 @@ def test_every_changed_byte_is_found(whole, rng):
         damaged = bytearray(whole)
         damaged[at] ^= int(rng.integers(1, 256))
         with pytest.raises(InputError):
-            file_format.from_bytes(bytes(damaged))
+            compressed_file.from_bytes(bytes(damaged))
     for cut in (0, 3, 20, len(whole) // 2, len(whole) - 1):
         with pytest.raises(InputError):
-            file_format.from_bytes(whole[:cut])
+            compressed_file.from_bytes(whole[:cut])
 
 
 def test_hostile_files_get_a_message_or_a_picture(whole, rng, proof_count):
@@ -64,7 +64,7 @@ def test_hostile_files_get_a_message_or_a_picture(whole, rng, proof_count):
             at = int(rng.integers(4, 130 if rng.random() < 0.8 else len(body)))
             body[at] = int(rng.integers(0, 256))
         try:
-            held = file_format.from_bytes(sealed(bytes(body)))
+            held = compressed_file.from_bytes(sealed(bytes(body)))
             if max(held.grid.size) <= 512:
                 decompress(held)
                 read += 1
@@ -93,22 +93,22 @@ def test_numbers_out_of_bounds_are_named(whole, at, form, value, message):
     body = bytearray(whole[:-4])
     struct.pack_into(f"<{form}", body, at, value)
     with pytest.raises(InputError, match=message):
-        file_format.from_bytes(sealed(bytes(body)))
+        compressed_file.from_bytes(sealed(bytes(body)))
 
 
 def test_bytes_behind_the_end_are_refused(whole):
     with pytest.raises(InputError, match="3 bytes more"):
-        file_format.from_bytes(sealed(whole[:-4] + b"abc"))
+        compressed_file.from_bytes(sealed(whole[:-4] + b"abc"))
 
 
 def test_a_picture_of_another_size_inside_is_refused(whole, picture):
     other = compress([picture[:50, :50]], (25.0, 25.0), Settings(angles=64))
-    mine = file_format.from_bytes(whole)
-    mixed = file_format.Compressed(
+    mine = compressed_file.from_bytes(whole)
+    mixed = compressed_file.Compressed(
         mine.grid, mine.codec, mine.quality, mine.levels, other.bases, mine.statistics
     )
     with pytest.raises(InputError, match=r"must have .* px"):
-        decompress(file_format.from_bytes(file_format.to_bytes(mixed)))
+        decompress(compressed_file.from_bytes(compressed_file.to_bytes(mixed)))
 
 
 def test_a_rival_that_cannot_be_so_small_is_said_in_its_row(tmp_path, rng):
@@ -144,7 +144,7 @@ def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
         assert code == 0, error
         with Image.open(back) as image:
             shown = np.asarray(image).astype(float) / 255
-        wanted = decompress(file_format.read_compressed(file), seed=4)
+        wanted = decompress(compressed_file.read_compressed(file), seed=4)
         assert shown.shape == picture.shape
         assert np.abs(shown - wanted).max() <= 1.01 / 255
 
@@ -242,7 +242,7 @@ def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, me
     monkeypatch.chdir(tmp_path)
     for name, count in (("one.metamer", 1), ("clip.metamer", 2)):
         made = compress([picture] * count, (48.0, 48.0), Settings(angles=32))
-        (tmp_path / name).write_bytes(file_format.to_bytes(made))
+        (tmp_path / name).write_bytes(compressed_file.to_bytes(made))
     before = sorted(tmp_path.iterdir())
     named = {"PNG": png, "CLIP": "clip.metamer", "ONE": "one.metamer"}
     code, _, said = run(*(named.get(word, word) for word in words))
@@ -259,7 +259,7 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
     names = ["picture", "cells", "maps", "density", "base", "shown"]
     numbered = [f"{number:02d}-{name}.png" for number, name in enumerate(names)]
     assert sorted(path.name for path in steps.glob("*.png")) == [*numbered, "sheet.png"]
-    held = file_format.read_compressed(file)
+    held = compressed_file.read_compressed(file)
     with Image.open(steps / "01-cells.png") as cells, Image.open(steps / "05-shown.png") as shown:
         assert cells.size == held.grid.shape[::-1]
         np.testing.assert_array_equal(np.asarray(shown), np.rint(255 * decompress(held)))

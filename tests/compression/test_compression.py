@@ -7,7 +7,7 @@ from skimage import data
 from benchmarks.compress import Result, markdown
 from benchmarks.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
-from pipeline.compression import file_format, image_codecs
+from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, unpack
 from pipeline.compression.codec import Settings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass
@@ -37,7 +37,7 @@ def noise_picture(rng, size, deviation=0.12):
 @pytest.mark.parametrize(("size", "gaze_px"), VIEWS)
 def test_a_file_says_all_that_is_needed(size, gaze_px):
     made = compress([photograph(size)], gaze_px, SMALL)
-    read = file_format.from_bytes(file_format.to_bytes(made))
+    read = compressed_file.from_bytes(compressed_file.to_bytes(made))
     shown = decompress(read, seed=3)
     assert shown.shape == (*size, 3)
     assert shown.dtype == np.float32
@@ -144,7 +144,7 @@ def test_maps_are_read_at_blocks():
 def test_a_file_is_as_large_as_asked_and_no_larger(size_bytes, statistics):
     settings = Settings(angles=96, size_bytes=size_bytes, statistics=statistics)
     made = compress([photograph((160, 160))], (80.0, 80.0), settings)
-    size = len(file_format.to_bytes(made))
+    size = len(compressed_file.to_bytes(made))
     assert 0.8 * size_bytes < size <= size_bytes
 
 
@@ -159,7 +159,7 @@ def test_a_size_that_cannot_be_reached_is_refused():
 def test_a_size_chooses_how_many_angles_fit_well(size_bytes, angles):
     picture = photograph((160, 160))
     made = compress([picture], (80.0, 80.0), Settings(size_bytes=size_bytes))
-    assert len(file_format.to_bytes(made)) <= size_bytes
+    assert len(compressed_file.to_bytes(made)) <= size_bytes
     assert made.grid.rows_per_turn == angles
     assert made.quality >= 40  # maps took more than was thought
 
@@ -169,7 +169,7 @@ def test_frames_of_a_clip_share_statistics():
     made = compress(frames, (48.0, 48.0), Settings(angles=64, hold=2))
     assert len(made.bases) == 5
     assert len(made.statistics) == 3
-    read = file_format.from_bytes(file_format.to_bytes(made))
+    read = compressed_file.from_bytes(compressed_file.to_bytes(made))
     shown = [decompress(read, seed=1, frame=index) for index in range(5)]
     noise = [
         image - np.clip(decoded_base(read.bases[i], read.grid, "jpeg"), 0, 1)

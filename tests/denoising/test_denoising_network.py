@@ -27,7 +27,7 @@ from pipeline.foveation.reference import metamer
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.image_file import read_pixels
 from stimuli.denoised import unet
-from stimuli.denoised.to_files import Denoiser
+from stimuli.denoised.denoise_files import Denoiser
 from study_app.cli import app
 
 pytest.importorskip("onnxruntime", reason="needs the extra `onnx`")

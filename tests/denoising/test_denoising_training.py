@@ -13,9 +13,8 @@ from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
 from protocols.outside import LIMITS_VARIABLE
-from stimuli.denoised import pairs as kept
+from stimuli.denoised import training_pictures as kept
 from stimuli.denoised import unet
-from stimuli.denoised.pairs import Pair, Rendering, View
 from stimuli.denoised.path_traced import PathTracer, encoded
 from stimuli.denoised.train import (
     Example,
@@ -26,6 +25,7 @@ from stimuli.denoised.train import (
     rgb_path,
     scale_of,
 )
+from stimuli.denoised.training_pictures import Pair, Rendering, View
 from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
 
 EDGE = 136  # the least that has five levels

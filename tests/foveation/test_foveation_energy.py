@@ -14,7 +14,7 @@ from pipeline.foveation.conditions import condition_parameters, create_condition
 from pipeline.foveation.energy import EnergyMetamer, PooledEnergies, quadrature_pairs
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.look import Look
+from pipeline.foveation.picture_fixation import Look
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import blurred
 

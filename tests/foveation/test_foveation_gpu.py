@@ -17,14 +17,14 @@ from pipeline.foveation.displacement import DisplacementSettings, eidolon, warpe
 from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
-from pipeline.foveation.look import Look
+from pipeline.foveation.picture_fixation import Look
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.noise.gpu import NoisePass
 from stimuli.choice import Choice
-from stimuli.foveated.look_through import look_through
+from stimuli.foveated.condition_sheet import look_through
 
 # Pools of half a pixel up to some 30, seen with every sort of border.
 VIEWS = [

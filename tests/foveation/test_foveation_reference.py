@@ -18,14 +18,14 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
 from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
-from pipeline.foveation.moments import (
+from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
+from pipeline.foveation.pooled_moments import (
     LEAST_TIGHTNESS,
     PARTNER_SHARE,
     Wanted,
     colour_shape,
     wanted_by_blocks,
 )
-from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import (
     FIRST_SMOOTH,

@@ -33,7 +33,7 @@ from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from stimuli.choice import Choice
 from stimuli.foveated.clip_to_files import foveate_clip
-from stimuli.recipes.foveated_images import FoveatedBuilder
+from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from study_app.attempt import Watcher
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
@@ -52,8 +52,8 @@ from study_app.live.renderer import STEPS_PER_PX, View
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
 from study_app.run import SittingOptions, require_live
+from study_app.session_folders import Sitting
 from study_app.simulate import Simulation, simulate_study
-from study_app.sittings import Sitting
 from study_app.virtual import VirtualClock, VirtualStage
 
 WIDTH, HEIGHT, HZ = 96, 64, 60.0

@@ -7,8 +7,8 @@ from pipeline.foveation import enhancement
 from pipeline.foveation.catalogue import Blur, Eidolon, Metamer, NoiseEnhanced
 from pipeline.foveation.conditions import condition_names, foveate
 from pipeline.foveation.geometry import CapGeometry, Equirectangular, Flat, pixel_centres
-from pipeline.foveation.look import Look
 from pipeline.foveation.panorama import cap_look, cap_of, cap_picture, over_poles
+from pipeline.foveation.picture_fixation import Look
 from pipeline.foveation.sphere import (
     BELT_DEG,
     CAP_DEG,
@@ -17,7 +17,7 @@ from pipeline.foveation.sphere import (
     unit_noise,
 )
 from pipeline.foveation.view import flat_view
-from pipeline.noise.hashing import Stream, key_of
+from pipeline.noise.random_bits import Stream, key_of
 
 SIZE = (512, 256)
 

@@ -20,10 +20,10 @@ import numpy as np
 from PIL import Image
 from web_kernel import WEB, needed, node_modules
 
+from study_app.web.browser_observers import CLOCK, OBSERVER
 from study_app.web.chromium import PROGRAMS, Chromium, running_chromium
 from study_app.web.serve import FolderHandler
 from study_app.web.serve import served as served_by
-from study_app.web.simulate import CLOCK, OBSERVER
 
 STUB = Path(__file__).with_name("web") / "jatos_stub.js"
 LUCKY = """

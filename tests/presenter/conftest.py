@@ -35,7 +35,7 @@ WIDTH, HEIGHT = 640, 480
 # Before any of these texts where an artificial observer sits: it reads and decides fast.
 HASTY = """
 from study_app import page_turner
-from study_app.observers.base import ArtificialObserver
+from study_app.observers.observer_model import ArtificialObserver
 thoughtful = ArtificialObserver.answer
 ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.12)
 page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1

@@ -26,7 +26,7 @@ from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import Pages, words_image
 from study_app.paint import target_image
-from study_app.sittings import find_sittings, next_slot
+from study_app.session_folders import find_sittings, next_slot
 from study_app.stage import Page
 from study_app.strip import (
     BLOCK_PX,

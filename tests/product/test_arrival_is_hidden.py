@@ -15,15 +15,15 @@ from analysis.export import write_export
 from analysis.export.choices import FORMATS, ExportOptions
 from analysis.export.order import telling_columns, tells_order
 from analysis.export.write_export import export_study
+from protocols.counterbalancing import place_of, rounds
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
-from protocols.places import place_of, rounds
 from protocols.plan import Plan, chosen, make_plan, planned_trials
 from protocols.plausible import study_notes
 from protocols.preregister import preregistration, to_markdown
 from protocols.schema import StudyProtocol
-from study_app.sittings import next_slot
+from study_app.session_folders import next_slot
 from study_app.withdrawal import withdraw
 
 SECRET = "0123456789abcdef" * 4

@@ -16,8 +16,8 @@ from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Exclusions, Practice, Question, Texts
 from protocols.tasks.pairs import CatchPair, PrimaryComparison
-from protocols.tasks.registry import TASKS
-from study_app.cli.new_study import slug
+from protocols.tasks.task_kinds import TASKS
+from study_app.cli.new_study_command import slug
 
 
 @pytest.fixture

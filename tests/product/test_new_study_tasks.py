@@ -17,7 +17,7 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import PARTS, study_files
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Web
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 
 OF_PICTURES = [task for task, (recipe, _) in PARTS.items() if recipe == "files"]
 RIGHT_OR_WRONG = [task for task in OF_PICTURES if TASKS[task].decides]

@@ -27,7 +27,7 @@ from stimuli.exr import load_colour
 from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
 from stimuli.plane_file import load_plane
-from stimuli.read_file import read_picture
+from stimuli.read_stimulus import read_picture
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 ACES = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)

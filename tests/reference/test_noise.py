@@ -18,8 +18,8 @@ from pipeline.noise.gains import (
     pairs_of,
     spectral_gains,
 )
-from pipeline.noise.hashing import Stream
 from pipeline.noise.mixing import LAGS, fitted_mixing, measured_variances, packed, unpacked
+from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import (
     GRAIN,
     TAP_BITS,

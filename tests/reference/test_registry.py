@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.registry import Entry, check_given, defaults_of, find
+from pipeline.named_classes import Entry, check_given, defaults_of, find
 
 
 class Base:

@@ -8,9 +8,9 @@ from scipy import ndimage
 
 from pipeline.errors import InputError
 from stimuli.render import Renderer
-from stimuli.scenes.registry import build_scene, scene_names
+from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.shapes import box, crown
-from stimuli.scenes.textures.base import blurred, finish, ramp
+from stimuli.scenes.textures.surface_noise_and_photographs import blurred, finish, ramp
 
 
 @pytest.mark.parametrize("name", [

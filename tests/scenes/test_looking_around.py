@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from protocols.load import parse_view
-from stimuli import look
-from stimuli.look import ScenePreview, look_around
+from stimuli import scene_views
+from stimuli.scene_views import ScenePreview, look_around
 
 COUNT = 4
 
@@ -16,8 +16,8 @@ COUNT = 4
 @pytest.fixture
 def views(gl_context, tmp_path, monkeypatch):
     """Write a mesh, look around it, and return the eye of each view with what was reported."""
-    monkeypatch.setattr(look, "TRIED", 16)
-    monkeypatch.setattr(look, "TILE_PX", (64, 48))
+    monkeypatch.setattr(scene_views, "TRIED", 16)
+    monkeypatch.setattr(scene_views, "TILE_PX", (64, 48))
 
     def of(mesh: trimesh.Trimesh) -> np.ndarray:
         mesh.export(tmp_path / "place.glb")

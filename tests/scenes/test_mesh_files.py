@@ -17,9 +17,9 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import parse_view
 from protocols.recipes.warped_clips import MeshScene
-from stimuli.look import ScenePreview, look_around
 from stimuli.open_scene import open_world
 from stimuli.render import Renderer
+from stimuli.scene_views import ScenePreview, look_around
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import files_of
 from stimuli.world import Viewpoint

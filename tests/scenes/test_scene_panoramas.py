@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Equirectangular, pixel_centres
-from stimuli.panorama import panorama_of
+from stimuli.render_panorama import panorama_of
 from stimuli.world import Material, Mesh, Part, Viewpoint, World
 from study_app.cli import app
 

@@ -19,8 +19,8 @@ import json, sys, warnings
 from pathlib import Path
 import numpy as np
 from stimuli.score.pair import Pair
-from stimuli.score.run import measure_job
-from stimuli.score.viewing import Gaze, open_viewing, standard_fhd
+from stimuli.score.measure_clips import measure_job
+from stimuli.score.viewing_conditions import Gaze, open_viewing, standard_fhd
 
 root = Path(sys.argv[1])
 files = {name: tuple(sorted((root / name).iterdir())) for name in ("test", "truth", "holes")}

@@ -11,11 +11,11 @@ from scipy import ndimage
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, synthesise
 from pipeline.quality import high_frequency_ratio, psnr_db, ssim
+from stimuli.score.measure_clips import measure_job
 from stimuli.score.metrics import METRICS, PluginMetrics
 from stimuli.score.pair import read_colour
-from stimuli.score.run import measure_job
 from stimuli.score.statistics import statistics_distance
-from stimuli.score.viewing import Gaze, standard_fhd
+from stimuli.score.viewing_conditions import Gaze, standard_fhd
 
 OWN = ("pixels", "statistics")
 

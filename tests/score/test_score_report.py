@@ -16,7 +16,7 @@ import pytest
 from protocols.html_page import html_page
 from protocols.load import load_display
 from protocols.new_study import study_files
-from stimuli.score import plots, report, run
+from stimuli.score import measure_clips, plots, report
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
 from stimuli.score.tables import (
@@ -27,8 +27,8 @@ from stimuli.score.tables import (
     tables_csv,
     tables_latex,
 )
-from stimuli.score.viewing import Gaze, open_viewing, standard_fhd
-from stimuli.score.write import CACHE_FOLDER
+from stimuli.score.viewing_conditions import Gaze, open_viewing, standard_fhd
+from stimuli.score.write_scores import CACHE_FOLDER
 
 OURS = ("psnr", "ssim", "hf-ratio", "flicker", "statistics")
 
@@ -36,8 +36,8 @@ OURS = ("psnr", "ssim", "hf-ratio", "flicker", "statistics")
 @pytest.fixture
 def scored(batch, tmp_path):
     """Return results of our own metrics, with a cache."""
-    settings = run.Settings(choose_metrics(OURS), standard_fhd())
-    return run.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
+    settings = measure_clips.Settings(choose_metrics(OURS), standard_fhd())
+    return measure_clips.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
 
 
 @pytest.mark.slow
@@ -99,8 +99,10 @@ def test_a_second_run_measures_nothing(scored, batch, tmp_path, monkeypatch):
     def fail(*_):
         raise AssertionError("measured again")
 
-    monkeypatch.setattr(run, "measure_job", fail)
-    again = run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+    monkeypatch.setattr(measure_clips, "measure_job", fail)
+    again = measure_clips.score(
+        subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache"
+    )
 
     assert again.values == scored.values
     assert again.maps.keys() == scored.maps.keys()
@@ -108,13 +110,13 @@ def test_a_second_run_measures_nothing(scored, batch, tmp_path, monkeypatch):
 
 def counted(monkeypatch):
     calls = []
-    real = run.measure_job
+    real = measure_clips.measure_job
 
     def count(family, pair, *rest):
         calls.append((family, pair.name))
         return real(family, pair, *rest)
 
-    monkeypatch.setattr(run, "measure_job", count)
+    monkeypatch.setattr(measure_clips, "measure_job", count)
     return calls
 
 
@@ -123,7 +125,7 @@ def test_a_changed_clip_is_measured_again_alone(scored, batch, tmp_path, monkeyp
     frame = batch / "wall__small__metameric" / "000001.png"
     frame.write_bytes((batch / "wall__small__push-pull" / "000001.png").read_bytes())
 
-    run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+    measure_clips.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
 
     assert sorted(calls) == [
         ("pixels", "wall__small__metameric"), ("statistics", "wall__small__metameric")
@@ -132,17 +134,17 @@ def test_a_changed_clip_is_measured_again_alone(scored, batch, tmp_path, monkeyp
 
 def test_another_gaze_measures_only_what_depends_on_it(scored, batch, tmp_path, monkeypatch):
     calls = counted(monkeypatch)
-    settings = run.Settings(scored.settings.metrics, standard_fhd(), Gaze(((1.0, 2.0),)))
+    settings = measure_clips.Settings(scored.settings.metrics, standard_fhd(), Gaze(((1.0, 2.0),)))
 
-    run.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
+    measure_clips.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
 
     assert {family for family, _ in calls} == {"statistics"}
 
 
 def test_an_interrupted_run_goes_on(batch, tmp_path, monkeypatch):
-    settings = run.Settings(choose_metrics(OURS), standard_fhd())
+    settings = measure_clips.Settings(choose_metrics(OURS), standard_fhd())
     cache = tmp_path / "cache"
-    real, done = run.measure_job, []
+    real, done = measure_clips.measure_job, []
 
     def stop_at_third(*arguments):
         if len(done) == 3:
@@ -150,13 +152,13 @@ def test_an_interrupted_run_goes_on(batch, tmp_path, monkeypatch):
         done.append(arguments[:2])
         return real(*arguments)
 
-    monkeypatch.setattr(run, "measure_job", stop_at_third)
+    monkeypatch.setattr(measure_clips, "measure_job", stop_at_third)
     with pytest.raises(KeyboardInterrupt):
-        run.score(subjects_of_batch(batch), settings, cache=cache)
-    monkeypatch.setattr(run, "measure_job", real)
+        measure_clips.score(subjects_of_batch(batch), settings, cache=cache)
+    monkeypatch.setattr(measure_clips, "measure_job", real)
     calls = counted(monkeypatch)
 
-    run.score(subjects_of_batch(batch), settings, cache=cache)
+    measure_clips.score(subjects_of_batch(batch), settings, cache=cache)
 
     assert len(calls) == 8 - 3
 
@@ -166,7 +168,9 @@ def test_a_damaged_measurement_is_made_again(scored, batch, tmp_path, monkeypatc
     kept[0].write_text("{")
     calls = counted(monkeypatch)
 
-    again = run.score(subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache")
+    again = measure_clips.score(
+        subjects_of_batch(batch), scored.settings, cache=tmp_path / "scores/.cache"
+    )
 
     assert len(calls) == 1
     assert again.values == scored.values
@@ -174,7 +178,7 @@ def test_a_damaged_measurement_is_made_again(scored, batch, tmp_path, monkeypatc
 
 @pytest.mark.slow
 def test_several_processes_give_the_same_numbers(scored, batch):
-    found = run.score(subjects_of_batch(batch), scored.settings, workers=2)
+    found = measure_clips.score(subjects_of_batch(batch), scored.settings, workers=2)
 
     assert found.values == scored.values
 

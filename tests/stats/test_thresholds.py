@@ -12,7 +12,7 @@ from analysis.models.logistic import glmm_logit
 from analysis.models.quadrature import fit_people
 from analysis.models.response import Response
 from analysis.models.thresholds import fit_thresholds
-from protocols.adaptive.psychometric import probability
+from protocols.adaptive.psychometric_function import probability
 
 STEEP = (0, 3, 4)
 """Of studies that the model of participants by Laplace's method gave no thresholds of."""

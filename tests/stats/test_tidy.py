@@ -14,7 +14,7 @@ from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.journal import Withdrawal, event_line
 from protocols.schema import StudyProtocol
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 
 
 def rules(protocol: StudyProtocol, **values: float) -> StudyProtocol:

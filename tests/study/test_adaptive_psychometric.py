@@ -7,8 +7,8 @@ import pytest
 from scipy.special import ndtri
 
 from analysis.models import psychometric as fitted
-from protocols.adaptive.levels import check_history, check_levels
-from protocols.adaptive.psychometric import SHAPES, probability, sigmoid, slope_of
+from protocols.adaptive.answer_history import check_history, check_levels
+from protocols.adaptive.psychometric_function import SHAPES, probability, sigmoid, slope_of
 from protocols.errors import StudyError
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from benchmarks.estimates import Marginal, of_posterior
 from protocols.adaptive import quest_plus
-from protocols.adaptive.psychometric import probability
+from protocols.adaptive.psychometric_function import probability
 from protocols.adaptive.quest_plus import (
     PARAMETERS,
     Axis,

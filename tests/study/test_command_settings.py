@@ -1,4 +1,4 @@
-"""Options of commands as dataclasses: `study_app.cli.settings`."""
+"""Options of commands as dataclasses: `study_app.cli.option_groups`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from study_app.cli.settings import takes_settings
+from study_app.cli.option_groups import takes_settings
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from protocols.new_study import PARTS, study_files
 from protocols.plan import make_plan
 from protocols.preregister import preregistration
 from protocols.script import example_scripts
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 from stimuli.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers import ArtificialObserver

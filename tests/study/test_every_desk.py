@@ -10,7 +10,7 @@ import pytest
 
 from protocols.errors import StudyError
 from protocols.whole_file import write_whole
-from study_app.sittings import require_portable
+from study_app.session_folders import require_portable
 
 PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 

@@ -21,6 +21,7 @@ from protocols import journal
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
+from protocols.format_reference import reference_text
 from protocols.hashing import canonical_json, sha256_bytes, sha256_file, sha256_json
 from protocols.journal import EVENT, Attempt, event_line
 from protocols.journal_file import find_journals, read_journal
@@ -29,10 +30,9 @@ from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manif
 from protocols.publish import json_schema, schema_names, schema_path, schema_text
 from protocols.recipes.files import Files
 from protocols.recipes.warped_clips import ClipName, WarpedClips
-from protocols.reference import reference_text
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Design, Gaze, Practice, Response, TrialTiming
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]
 EVENTS = [

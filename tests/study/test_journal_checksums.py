@@ -13,16 +13,16 @@ from typer.testing import CliRunner
 from analysis.export.choices import ExportOptions
 from analysis.export.write_export import export_study
 from analysis.tidy import read_sessions
-from protocols.chain import due, first_link, sealed, stated
 from protocols.errors import StudyError
 from protocols.hashing import canonical_json, sha256_bytes
 from protocols.journal import Attempt, Note, event_line
+from protocols.journal_checksums import due, first_link, sealed, stated
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.recorder import Recorder
+from study_app.session_folders import find_sittings
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
-from study_app.sittings import find_sittings
 from study_app.verification import verify
 from study_app.virtual import VirtualClock
 

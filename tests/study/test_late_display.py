@@ -236,7 +236,7 @@ def test_a_display_that_is_in_time_at_most_flips_is_not(monkeypatch, gaps):
 def test_check_display_fails_where_most_refreshes_were_missed(monkeypatch, tmp_path):
     """The report is written all the same: it holds the intervals."""
     monkeypatch.setattr("study_app.display_check.describe", lambda _ctx: "a renderer")
-    monkeypatch.setattr("study_app.cli.sitting_commands._own_latency", lambda _window: None)
+    monkeypatch.setattr("study_app.cli.session_run_commands._own_latency", lambda _window: None)
     words = ["session", "check-display", FAST.name, "--software-pacing", "--out", str(tmp_path)]
     for gap, status in ((4, 2), (1, 0)):
         window = SlowWindow(FAST, [gap / 144])

@@ -54,9 +54,9 @@ from stimuli.foveated.any_picture import read_any
 from stimuli.one_picture import read_pose
 from stimuli.plane_file import load_plane
 from stimuli.png import decode
-from stimuli.read_file import read_frames, stated
+from stimuli.read_stimulus import read_frames, stated
 from stimuli.scenes.mesh_file import load_world
-from stimuli.score.viewing import read_gaze
+from stimuli.score.viewing_conditions import read_gaze
 from stimuli.video import unpacked_video
 from study_app.cli import app
 from study_app.cli.figure_command import _scores

@@ -17,8 +17,8 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.cli.terminal import PlainConsole, say, visible
+from study_app.session_folders import find_sittings, next_slot
 from study_app.simulate import Simulation, simulate_sitting
-from study_app.sittings import find_sittings, next_slot
 
 DEMO = load_protocol(Path("demo"))
 BAD = {
@@ -95,7 +95,7 @@ def test_a_sitting_without_its_first_line_is_left_out_and_the_study_goes_on(sess
 
 def test_slots_follow_from_first_lines_alone(sessions, monkeypatch):
     """With every journal read to its end, the hundredth session would begin by reading 99."""
-    monkeypatch.delattr("study_app.sittings.read_journal")
+    monkeypatch.delattr("study_app.session_folders.read_journal")
     assert next_slot(sessions, "demo") == 2
 
 

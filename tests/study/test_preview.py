@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from protocols.load import load_study, shipped
 from protocols.script import example_scripts
-from protocols.tasks.registry import TASKS
+from protocols.tasks.task_kinds import TASKS
 from stimuli.pictures import save_picture
 from study_app.cli import app
 from study_app.preview import MARK, preview_page

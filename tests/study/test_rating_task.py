@@ -19,7 +19,7 @@ from protocols.preregister import preregistration
 from protocols.script import Frames, example_scripts
 from stimuli.example_pictures import example_files
 from study_app.cli import app
-from study_app.observers.rating import REACH, RatingModel
+from study_app.observers.rating_observer import REACH, RatingModel
 from study_app.simulate import Simulation, simulate_study
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})

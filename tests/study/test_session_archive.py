@@ -17,9 +17,9 @@ from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from study_app.archive import read
+from study_app.archive import read_archive
 from study_app.archive.index import INDEX_NAME, Entry, Index
-from study_app.cli import app, archive_commands, new_study
+from study_app.cli import app, archive_commands, new_study_command
 from study_app.simulate import Simulation, simulate_sitting
 
 SECRET = "a secret of the lab"
@@ -315,7 +315,7 @@ def test_a_full_disk_leaves_nothing_behind(here, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("study_app.archive.write.os.fsync", full)
+    monkeypatch.setattr("study_app.archive.write_archive.os.fsync", full)
     done = session("archive", "my-study/study.toml", "--out", "b.zip")
     assert (done.exit_code, "the disk refused" in done.output) == (2, True)
     assert not [path for path in here.iterdir() if "b.zip" in path.name]
@@ -358,7 +358,7 @@ def test_a_secret_is_nobody_else_s_to_read_once_it_is_restored(mask):
 def test_a_secret_is_nobody_else_s_to_read_from_its_first_byte(tmp_path, monkeypatch):
     """Before, it was written for everybody to read, and closed a moment later."""
     modes = []
-    open_new = new_study.open_new
+    open_new = new_study_command.open_new
 
     def seen(path: str, flags: int) -> int:
         descriptor = open_new(path, flags)
@@ -366,7 +366,7 @@ def test_a_secret_is_nobody_else_s_to_read_from_its_first_byte(tmp_path, monkeyp
             modes.append(stat.S_IMODE(os.fstat(descriptor).st_mode))
         return descriptor
 
-    monkeypatch.setattr(new_study, "open_new", seen)
+    monkeypatch.setattr(new_study_command, "open_new", seen)
     done = CliRunner().invoke(app, ["new-study", str(tmp_path / "mine")])
 
     assert done.exit_code == 0, done.output
@@ -392,8 +392,8 @@ def test_a_sealed_archive_is_verified_without_a_readable_file_at_any_time(here, 
         return look
 
     for name in ("unseal", "load_protocol", "read_journal", "verify", "check"):
-        monkeypatch.setattr(read, name, looked(getattr(read, name)))
-    monkeypatch.setattr(archive_commands, "check", read.check)
+        monkeypatch.setattr(read_archive, name, looked(getattr(read_archive, name)))
+    monkeypatch.setattr(archive_commands, "check", read_archive.check)
     written = {path for path in here.rglob("*") if path.is_file()}
     archived("--recipient", public, out="b.age")
     said = session("verify", "b.age", "--identity", secret).output
@@ -454,9 +454,9 @@ def test_restoring_onto_a_full_disk_says_so_and_leaves_nothing(backup, monkeypat
 
     if at == "write":
         onto = os.open("/dev/full", os.O_WRONLY)
-        monkeypatch.setattr(read, "open_new", lambda *_: os.dup(onto))
+        monkeypatch.setattr(read_archive, "open_new", lambda *_: os.dup(onto))
     elif at == "sync":
-        monkeypatch.setattr("study_app.archive.read.os.fsync", full)
+        monkeypatch.setattr("study_app.archive.read_archive.os.fsync", full)
     else:
         monkeypatch.setattr(Path, "rename", full)
     done = session("restore", "backup.zip", "--out", "back")

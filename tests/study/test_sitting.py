@@ -46,8 +46,8 @@ from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
+from study_app.session_folders import find_sittings, next_slot
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
-from study_app.sittings import find_sittings, next_slot
 from study_app.stage import PageResult
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 

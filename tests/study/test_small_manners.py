@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from protocols.journal import GazeInfo
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
+from protocols.participant_texts import key_label
 from protocols.preregister import preregistration, to_markdown
-from protocols.wording import key_label
 from study_app import simulate
 from study_app.cli import app
 from study_app.cli.session_commands import _data_of
@@ -64,8 +64,11 @@ def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monke
 @pytest.mark.parametrize(
     ("within", "words"),
     [
-        ("stimuli.recipes.warped_clips.WarpedClipBuilder.build", ("stimuli", "build", "demo")),
-        ("study_app.cli.demo.run.run_demo", ("demo",)),
+        (
+            "stimuli.recipes.build_warped_clips.WarpedClipBuilder.build",
+            ("stimuli", "build", "demo"),
+        ),
+        ("study_app.cli.demo.demonstration.run_demo", ("demo",)),
     ],
 )
 def test_what_keeps_its_work_says_at_ctrl_c_that_the_same_command_continues(

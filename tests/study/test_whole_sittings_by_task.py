@@ -18,7 +18,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study
 from study_app.conduct import conduct
 from study_app.observers import ArtificialObserver, ObserverModel
-from study_app.observers.base import Decision
+from study_app.observers.observer_model import Decision
 from study_app.opening import begin
 from study_app.simulate import Simulation
 from study_app.virtual import VirtualClock, VirtualStage

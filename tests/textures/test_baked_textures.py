@@ -9,10 +9,10 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_of
-from pipeline.foveation.moments import moment_chain
+from pipeline.foveation.pooled_moments import moment_chain
 from pipeline.textures import bake as bake_module
 from pipeline.textures.bake import Baked, bake, strips
-from pipeline.textures.file_format import head_bytes, read_baked, write_baked
+from pipeline.textures.baked_file import head_bytes, read_baked, write_baked
 from pipeline.textures.layout import MOMENTS, Layout
 
 HALF = 2.0**-11  # rounding of a half float

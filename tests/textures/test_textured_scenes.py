@@ -13,11 +13,11 @@ from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.textures.bake import bake
-from pipeline.textures.file_format import read_baked
+from pipeline.textures.baked_file import read_baked
 from pipeline.textures.reference import shade
 from pipeline.textures.surface_noise import surface_noise
 from stimuli.exr import save_colour
-from stimuli.textured.draw import TexturedRenderer
+from stimuli.textured.draw_globes import TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import SCENES, Globe, TexturedScene
 from study_app.cli import app

@@ -8,7 +8,7 @@ from pipeline.foveation.displacement import DisplacementSettings, field_noise
 from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.noise_plane import GRAIN, noise_tile, panorama_noise
-from pipeline.foveation.passes import screen_noise
+from pipeline.foveation.picture_pass import screen_noise
 from pipeline.gl.texture import read_back
 
 SEED = 2**62 + 5  # both halves of it count

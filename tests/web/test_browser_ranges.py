@@ -11,7 +11,7 @@ from web_study import built, for_browsers
 
 from protocols.load import load_study
 from study_app.web import serve
-from study_app.web.simulate import CLOCK, OBSERVER
+from study_app.web.browser_observers import CLOCK, OBSERVER
 
 CLIPS = """kind = "files"
 width_px = 520

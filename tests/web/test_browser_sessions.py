@@ -13,7 +13,7 @@ from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import Journal, read_journal
-from study_app.sittings import find_sittings
+from study_app.session_folders import find_sittings
 from study_app.verification import verify
 
 # In the first attempts: a lost focus, the pause key, refreshes that were missed in a row.

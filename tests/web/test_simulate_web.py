@@ -14,7 +14,7 @@ from protocols.plan import make_plan
 from study_app.cli import app
 from study_app.cli.session_commands import ObserverOptions
 from study_app.observers import ArtificialObserver
-from study_app.sittings import find_sittings
+from study_app.session_folders import find_sittings
 from study_app.verification import verify
 from study_app.web.chromium import PROGRAMS
 

@@ -10,7 +10,7 @@ from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
-from study_app.sittings import find_sittings
+from study_app.session_folders import find_sittings
 from study_app.verification import verify
 from study_app.web.import_lines import import_results, read_results
 

@@ -4,10 +4,18 @@ Every texture repeats without a seam, is uint8 of shape (N, N, 4) in encoded R'G
 coverage, and is a pure function of the generator it is given.
 """
 
-from stimuli.scenes.textures.base import SIZE_PX, Colour, Texture, finish, fractal, photograph, ramp
 from stimuli.scenes.textures.foliage import blades, leaves
 from stimuli.scenes.textures.ground import earth, lawn, pebbles
 from stimuli.scenes.textures.sky import panorama
+from stimuli.scenes.textures.surface_noise_and_photographs import (
+    SIZE_PX,
+    Colour,
+    Texture,
+    finish,
+    fractal,
+    photograph,
+    ramp,
+)
 from stimuli.scenes.textures.walls import bark, iron, masonry, planks, plaster, roof_tiles, stone
 
 __all__ = [

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from stimuli.scenes.textures.base import (
+from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
     Colour,
     Plane,

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stimuli.scenes.textures.base import (
+from stimuli.scenes.textures.foliage import scatter
+from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
     Colour,
     Texture,
@@ -16,7 +17,6 @@ from stimuli.scenes.textures.base import (
     ramp,
     shaded,
 )
-from stimuli.scenes.textures.foliage import scatter
 
 
 def lawn(rng: np.random.Generator, dry: float = 0.0) -> Texture:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from stimuli.scenes.textures.base import (
+from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
     Colour,
     Plane,

@@ -68,7 +68,7 @@ def demo(
             raise StudyError(
                 "--no-window and --display exclude each other: a display is where the window goes"
             )
-        from study_app.cli.demo.run import RECORD_NAME, run_demo
+        from study_app.cli.demo.demonstration import RECORD_NAME, run_demo
         from study_app.cli.demo.steps import Options
 
         if fresh and out.exists():

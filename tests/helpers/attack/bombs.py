@@ -368,7 +368,7 @@ def metamer(width: int, height: int) -> Write:
 
     def write(folder: Path) -> None:
         from pipeline.compression.codec import Settings, compress
-        from pipeline.compression.file_format import to_bytes
+        from pipeline.compression.compressed_file import to_bytes
 
         data = to_bytes(compress([np.full((64, 64, 3), 0.5, np.float32)], (32, 32), Settings()))
         body = bytearray(data[:-4])

@@ -26,8 +26,8 @@ from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour
 from study_app.observers import default_model
 from study_app.recorder import DiskError
+from study_app.session_folders import Sitting
 from study_app.simulate import Simulation, simulate_sitting, simulate_study
-from study_app.sittings import Sitting
 from study_app.verification import verify
 
 RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)

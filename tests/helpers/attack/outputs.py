@@ -24,7 +24,7 @@ from built_study import write_small_study
 from PIL import Image
 
 from pipeline.compression.codec import Settings, compress
-from pipeline.compression.file_format import to_bytes
+from pipeline.compression.compressed_file import to_bytes
 from protocols.load import load_display
 from protocols.new_study import study_files
 from protocols.result_folder import LISTING

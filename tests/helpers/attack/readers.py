@@ -32,12 +32,12 @@ from analysis.tables.xlsx import read_xlsx
 from analysis.tidy import read_sessions
 from pipeline.compression.codec import Settings as CompressedAs
 from pipeline.compression.codec import compress, decompress
-from pipeline.compression.file_format import read_compressed, to_bytes
+from pipeline.compression.compressed_file import read_compressed, to_bytes
 from pipeline.denoising.network import DenoisingNetwork, Facts
 from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.textures.bake import strips
-from pipeline.textures.file_format import read_baked, write_baked
+from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.layout import Layout
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
@@ -55,20 +55,20 @@ from stimuli.foveated.any_picture import Reading, read_any
 from stimuli.one_picture import read_pose
 from stimuli.plane_file import load_plane
 from stimuli.png import decode
-from stimuli.read_file import read_frames, read_picture
+from stimuli.read_stimulus import read_frames, read_picture
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth
-from stimuli.score.viewing import open_viewing, read_gaze
-from study_app.archive.read import check, opened, restore
-from study_app.archive.write import Wanted, write_archive
+from stimuli.score.viewing_conditions import open_viewing, read_gaze
+from study_app.archive.read_archive import check, opened, restore
+from study_app.archive.write_archive import Wanted, write_archive
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
-from study_app.live.latency import Latency
+from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
 from study_app.live.loop import Flip
 from study_app.live.renderer import Described, Look, View
+from study_app.session_folders import Sitting
 from study_app.simulate import Simulation, simulate_study
-from study_app.sittings import Sitting
 from study_app.verification import verify
 
 SIZE = (20, 14)

@@ -14,11 +14,11 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import View
 from stimuli import pictures
-from stimuli.look_page import LookServer
 from stimuli.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.render import Renderer
+from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.registry import build_scene, scene_names
+from stimuli.view_page import LookServer
 from stimuli.world import Vector, Viewpoint, World
 
 Lighting: TypeAlias = Literal["unlit", "sun"]

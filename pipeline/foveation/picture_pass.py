@@ -19,19 +19,19 @@ from pipeline.foveation.geometry import (
     check_gaze,
 )
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
-from pipeline.foveation.moments import (
+from pipeline.foveation.noise_plane import (
+    GRAIN,
+    MOST_STEPS,
+    panorama_margin,
+    tile_edge,
+)
+from pipeline.foveation.pooled_moments import (
     LEAST_BOUND,
     LEAST_SKEWED,
     LEAST_TIGHTNESS,
     PARTNER_SHARE,
     SMALLEST_VARIANCE,
     STRONGEST_SKEW,
-)
-from pipeline.foveation.noise_plane import (
-    GRAIN,
-    MOST_STEPS,
-    panorama_margin,
-    tile_edge,
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM, COLOURED, FIRST_SMOOTH, ROOMY

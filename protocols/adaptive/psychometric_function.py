@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtr, ndtri
 
-from protocols.adaptive.levels import Shape
+from protocols.adaptive.answer_history import Shape
 from protocols.errors import StudyError
 
 Floats: TypeAlias = NDArray[np.float64]

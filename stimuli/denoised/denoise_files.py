@@ -20,13 +20,13 @@ from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from stimuli import pictures
-from stimuli.denoised.pairs import SCENE_SEED, Rendering, View, render_pair
 from stimuli.denoised.path_traced import PathTracer
+from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, View, render_pair
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import Reading, read_any
-from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
-from stimuli.scenes.registry import build_scene
+from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
 """Those that come with metamerlab, by name."""

@@ -9,7 +9,7 @@ from typing import Final
 import cv2
 
 from pipeline.errors import InputError
-from pipeline.statements.check import Said
+from pipeline.statements.check_statements import Said
 from pipeline.video_header import avi, matroska, mp4
 from pipeline.video_header.coding import of_pixel_format, of_stream
 from pipeline.video_header.colours import UNSAID

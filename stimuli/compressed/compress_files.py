@@ -11,9 +11,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compression import file_format, image_codecs
+from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.codec import Settings, compress, decompress
-from pipeline.compression.file_format import Compressed, read_compressed
+from pipeline.compression.compressed_file import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
@@ -21,11 +21,11 @@ from pipeline.limits import check_need
 from pipeline.video_file import is_video
 from protocols.whole_file import write_whole
 from stimuli import pictures
+from stimuli.compressed.compression_steps import write_steps
 from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
-from stimuli.compressed.steps import write_steps
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
-from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.video import check_video, folder_of_frames, write_video
 
@@ -78,7 +78,7 @@ def compress_file(
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
     found = compress(frames, gaze_px, settings)
-    data = file_format.to_bytes(found)
+    data = compressed_file.to_bytes(found)
     whole = 3 * width * height * len(frames)
     sharp_px = found.grid.rows_per_turn / (2 * np.pi)
     levels = f"{found.levels} levels of" if found.levels else "no"

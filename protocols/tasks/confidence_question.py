@@ -10,10 +10,10 @@ from pydantic import Field
 from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.journal import Attempt
+from protocols.participant_texts import unknown_placeholders
 from protocols.phases import Phase, Question, QuestionText
 from protocols.session_schema import Keys, Response, TextSection
 from protocols.units import LanguageCode, Model, Text
-from protocols.wording import unknown_placeholders
 
 CONFIDENCE = "confidence"
 """Name of the question, and of its phase."""

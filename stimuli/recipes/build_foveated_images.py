@@ -37,7 +37,7 @@ from protocols.recipes.foveated_images import (
 from protocols.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
 from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
-from stimuli.read_file import file_sha256
+from stimuli.read_stimulus import file_sha256
 from stimuli.recipes.base import Estimate, Where
 from stimuli.recipes.foveated_work import (
     STILLS,

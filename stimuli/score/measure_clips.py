@@ -21,7 +21,7 @@ from stimuli.score.cache import Cache, hash_files, measurement_key
 from stimuli.score.measured import Curve, Measured
 from stimuli.score.metrics import FAMILIES, Family, Metric
 from stimuli.score.pair import Pair
-from stimuli.score.viewing import Gaze, Viewing
+from stimuli.score.viewing_conditions import Gaze, Viewing
 
 Report = Callable[[int, int, str], None]
 """Called with measurements done, measurements in all, and what is going on."""

@@ -17,7 +17,7 @@ from protocols.hashing import Json, canonical_json
 from protocols.plan import PlannedTrial
 from protocols.script import Question
 from protocols.session_schema import Response
-from protocols.tasks.confidence import CONFIDENCE
+from protocols.tasks.confidence_question import CONFIDENCE
 from study_app.stage import Page, PageResult
 
 NORMAL = NormalDist()

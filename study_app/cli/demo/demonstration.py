@@ -28,9 +28,9 @@ from protocols.result_folder import remove_listed, unlisted, write_listing
 from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.executors import cores
-from study_app.cli.demo.screen import require_screen, virtual_screen
 from study_app.cli.demo.steps import SCREEN, Options, Step, steps_of
-from study_app.sittings import is_stillborn
+from study_app.cli.demo.xvfb import require_screen, virtual_screen
+from study_app.session_folders import is_stillborn
 
 RECORD_NAME = "demo.json"
 PAGE_NAME = "index.html"

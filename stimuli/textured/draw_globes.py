@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.passes import Pooled
+from pipeline.foveation.picture_pass import Pooled
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import check_size
 from pipeline.textures.bake import Baked

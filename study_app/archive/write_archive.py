@@ -22,9 +22,9 @@ from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Entry, Index
-from study_app.archive.read import Findings, check
+from study_app.archive.read_archive import Findings, check
 from study_app.archive.seal import seal
-from study_app.sittings import find_sittings
+from study_app.session_folders import find_sittings
 
 Progress = Callable[[str, int, int], None]
 _MOMENT = (1980, 1, 1, 0, 0, 0)  # equal studies, equal bytes

@@ -19,7 +19,7 @@ from pipeline.foveation.conditions import (
 )
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
-from pipeline.foveation.look import Look, as_floats, check_held
+from pipeline.foveation.picture_fixation import Look, as_floats, check_held
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
 from stimuli.choice import Choice

@@ -27,8 +27,8 @@ from protocols.web_study import WebStudy
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.recorder import Recorder
 from study_app.session import RunTrial
+from study_app.session_folders import Sitting, find_sittings
 from study_app.simulate import Simulation, participant_code
-from study_app.sittings import Sitting, find_sittings
 from study_app.virtual import Asked
 from study_app.web.chromium import Chromium, running_chromium
 from study_app.web.export import STUDY_FILE

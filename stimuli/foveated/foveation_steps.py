@@ -26,9 +26,9 @@ from pipeline.foveation.condition import Condition
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.moments import BLOCK_HALVINGS
+from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
 from stimuli import pictures
-from stimuli.foveated.look_through import Seen, pooling_of
+from stimuli.foveated.condition_sheet import Seen, pooling_of
 from stimuli.foveated.rings import draw_gaze, draw_pools
 from stimuli.pictures import Step
 

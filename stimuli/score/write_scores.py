@@ -16,7 +16,7 @@ from protocols.result_folder import check_result
 from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.score.available import versions
-from stimuli.score.run import Results
+from stimuli.score.measure_clips import Results
 
 CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"

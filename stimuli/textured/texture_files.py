@@ -16,15 +16,15 @@ from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.image_file import check_fits, read_pixels, three_channels
 from pipeline.textures.bake import Baked, bake, strips
-from pipeline.textures.file_format import read_baked, write_baked
+from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
 from protocols.whole_file import whole_file
 from stimuli import pictures
-from stimuli.foveated.looking import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.foveated.moving import save_moving
 from stimuli.foveated.rings import draw_gaze
-from stimuli.textured.draw import LOOKS, TexturedRenderer
+from stimuli.textured.draw_globes import LOOKS, TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import TexturedScene, open_textured_scene
 

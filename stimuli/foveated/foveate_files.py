@@ -17,12 +17,12 @@ from protocols.result_folder import whole_folder
 from stimuli import pictures
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
+from stimuli.foveated import metamer_page as pages
 from stimuli.foveated import moving
-from stimuli.foveated import page as pages
 from stimuli.foveated.any_picture import AnyPicture, Reading, check_drawable, read_any
-from stimuli.foveated.look_through import Seen, check_choices, look_through, sheet_of
-from stimuli.foveated.looking import Looking, gaze_words, look_at, read_gaze, width_deg
-from stimuli.foveated.steps import write_steps
+from stimuli.foveated.condition_sheet import Seen, check_choices, look_through, sheet_of
+from stimuli.foveated.foveation_steps import write_steps
+from stimuli.foveated.gaze_and_display import Looking, gaze_words, look_at, read_gaze, width_deg
 
 LEAST_SCORED_PX = 32
 METAMER = Choice("metamer")
@@ -228,7 +228,7 @@ def _score(work: _Work, seen: Sequence[Seen], out: Path) -> Path:
         seen_wide,
         subjects_of_conditions,
     )
-    from stimuli.score.write import CACHE_FOLDER
+    from stimuli.score.write_scores import CACHE_FOLDER
 
     geometry, gaze_px, bits = work.looking.geometry, work.gaze_px, work.opened.bits
     truth_colour, around = work.opened.colour, geometry.wraps

@@ -17,13 +17,13 @@ from protocols.load import load_display, load_study, shipped
 from protocols.prose import count_of
 from study_app.cli import archive_commands, web_commands
 from study_app.cli.errors import EXIT_USER_ERROR, user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
-from study_app.cli.settings import takes_settings
 from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.operator_view import attempt_line
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 from study_app.strip import Extras
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs

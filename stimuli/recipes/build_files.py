@@ -14,7 +14,7 @@ from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.schema import StudyProtocol
 from stimuli.png import encode_bytes
-from stimuli.read_file import Stated, file_sha256, read_frames, stated, wrong_size
+from stimuli.read_stimulus import Stated, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import Estimate
 from stimuli.recipes.taken import RESERVED, TakingBuilder
 from stimuli.sources import source_sha256
@@ -23,7 +23,7 @@ from stimuli.worker import RendererInfo
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
 """Number of files with a wrong header that are named one by one."""
-_SOURCES = ("stimuli.read_file", "stimuli.png")
+_SOURCES = ("stimuli.read_stimulus", "stimuli.png")
 
 
 class FileBuilder(TakingBuilder[FileEntry]):

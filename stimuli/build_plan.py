@@ -15,7 +15,7 @@ from protocols.hashing import Json, sha256_file, sha256_json
 from protocols.manifest import cache_key
 from protocols.recipes.warped_clips import ClipName, Method, Scene, Size
 from protocols.schema import StudyProtocol
-from stimuli.foveated.looking import width_deg
+from stimuli.foveated.gaze_and_display import width_deg
 from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
 from stimuli.sources import source_sha256
 

@@ -13,7 +13,7 @@ from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RatingsAnalysis
-from study_app.observers.base import Decision, ObserverModel, deviation
+from study_app.observers.observer_model import Decision, ObserverModel, deviation
 
 REACH = 1.5
 """The outer thresholds lie so far from the middle, in units of the noise."""

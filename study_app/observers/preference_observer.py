@@ -15,7 +15,7 @@ import numpy as np
 
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
-from study_app.observers.base import Decision, ObserverModel, deviation, evidence_of
+from study_app.observers.observer_model import Decision, ObserverModel, deviation, evidence_of
 
 DEFAULT_UTILITIES: Mapping[str, float] = {
     "reference": 2.5,

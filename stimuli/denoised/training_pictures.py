@@ -22,7 +22,7 @@ from pipeline.foveation.geometry import Flat, FlatGeometry
 from protocols.outside import reading
 from protocols.whole_file import write_whole
 from stimuli.denoised.path_traced import PathTracer
-from stimuli.scenes.registry import build_scene, scene_entry
+from stimuli.scenes.builtin_scenes import build_scene, scene_entry
 from stimuli.world import Viewpoint, World
 
 WIDTH_DEG = 40.0

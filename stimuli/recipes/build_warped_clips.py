@@ -11,10 +11,10 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, Method
-from stimuli.orders import Orders
+from stimuli.build_plan import Orders
 from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
 from stimuli.recipes.warped_checks import Findings, look_at_fills, look_at_scenes
-from stimuli.scenes.registry import scene_entry
+from stimuli.scenes.builtin_scenes import scene_entry
 
 
 class WarpedClipBuilder(Builder):

@@ -19,7 +19,7 @@ from pipeline.foveation.page_passes import check_condition, page_passes
 from protocols.html_page import html_page
 from protocols.whole_file import write_whole
 from stimuli.choice import Choice
-from stimuli.foveated.looking import width_deg
+from stimuli.foveated.gaze_and_display import width_deg
 from stimuli.foveated.moving import shrunk
 
 LONGEST_PX = 512

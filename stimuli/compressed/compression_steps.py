@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.compression import image_codecs
 from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_base, decoded_cells, decompress
-from pipeline.compression.file_format import Compressed
+from pipeline.compression.compressed_file import Compressed
 from pipeline.compression.grid import PolarGrid
 from stimuli import pictures
 from stimuli.pictures import Picture
