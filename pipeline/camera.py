@@ -88,7 +88,15 @@ class Camera:
         horizontal_deg: float,
         world_from_camera: NDArray[np.float64] | None = None,
     ) -> Self:
-        """Make a camera with square pixels and a centred principal point."""
+        """Make a camera with square pixels and a centred principal point.
+
+        `world_from_camera` is a rigid 4x4 matrix, metres; left out: `UPRIGHT`.
+
+        Raises
+        ------
+        InputError
+            If `horizontal_deg` is not between 0 and 180, or as for `Camera`.
+        """
         if not 0 < horizontal_deg < 180:
             raise InputError(f"horizontal_deg must lie in (0, 180) (got {horizontal_deg})")
         focal_px = width_px / 2 / np.tan(np.radians(horizontal_deg) / 2)
@@ -96,7 +104,13 @@ class Camera:
         return cls(width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2, pose)
 
     def moved(self, offset_m: ArrayLike) -> Self:
-        """Return this camera shifted by (right, down, forward) metres along its own axes."""
+        """Return this camera shifted by (right, down, forward) metres along its own axes.
+
+        Raises
+        ------
+        InputError
+            If `offset_m` is not of shape (3,).
+        """
         offset = np.asarray(offset_m, np.float64)
         if offset.shape != (3,):
             raise InputError(

@@ -56,7 +56,7 @@ def rgb_from_ycbcr(ycbcr: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Encode scene-linear light for a display (IEC 61966-2-1).
+    """Encode scene-linear light of any shape for a display (IEC 61966-2-1).
 
     1 is the display's white; what is brighter goes on along the curve, and clipping it is
     the caller's decision.
@@ -73,7 +73,7 @@ def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def decode_srgb(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Invert `encode_srgb`.
+    """Invert `encode_srgb`: encoded values of any shape to scene-linear light, 1 is white.
 
     Raises
     ------

@@ -82,7 +82,7 @@ def clip_memory_bytes(protocol: StudyProtocol, display: Display) -> int:
 
 
 def session_duration_s(protocol: StudyProtocol, trials: int) -> float:
-    """Return an estimate of how long `trials` take, breaks included, each answer in 1.5 s."""
+    """Return an estimate of the seconds that `trials` take, with breaks, each answer in 1.5 s."""
     timing = protocol.trial
     shown_s = protocol.task.shown_s(protocol.pool)
     answers_s = ASSUMED_RT_S * (1 if protocol.task.confidence is None else 2)

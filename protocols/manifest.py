@@ -133,7 +133,7 @@ def frame_path(clip: object, index: int) -> str:
 
 
 def cache_key(inputs: Json) -> str:
-    """Return the cache key of a clip.
+    """Return the cache key of a clip, a SHA-256 in hexadecimal digits.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ def _measure(
 def comparison(
     warped: WarpedFrame, fills: Sequence[Filled], truth: NDArray[np.float32] | None = None
 ) -> pictures.Picture:
-    """A labelled sheet: the holes, the truth if it is known, and every fill with its quality."""
+    """Labelled sheet of 8-bit pictures: the holes, the truth if known, each fill, its quality."""
     tiles = [("warped, holes marked", pictures.of_holes(warped.colour, warped.hole))]
     if truth is not None:
         tiles.append(("truth", pictures.of_colour(truth)))

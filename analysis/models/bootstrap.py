@@ -115,6 +115,11 @@ def bootstrap_scale(
     ----------
     wins : ndarray (participants, scenes, k, k)
 
+    Raises
+    ------
+    ValueError
+        If there is one participant only, or fewer than 20 samples link all conditions.
+
     Notes
     -----
     Percentile limits widened as Hesterberg 2015 ("expanded percentile") does for few clusters:

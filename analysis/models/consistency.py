@@ -62,6 +62,11 @@ def circular_triads(wins: Floats) -> Triads:
         1 where the row was preferred; every pair once. Repeats are reduced to the majority by
         `majority`; a tie counts half.
 
+    Raises
+    ------
+    ValueError
+        If there are fewer than three conditions, or a pair does not occur exactly once.
+
     Notes
     -----
     Kendall and Babington Smith 1940. p exactly for up to 7 conditions, chi-square above.
@@ -102,6 +107,11 @@ def agreement(wins: Floats) -> Agreement:
     wins : ndarray (k, k)
         How many of the m observers preferred row to column; every observer once a pair.
 
+    Raises
+    ------
+    ValueError
+        If there are fewer than three observers, or one did not answer every pair once.
+
     Notes
     -----
     Kendall and Babington Smith 1940; chi-square with the continuity-corrected sum.
@@ -127,7 +137,11 @@ def agreement(wins: Floats) -> Agreement:
 
 
 def transitivity(wins: Floats) -> Transitivity:
-    """Count violations of weak, moderate and strong stochastic transitivity."""
+    """Count violations of weak, moderate and strong stochastic transitivity.
+
+    `wins` (k, k) holds how often the row was preferred to the column; triples with a pair that
+    nobody compared are left out.
+    """
     total = wins + wins.T
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(total > 0, wins / total, np.nan)

@@ -111,16 +111,16 @@ class CriticalScaling:
         )
 
     def d_prime(self, scaling: Floats) -> Floats:
-        """Return d' at scalings, of the typical participant."""
+        """Return d' at scalings (any shape), of the typical participant."""
         return scaling_d_prime(scaling, self.critical, self.gain, self.law)
 
     def share(self, scaling: Floats) -> Floats:
-        """Return the share of right answers at scalings, of the typical participant."""
+        """Return the share of right answers at scalings (any shape), of the typical participant."""
         right = abx_share(self.d_prime(scaling), self.rule)
         return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
 
     def average_share(self, scaling: Floats) -> Floats:
-        """Return the population's mean share of right answers at scalings.
+        """Return the population's mean share of right answers at scalings (n,).
 
         This is what the answers of all participants together follow: it rises earlier and less
         steeply than the typical participant's.

@@ -215,7 +215,7 @@ def identification(
 ) -> DiscriminationResults:
     """Return d' of an identification task among m answers, condition by condition.
 
-    Columns as for `rates.correct_rates`; chance is 1 / m.
+    Columns and errors are those of `right_answers.correct_rates`; chance is 1 / m.
     """
     return _discriminate(
         trials,
@@ -238,7 +238,10 @@ def abx(
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of ABX or which-half by condition; corrected as in `ideal_observer.abx_d_prime`."""
+    """Return d' of ABX or which-half by condition; corrected as in `ideal_observer.abx_d_prime`.
+
+    Columns and errors are those of `right_answers.correct_rates`; chance is one half.
+    """
     return _discriminate(
         trials,
         by,

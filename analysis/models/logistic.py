@@ -135,6 +135,12 @@ def glm_logit(
     reference : mapping of column to level
         The level other levels are compared with; left out, the first in sorted order.
 
+    Raises
+    ------
+    ValueError
+        If the formula names no column of `trials`, its left side holds more than 0 and 1, a value
+        is missing, more than two columns are clusters, or one of them has a single group.
+
     Notes
     -----
     Under separation no maximum exists and Wald tests read "p > .99"; the fit then uses Firth's
@@ -214,6 +220,11 @@ def glmm_logit(
     draws : Draws, optional
         Likelihood ratios of terms are judged by parametric bootstrap; left out, by t or
         chi-square.
+
+    Raises
+    ------
+    ValueError
+        As `glm_logit` for the formula, or if the column of a random slope holds no numbers.
 
     Notes
     -----
@@ -316,6 +327,11 @@ def models_beside(
     model a column of names has deviations in each of its levels (participant x column), and a
     column of numbers random slopes about its mean, wherever it varies within a group. It is judged
     by t with degrees of freedom between those of participants and of scenes.
+
+    Raises
+    ------
+    ValueError
+        If there is one participant and one scene, or as `glm_logit`.
     """
     several = [c for c in GROUPS if c in trials.columns and trials[c].nunique() > 1]
     if not several:

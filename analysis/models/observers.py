@@ -77,6 +77,7 @@ def check_observers(
     Parameters
     ----------
     wins : ndarray (observers, k, k)
+        Votes of each for row over column. Of fewer than four observers none is judged.
     studies : int
         Clean studies simulated to set the family-wise rate.
 

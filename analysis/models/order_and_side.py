@@ -39,7 +39,10 @@ class Bias:
 
 
 def order_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias:
-    """Return how often the first interval was picked (column ``chose_first``)."""
+    """Return how often the first interval was picked, against one half, with limits.
+
+    `decisions` has ``participant``, ``scene`` and ``chose_first`` (0/1); limits cover 1 - `alpha`.
+    """
     picked = decisions["chose_first"].astype(float)
     return _bias("first interval", decisions, picked, alpha)
 
@@ -56,7 +59,10 @@ def has_sides(decisions: pd.DataFrame) -> bool:
 
 
 def side_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias | None:
-    """Return how often the left key was pressed; None where sides were not recorded."""
+    """Return how often the left key was pressed; None where sides were not recorded.
+
+    As `order_bias`, with ``chosen_side`` (left, right, or anything else where none was).
+    """
     if not has_sides(decisions):
         return None
     known = decisions[decisions["chosen_side"].isin(("left", "right"))]

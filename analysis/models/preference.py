@@ -227,7 +227,13 @@ class PreferenceTable:
     warnings: tuple[str, ...]
 
     def cell(self, method: str, against: str, size: str = ALL_SIZES) -> Preference:
-        """Return the comparison of two methods, the way round they are asked for."""
+        """Return the comparison of two methods, the way round they are asked for.
+
+        Raises
+        ------
+        KeyError
+            If these were not compared at this size, or the other way round; it names all that were.
+        """
         for cell in self.cells:
             if cell.size == size and (cell.method, cell.against) == (method, against):
                 return cell
@@ -307,7 +313,14 @@ def preference(
 
     Takes the decisions of this comparison only, see `pairing_rows`. With one comparison the
     adjusted p equals p.
+
+    Raises
+    ------
+    ValueError
+        If there is no decision.
     """
+    if decisions.empty:
+        raise ValueError(f"decisions must compare {method} with {against} (there is none)")
     chosen, shown, people, scenes = counts(decisions, method)
     trials, wins = int(shown.sum()), int(chosen.sum())
     by_person, by_scene = shown.sum(axis=1), shown.sum(axis=0)

@@ -32,7 +32,10 @@ class ReactionTimes:
 def reaction_times(
     decisions: pd.DataFrame, by: Sequence[str] = (), *, level: float = 0.95
 ) -> tuple[ReactionTimes, ...]:
-    """Summarise ``rt_s`` for each combination of the columns `by`; empty where none was kept."""
+    """Summarise ``rt_s`` (seconds, by ``participant``) for each combination of the columns `by`.
+
+    Times that are missing or not above 0 do not count; empty where none is left.
+    """
     rows = decisions[decisions["rt_s"].notna() & (decisions["rt_s"] > 0)]
     if rows.empty:
         return ()

@@ -134,7 +134,10 @@ def rate_contrasts(
     reference: str | None = None,
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
-    """Compare the shares of right answers between conditions (against one, or all pairs)."""
+    """Compare the shares of right answers between conditions (against one, or all pairs).
+
+    Columns and errors are those of `correct_rates`; p is Holm-adjusted over the comparisons.
+    """
     rows = checked(trials, ("correct",), by)
     places = grid(rows)
     moved = {}

@@ -58,7 +58,13 @@ class Scale:
     warnings: tuple[str, ...]
 
     def relative_to(self, name: str) -> tuple[Floats, Floats]:
-        """Return scores and standard errors with condition `name` at zero."""
+        """Return scores and standard errors, both (k,), with condition `name` at zero.
+
+        Raises
+        ------
+        ValueError
+            If `name` is none of the conditions.
+        """
         if name not in self.conditions:
             raise ValueError(f"name must be one of {list(self.conditions)} (got {name!r})")
         index = self.conditions.index(name)
@@ -146,7 +152,10 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
 def contrasts(
     wins: Floats, conditions: Sequence[str], model: Model = "thurstone"
 ) -> tuple[Contrast, ...]:
-    """Test every two conditions for equal scores by likelihood ratio, one degree of freedom."""
+    """Test every two conditions for equal scores by likelihood ratio, one degree of freedom.
+
+    `wins` (k, k) and `conditions` are as for `scale`, and so is what it raises.
+    """
     votes, _ = _finite_votes(checked_votes(wins, conditions))
     count = len(conditions)
     first, second = pair_index(count)

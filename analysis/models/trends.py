@@ -88,6 +88,11 @@ def trend(
         Columns that define cells; the outcome is centred in each, so that a change in which
         trials come early or late does not look like learning.
 
+    Raises
+    ------
+    ValueError
+        If no row has a participant, an order and an outcome.
+
     Notes
     -----
     One least-squares slope per participant, then a one-sample t test and a sign-flip test.

@@ -70,7 +70,13 @@ def check_condition_name(name: str) -> Entry:
 
 
 def condition_parameters(name: str) -> dict[str, Any]:
-    """Return the parameters of the condition `name` with their defaults."""
+    """Return the parameters of the condition `name` with their defaults.
+
+    Raises
+    ------
+    InputError
+        If there is no such condition, with the nearest name.
+    """
     return defaults_of(check_condition_name(name).load())
 
 

@@ -314,12 +314,14 @@ def pixel_centres(geometry: Geometry, halvings: int = 0) -> tuple[Floats, Floats
 def eccentricity_deg(
     geometry: Geometry, gaze_px: tuple[float, float], x: Floats, y: Floats
 ) -> Floats:
-    """Angle between the gaze and the directions of positions.
+    """Angle between the gaze and the directions of positions, degrees, 0 to 180.
 
     Parameters
     ----------
     gaze_px : (x, y)
         Anywhere on the picture's plane, also off the picture; see `check_gaze`.
+    x, y : ndarray
+        Positions in pixels, of shapes that broadcast to that of the result.
     """
     rays = geometry.directions(x, y)
     gaze = geometry.directions(np.array(gaze_px[0]), np.array(gaze_px[1]))

@@ -49,7 +49,7 @@ class Plate(Protocol):
     """Memory of a method for one source frame, from view to view of a path."""
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
-        """Fill the next view as `Method.fill` does, with what earlier views got in their holes."""
+        """Fill the next view as `Method.fill`, (H, W, 3), with what earlier views got in holes."""
         ...
 
 
@@ -85,7 +85,7 @@ def composite(warped: WarpedFrame, filled: NDArray[np.floating]) -> NDArray[np.f
     Raises
     ------
     InputError
-        If `filled` has another shape or is not finite inside a hole.
+        If `filled` has another shape than the frame, (H, W, 3), or is not finite inside a hole.
     """
     if filled.shape != warped.colour.shape:
         raise InputError(

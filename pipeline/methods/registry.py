@@ -114,7 +114,13 @@ def check_method_name(name: str) -> Entry:
 
 
 def method_parameters(name: str) -> dict[str, Any]:
-    """Return the parameters of the method `name` with their defaults."""
+    """Return the parameters of the method `name` with their defaults.
+
+    Raises
+    ------
+    InputError
+        If there is no such method, with the nearest name.
+    """
     return defaults_of(check_method_name(name).load())
 
 

@@ -84,6 +84,11 @@ def band_statistics(
     guide : (H, W)
     cross : bool
         As in `moments`.
+
+    Returns
+    -------
+    Level
+        Of (ceil(H / 2), ceil(W / 2)) texels; its values are as those of `moments`.
     """
     level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
     return pull_push(level, gamma, threshold)[1]

@@ -51,7 +51,7 @@ class Shaded:
 
 
 def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
-    """Colour of each fragment."""
+    """Colour of each fragment (H, W), in two parts: its base, and the noise on it."""
     count = baked.layout.halvings
     lod = np.clip(fragments.rho + fragments.eta, 0, count)
     base = read_mips(baked.colour, 0, lod, fragments.place_px, wraps=baked.layout.wraps) / 255

@@ -320,6 +320,11 @@ def shown_phase(
     places : sequence of (int, float)
         Which of the trial's stimuli, and where its middle is, right of the screen's centre in
         degrees.
+
+    Raises
+    ------
+    StudyError
+        If the time of a stimulus, or of a clip's frame, is not whole refreshes of the display.
     """
     clip_s = pool.stimuli.clip_s
     shown: list[Clip | Image | Live]
@@ -335,7 +340,13 @@ def shown_phase(
 
 
 def blank_phase(display: Display, name: str, duration_s: float) -> Phase:
-    """Return a watched phase that shows the fixation target alone."""
+    """Return a watched phase that shows the fixation target alone.
+
+    Raises
+    ------
+    StudyError
+        If the time is not whole refreshes of the display.
+    """
     return Phase(name, whole_frames(display, duration_s), (Fixation(),), watched=True)
 
 

@@ -264,6 +264,13 @@ def test_missing_columns_and_pairings_are_refused_in_words():
         preferences(cell_with(3), pairings=[("x", "y")])
 
 
+def test_a_comparison_without_decisions_is_refused_in_words():
+    none = decisions_of(np.ones((2, 2))).iloc[:0]
+
+    with pytest.raises(ValueError, match="must compare ours with blur"):
+        preference(none, "ours", "blur")
+
+
 def test_comparisons_grouped_once_hold_the_rows_of_each(make_decisions):
     rows = make_decisions()
     grouped = Comparisons(rows)
