@@ -179,7 +179,7 @@ class ConfidenceRates:
 
 @dataclass(frozen=True)
 class TimesPower:
-    """How often reaction times at two sizes differ at .05, by two tests of the same studies.
+    """Shares of studies whose reaction times at two sizes differ at .05, by two tests of each.
 
     `closed` is `analysis power`'s closed form, `model` the likelihood ratio that a report prints
     first; `alike` is how often both decide the same. A `ratio` of 1: false positives.
