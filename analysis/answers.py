@@ -14,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Answers:
+class SimulatedAnswers:
     """Answers of simulated participants.
 
     Attributes
@@ -47,7 +47,7 @@ class Answers:
         where[np.arange(scene.size), scene] = chosen
         return self.counts @ where, len(self.given) * where.sum(axis=0)
 
-    def of(self, study: int, people: int) -> "Answers":
+    def of(self, study: int, people: int) -> "SimulatedAnswers":
         """Return the first people of one study."""
         chosen = np.s_[:, study : study + 1, :people]
         times = None if self.times is None else self.times[chosen]

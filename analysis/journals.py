@@ -22,7 +22,7 @@ COPIED_ATTEMPTS = 3
 
 
 @dataclass(frozen=True)
-class Reading:
+class JournalReading:
     """One session's journal, read past damage."""
 
     name: str
@@ -40,7 +40,7 @@ class Reading:
 class StudyReadings:
     """Every readable session of a study whose participant did not withdraw."""
 
-    readings: tuple[Reading, ...]
+    readings: tuple[JournalReading, ...]
     notes: tuple[str, ...]
     """Notes on what was left out, each with its reason."""
     withdrew: int = 0
@@ -70,7 +70,7 @@ def read_study(
             f"{folder}: must hold at least one session (no journal.jsonl was found);"
             " name the folder that holds the recorded sessions"
         )
-    readings: list[Reading] = []
+    readings: list[JournalReading] = []
     notes: list[str] = []
     withdrew = unreadable = 0
     for number, path in enumerate(paths):
@@ -88,7 +88,7 @@ def read_study(
             notes.append(f"{name}: left out, its first line (the header) cannot be read")
             unreadable += 1
             continue
-        readings.append(Reading(name, journal, starts[0], False, SideFiles(0, ())))
+        readings.append(JournalReading(name, journal, starts[0], False, SideFiles(0, ())))
     if progress:
         progress("reading journals", len(paths), len(paths))
     if not readings:
@@ -108,7 +108,7 @@ def read_study(
     return StudyReadings(tuple(readings), every, withdrew, unreadable)
 
 
-def _checked(reading: Reading, protocol: StudyProtocol) -> Reading:
+def _checked(reading: JournalReading, protocol: StudyProtocol) -> JournalReading:
     """Return a session compared with its plan and its files."""
     journal = reading.journal
     plan = plan_of(protocol, reading.start)
@@ -163,7 +163,7 @@ def _unknown(
     )
 
 
-def _not_vouched_for(readings: Sequence[Reading]) -> list[str]:
+def _not_vouched_for(readings: Sequence[JournalReading]) -> list[str]:
     """Say what could not be checked, and which files are not as they were recorded."""
     notes = []
     if bare := [reading.name for reading in readings if reading.journal.unchecked]:
@@ -194,7 +194,9 @@ def _named(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])} and {len(names) - 3} more sessions"
 
 
-def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyProtocol) -> None:
+def _check_one_study(
+    folder: Path, readings: Sequence[JournalReading], protocol: StudyProtocol
+) -> None:
     hashes: dict[str, list[str]] = {}
     for reading in readings:
         hashes.setdefault(reading.start.protocol_sha256, []).append(reading.name)
@@ -234,7 +236,7 @@ def _check_one_study(folder: Path, readings: Sequence[Reading], protocol: StudyP
     _check_no_copy(folder, readings)
 
 
-def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
+def _check_no_copy(folder: Path, readings: Sequence[JournalReading]) -> None:
     """Refuse one session under two codes: no two people answer at the same microseconds."""
     seen: dict[tuple[object, ...], str] = {}
     for reading in readings:
@@ -251,7 +253,7 @@ def _check_no_copy(folder: Path, readings: Sequence[Reading]) -> None:
         seen[told] = reading.name
 
 
-def _note_manifests(readings: Sequence[Reading]) -> list[str]:
+def _note_manifests(readings: Sequence[JournalReading]) -> list[str]:
     """Say where sessions were shown different stimuli."""
     made: dict[str, list[str]] = {}
     for reading in readings:

@@ -11,9 +11,9 @@ from analysis.models.compared_methods import as_numbers
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.glmm import CrossedFit, fit_crossed
 from analysis.models.reaction_model import time_model
-from analysis.models.response import LOGIT, Response
+from analysis.models.response import LOGIT, ResponseFunction
 from analysis.models.thresholds import fit_thresholds
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.sensitivity import with_shared_noise
 from analysis.parts.times import TimesPart
@@ -141,7 +141,7 @@ def sensitivity_deviations(
         own = [] if conditions == 1 else [whole.max() + 1 + codes_of(whole, rows["condition"])]
         groups.append(np.column_stack([whole, *own]))
         slopes.append(np.broadcast_to(one[:, None], groups[-1].shape))
-    response = Response("probit", 0.0 if yes_no else settings.chance, 0.0)
+    response = ResponseFunction("probit", 0.0 if yes_no else settings.chance, 0.0)
     fit = _fitted(cell, [], y, groups, slopes, response)
     # Two effects of one deviation each, where there are several conditions.
     unit = np.sqrt(2.0) if conditions > 1 else 1.0
@@ -207,7 +207,7 @@ def rating_deviations(decisions: pd.DataFrame, settings: RatingPlan) -> Found:
     return values, rough_guesses(*_counted(decisions))
 
 
-def time_deviations(found: Found, decisions: pd.DataFrame, plan: Plan) -> Found:
+def time_deviations(found: Found, decisions: pd.DataFrame, plan: AnalysisPlan) -> Found:
     """Add deviations of the logarithms of a pilot's reaction times to others; or a note why not."""
     values, notes = found
     times = TimesPart()
@@ -252,7 +252,7 @@ def _fitted(
     y: Floats,
     groups: Sequence[Ints],
     slopes: Sequence[Floats] = (),
-    response: Response = LOGIT,
+    response: ResponseFunction = LOGIT,
 ) -> CrossedFit:
     """Fit a mean for every cell, and further coefficients."""
     means = (cell[:, None] == np.arange(cell.max() + 1)).astype(np.float64)
@@ -267,7 +267,7 @@ def _in_d_prime(
     eta: Floats, trials: Ints, chance: float, share: Callable[[Floats], Floats]
 ) -> float:
     """Return how far d' moves where a probit above chance moves by 1, at the mean of all cells."""
-    response = Response("probit", chance, 0.0)
+    response = ResponseFunction("probit", chance, 0.0)
     right = float(response.share(eta, (chance, 0.0)) @ trials / trials.sum())
     if min(right - chance, 1.0 - right) < TOO_NEAR:
         raise StudyError(

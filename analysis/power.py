@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import optimize
 
-from analysis.answers import Answers, codes_of, crossed_effects
-from analysis.parts import EQUIVALENCE, AnyPart, Part, Plan, Tests, computed
+from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
+from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
 from analysis.seed import SEED
@@ -24,7 +24,7 @@ from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
 Counted = Callable[[int, int], None]
-S = TypeVar("S", bound=Plan)
+S = TypeVar("S", bound=AnalysisPlan)
 
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
@@ -63,7 +63,7 @@ TIMES = (
 """Assumptions about reaction times, where a study tests them."""
 
 
-class Simulation(ABC, Generic[S]):
+class PowerSimulation(ABC, Generic[S]):
     """A study's design, how participants answer in it, and the parts that test the answers.
 
     `cells` has a row for each cell that a participant meets `repeats` times; its ``condition``
@@ -102,7 +102,7 @@ class Simulation(ABC, Generic[S]):
     @abstractmethod
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: np.random.Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw the answers of participants who differ, about scenes that differ."""
 
     @abstractmethod
@@ -110,7 +110,7 @@ class Simulation(ABC, Generic[S]):
         """Return the same assumptions with nothing to find."""
 
     @abstractmethod
-    def table(self, answers: Answers) -> pd.DataFrame:
+    def table(self, answers: SimulatedAnswers) -> pd.DataFrame:
         """Return the answers of the first study as the parts take them.
 
         Raises
@@ -149,7 +149,7 @@ class Simulation(ABC, Generic[S]):
 
     def drawn(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: np.random.Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw answers, and how long they took where the study tests that."""
         answers = self.draw(assumed, studies, people, rng)
         if not self.timed:
@@ -171,11 +171,11 @@ class Simulation(ABC, Generic[S]):
         """Return the numbers of participants that a curve shows."""
         return thinned(default_participants(self.planned), self.planned)
 
-    def deciding(self) -> "Simulation[S]":
+    def deciding(self) -> "PowerSimulation[S]":
         """Return the simulation of what the planned test is about alone."""
         return self
 
-    def resized(self, _scenes: int, _repeats: int) -> "Simulation[S] | None":
+    def resized(self, _scenes: int, _repeats: int) -> "PowerSimulation[S] | None":
         """Return that with other numbers of scenes and repeats, where they can be changed."""
         return None
 
@@ -269,7 +269,7 @@ class Power:
 
 
 def power(
-    simulation: Simulation[Any],
+    simulation: PowerSimulation[Any],
     assumed: Mapping[str, float],
     *,
     rng: np.random.Generator,
@@ -397,7 +397,7 @@ def power(
 
 
 def planned_p_values(
-    simulation: Simulation[Any],
+    simulation: PowerSimulation[Any],
     assumed: Mapping[str, float],
     participants: Sequence[int],
     *,
@@ -420,7 +420,7 @@ def planned_p_values(
     return np.concatenate([test().min(axis=-1) for test in first])
 
 
-def _nothing(simulation: Simulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+def _nothing(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
     """Return the same assumptions with nothing to find, in answers and in times."""
     return simulation.nothing(assumed) | ({"rt_ratio": 1.0} if simulation.timed else {})
 
@@ -447,7 +447,7 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
     return int(participants[above[0]]) if above.size else None
 
 
-def _checked(simulation: Simulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+def _checked(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
     """Return a value for every assumption that is made."""
     values = {one.name: assumed.get(one.name, one.value) for one in simulation.assumptions}
     for one in simulation.assumptions:
@@ -459,7 +459,9 @@ def _checked(simulation: Simulation[Any], assumed: Mapping[str, float]) -> dict[
     return {name: value for name, value in values.items() if not np.isnan(value)}
 
 
-def _batches(simulation: Simulation[Any], studies: int, progress: Counted | None) -> Iterator[int]:
+def _batches(
+    simulation: PowerSimulation[Any], studies: int, progress: Counted | None
+) -> Iterator[int]:
     for start, end in pairwise([*range(0, studies, simulation.at_once), studies]):
         yield end - start
         if progress:
@@ -467,7 +469,7 @@ def _batches(simulation: Simulation[Any], studies: int, progress: Counted | None
 
 
 def _tests(
-    simulation: Simulation[Any],
+    simulation: PowerSimulation[Any],
     assumed: Mapping[str, float],
     studies: int,
     people: Sequence[int],
@@ -486,7 +488,10 @@ def _tests(
 
 
 def _by_tables(
-    simulation: Simulation[Any], answers: Answers, people: Sequence[int], part: AnyPart
+    simulation: PowerSimulation[Any],
+    answers: SimulatedAnswers,
+    people: Sequence[int],
+    part: AnyPart,
 ) -> Floats:
     """Return `planned_p` of a part (studies, numbers of participants, 1); NaN where it has none."""
     every = {one.name: one for one in with_added(simulation.parts)}
@@ -509,7 +514,7 @@ def _by_tables(
 
 
 def _by_table(
-    simulation: Simulation[Any], assumed: Mapping[str, float]
+    simulation: PowerSimulation[Any], assumed: Mapping[str, float]
 ) -> tuple[list[AnyPart], list[str]]:
     """Return the parts that are asked about tables, and why others are not."""
     every, own = with_added(simulation.parts), {part.name for part in simulation.parts}
@@ -539,7 +544,7 @@ def _has(part: AnyPart, method: str) -> bool:
 
 
 def _legend(
-    simulation: Simulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
+    simulation: PowerSimulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
 ) -> str:
     """Return what the columns of the table mean."""
     primary = "primary" in found
@@ -582,7 +587,7 @@ def _errs_too_often(
 
 
 def _designs(
-    simulation: Simulation[Any],
+    simulation: PowerSimulation[Any],
     assumed: Mapping[str, float],
     most: int,
     studies: int,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit, ndtr, ndtri
 
-from analysis.answers import Answers, codes_of, crossed_effects
+from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.models.compared_methods import as_numbers
 from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
@@ -26,7 +26,7 @@ from analysis.pilot import (
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, combined, prepared
 from analysis.plans.rating_plan import RatingPlan
-from analysis.power import COMMON, Assumption, Simulation, default_participants
+from analysis.power import COMMON, Assumption, PowerSimulation, default_participants
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
@@ -64,7 +64,7 @@ def tabulated(share: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     return lambda found: np.interp(found, d_prime, values)
 
 
-class Choices(Simulation[PreferencePlan]):
+class Choices(PowerSimulation[PreferencePlan]):
     """Choices between pairs: random effects of participants and scenes on the logit.
 
     They are drawn anew for every pairing. `size_correlation` is how alike the effects of one
@@ -107,7 +107,7 @@ class Choices(Simulation[PreferencePlan]):
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw choices of the first method of each pairing."""
         sds, common = (assumed["participant_sd"], assumed["scene_sd"]), assumed["size_correlation"]
         logit = sum(
@@ -123,13 +123,13 @@ class Choices(Simulation[PreferencePlan]):
         means = {rate: mean_logit(rate, float(np.hypot(*sds))) for rate in set(rates.tolist())}
         share = expit(logit + np.array([means[rate] for rate in rates.tolist()], np.float32))
         shape = (self.repeats, studies, people, len(self.cells))
-        return Answers(rng.random(shape, dtype=np.float32) < share, self.cells)
+        return SimulatedAnswers(rng.random(shape, dtype=np.float32) < share, self.cells)
 
     def nothing(self, assumed: Mapping[str, float]) -> dict[str, float]:
         """Return a share of one half."""
         return {**assumed, "rate": 0.5, **dict.fromkeys({INTERACTION} & {*assumed}, 0.0)}
 
-    def table(self, answers: Answers) -> pd.DataFrame:
+    def table(self, answers: SimulatedAnswers) -> pd.DataFrame:
         """Return decisions; each of a pair comes first in turn."""
         rows, event = answers.rows()
         won, turned = event.astype(bool), rows["order"].to_numpy() % 2 == 1
@@ -188,7 +188,7 @@ class Choices(Simulation[PreferencePlan]):
         return time_deviations(found, decisions, settings) if self.timed else found
 
 
-class _Conditions(Simulation[C]):
+class _Conditions(PowerSimulation[C]):
     """Base of simulations whose conditions differ by a number each."""
 
     def __init__(
@@ -308,7 +308,7 @@ class RightAnswers(_Conditions[RatePlan]):
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw right answers, or in yes-no tasks the signal's answer."""
         persons = studies, people
         # The first condition that holds the signal is the one whose d' is assumed.
@@ -336,14 +336,16 @@ class RightAnswers(_Conditions[RatePlan]):
             chance = ndtr((shared if not self._told.all() else (self._there - 0.5) * d) - criterion)
         else:
             chance = self.share(d)
-        return Answers(rng.random((self.repeats, *d.shape), dtype=np.float32) < chance, self.cells)
+        return SimulatedAnswers(
+            rng.random((self.repeats, *d.shape), dtype=np.float32) < chance, self.cells
+        )
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
         """Say what the power of an interaction rests on."""
         note = f"interaction: its power rests on {INTERACTION_SD}; 0 promises most"
         return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
-    def table(self, answers: Answers) -> pd.DataFrame:
+    def table(self, answers: SimulatedAnswers) -> pd.DataFrame:
         """Return decisions; who is wrong gives any of the other answers."""
         rows, event = answers.rows()
         known, expected = np.array(self.plan.answers), rows["expected"]
@@ -392,7 +394,7 @@ class Tracks(_Conditions[RatePlan]):
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw thresholds, as exact as the study's own rule makes them."""
         key = assumed["width"], assumed["participant_sd"]
         if key not in self._errors:
@@ -402,7 +404,7 @@ class Tracks(_Conditions[RatePlan]):
         found = found + assumed["interaction_sd"] * rng.standard_normal(shape)
         found += rng.choice(self._errors[key], shape)
         found[..., 1:] += assumed["difference"]
-        return Answers(found[None], self.cells)
+        return SimulatedAnswers(found[None], self.cells)
 
     def _track_errors(self, wide: float, participant_sd: float, rng: Generator) -> Floats:
         """Return estimated minus true thresholds of a condition's tracks.
@@ -434,7 +436,7 @@ class Tracks(_Conditions[RatePlan]):
             errors.append(float(candidates[int(np.argmax(likelihood))]) - true)
         return np.array(errors) / float(np.sqrt(self._averaged))
 
-    def table(self, _answers: Answers) -> pd.DataFrame:
+    def table(self, _answers: SimulatedAnswers) -> pd.DataFrame:
         """Refuse: a track's answers are not drawn in each study."""
         raise StudyError("levels are chosen from the answers, of which only thresholds are drawn")
 
@@ -482,7 +484,7 @@ class RatedSteps(_Conditions[RatingPlan]):
 
     def draw(
         self, assumed: Mapping[str, float], studies: int, people: int, rng: Generator
-    ) -> Answers:
+    ) -> SimulatedAnswers:
         """Draw the steps that are given."""
         more = self._more(assumed, OWN, "difference")
         more = np.cumsum(more) if self.plan.baseline is None else more
@@ -494,9 +496,9 @@ class RatedSteps(_Conditions[RatingPlan]):
         spread = np.hypot(assumed["participant_sd"], assumed["scene_sd"])
         spread = np.hypot(spread, 1.0 if probit else np.pi / np.sqrt(3.0))
         edges = spread * ndtri(np.linspace(0.0, 1.0, len(self.plan.scale) + 1)[1:-1])
-        return Answers(np.digitize(latent + noise, edges), self.cells)
+        return SimulatedAnswers(np.digitize(latent + noise, edges), self.cells)
 
-    def table(self, answers: Answers) -> pd.DataFrame:
+    def table(self, answers: SimulatedAnswers) -> pd.DataFrame:
         """Return ratings."""
         rows, step = answers.rows()
         return rows.assign(rating=np.array(self.plan.scale)[step])

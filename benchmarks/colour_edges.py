@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import zoom
 
-from pipeline.inpaint.reference import Level, pull, push
+from pipeline.inpaint.reference import GuidedLevel, pull, push
 from pipeline.statistics import reference as statistics
 
 Array = NDArray[np.float64]
@@ -29,8 +29,8 @@ def alike(one: Array, other: Array, spread: float) -> Array:
 
 
 def pull_push_by_colour(
-    level: Level, colours: Sequence[Array], gamma: float, threshold: float, spread: float
-) -> list[Level]:
+    level: GuidedLevel, colours: Sequence[Array], gamma: float, threshold: float, spread: float
+) -> list[GuidedLevel]:
     """`pull_push` whose pulls are guided by the colours of its resolutions too, down to 1x1."""
     levels = [level]
     for here, above in pairwise(colours):
@@ -38,7 +38,7 @@ def pull_push_by_colour(
         parent = above.repeat(2, axis=0).repeat(2, axis=1)[:height, :width]
         last = levels[-1]
         weighed = last.validity * np.where(last.validity > 0, alike(here, parent, spread), 1.0)
-        levels.append(pull(Level(last.values, weighed, last.guide), threshold))
+        levels.append(pull(GuidedLevel(last.values, weighed, last.guide), threshold))
     for index in reversed(range(len(levels) - 1)):
         levels[index] = push(levels[index], levels[index + 1], gamma, threshold)
     return levels
@@ -59,18 +59,18 @@ def coarser(colours: Sequence[Array], resolutions: int) -> list[Array]:
 def inpainted_statistics(
     base: Array,
     hole: NDArray[np.bool_],
-    base_levels: list[Level],
+    base_levels: list[GuidedLevel],
     *,
     resolutions: int = 0,
     **settings: Any,
-) -> tuple[list[Level], list[Level]]:
+) -> tuple[list[GuidedLevel], list[GuidedLevel]]:
     """As `pipeline.statistics.reference.inpainted_statistics`, but keeping to a colour.
 
     `resolutions`: by how many the colours that guide are coarser.
     """
     colours = coarser([base, *(level.values for level in base_levels[1:])], resolutions)
 
-    def pulled_and_pushed(level: Level, gamma: float, threshold: float) -> list[Level]:
+    def pulled_and_pushed(level: GuidedLevel, gamma: float, threshold: float) -> list[GuidedLevel]:
         first = next(k for k, c in enumerate(colours) if c.shape[:2] == level.guide.shape)
         return pull_push_by_colour(level, colours[first:], gamma, threshold, SPREAD)
 

@@ -24,7 +24,7 @@ from rich.table import Table
 from benchmarks.foveate_quality import cut, jod_of
 from benchmarks.machine import conditions
 from benchmarks.output import PagePart, file_to_write, write_record
-from pipeline.compression.codec import DEFAULT_ANGLES, Settings, compress
+from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings, compress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import MetamerPass
@@ -182,7 +182,7 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
     height, width = picture.shape[:2]
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
     for codec in arguments.codecs:
-        settings = Settings(codec=codec, angles=arguments.angles)
+        settings = CompressionSettings(codec=codec, angles=arguments.angles)
         for size_kb in arguments.sizes:
             for kind in KINDS:
                 size_bytes = round(1000 * size_kb)
@@ -201,7 +201,7 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
 def _sheet(picture: Picture, arguments: argparse.Namespace) -> sheets.Picture:
     height, width = picture.shape[:2]
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
-    settings = Settings(codec=arguments.codecs[0], angles=arguments.angles)
+    settings = CompressionSettings(codec=arguments.codecs[0], angles=arguments.angles)
     beside = rivals(picture, gaze_px, round(1000 * arguments.sheet_kb), settings)
     sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
     shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
@@ -231,7 +231,7 @@ def _times(edge: int, angles: int, repeats: int = 12) -> dict[str, float]:
     """Milliseconds of decoding (without the codec's own work) and of a metamer, by turns."""
     picture = builtin_picture("notices", Flat(WIDTH_DEG).of(edge, edge), None)
     gaze_px = (edge / 2, edge / 2)
-    made = compress([picture], gaze_px, Settings(angles=angles))
+    made = compress([picture], gaze_px, CompressionSettings(angles=angles))
     ctx = create_context()
     decode = DecompressPass(ctx, made)
     metamer = MetamerPass(ctx, Flat(WIDTH_DEG).of(edge, edge), MetamerSettings())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 
 from pipeline.gl.compute import Shader
-from pipeline.gl.shader import Source
+from pipeline.gl.shader import ShaderSource
 
 _HEAD = "#version 430\nlayout(local_size_x = 8, local_size_y = 8) in;\n"
 
@@ -27,7 +27,7 @@ class Copy:
             f"{''.join(body)}}}\n"
         )
         places = (("benchmarks/copying.py", k) for k in range(1, text.count("\n") + 1))
-        self._shader = Shader.of(ctx, Source(text, tuple(places)))
+        self._shader = Shader.of(ctx, ShaderSource(text, tuple(places)))
 
     def __call__(self, *pairs: tuple[moderngl.Texture, moderngl.Texture]) -> None:
         """Copy the first of each pair into the second."""

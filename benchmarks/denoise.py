@@ -41,7 +41,13 @@ from pipeline.features.reference import analyse
 from pipeline.foveation.lod import Pools
 from pipeline.quality import psnr_db
 from stimuli import pictures as sheets
-from stimuli.denoised.training_pictures import WIDTH_DEG, Pair, Rendering, View, pairs_of
+from stimuli.denoised.training_pictures import (
+    WIDTH_DEG,
+    Rendering,
+    SceneView,
+    TrainingPair,
+    pairs_of,
+)
 from stimuli.score.statistics import statistics_distance
 
 VIEWS = ("colonnade-3", "garden-3", "shed-3", "castle-0", "castle-1")
@@ -170,19 +176,19 @@ def fine_ratio(test: Picture, truth: Picture, pools: Pools) -> float:
     return float(np.sqrt((ours**2).sum() / (true**2).sum()))
 
 
-def _view(name: str) -> View:
+def _view(name: str) -> SceneView:
     scene, _, number = name.rpartition("-")
-    return View(scene, int(number))
+    return SceneView(scene, int(number))
 
 
-def _pools(pair: Pair, network: DenoisingNetwork) -> Pools:
+def _pools(pair: TrainingPair, network: DenoisingNetwork) -> Pools:
     geometry = pair.geometry
     middle = geometry.width_px / 2, geometry.height_px / 2
     return Pools(geometry, middle, network.facts.pooling)
 
 
 def _denoised(
-    pair: Pair, pools: Pools, moments: DenoisingNetwork, rgb: DenoisingNetwork, seed: int
+    pair: TrainingPair, pools: Pools, moments: DenoisingNetwork, rgb: DenoisingNetwork, seed: int
 ) -> Iterator[tuple[str, Shown]]:
     noisy = pair.noisy(moments.facts.sampling, pools.gaze_px)
     estimates = {"noisy": noisy, "network for colour": rgb.colour(noisy, pools)}

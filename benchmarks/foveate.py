@@ -34,7 +34,7 @@ from benchmarks.output import PagePart, file_to_write, write_record
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass
-from pipeline.gl.context import Renderer, create_context, describe, release_context
+from pipeline.gl.context import GraphicsDriver, create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.gl.timer import measure
 
@@ -279,7 +279,10 @@ def main(argv: list[str]) -> int:
 
 
 def _write(
-    arguments: argparse.Namespace, lines: list[Line], known: dict[str, object], device: Renderer
+    arguments: argparse.Namespace,
+    lines: list[Line],
+    known: dict[str, object],
+    device: GraphicsDriver,
 ) -> None:
     """Write what is asked for."""
     record = known | {

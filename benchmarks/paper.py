@@ -32,12 +32,12 @@ from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method, method_names
 from pipeline.quality import Quality, evaluate, interior
 from pipeline.warp.gpu import warp_frame
-from pipeline.warp.settings import Window
+from pipeline.warp.settings import TargetWindow
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
 from stimuli.paths import STILL, Pose
 from stimuli.read_stimulus import read_picture
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.stereo import PAIR_WARP
@@ -87,10 +87,10 @@ def rendered(
     """Every built-in scene; `extent` is the camera's way in near depths."""
     margin_px = round(MARGIN * size_px[0])
     for name in names:
-        scenery = RenderedScenery(Renderer(ctx, build_scene(name, SCENE_SEED)), name)
+        scenery = RenderedScenery(WorldRenderer(ctx, build_scene(name, SCENE_SEED)), name)
         extent_m = extent * scenery.typical_depth_m
         frame, camera = scenery.source(size_px, margin_px, STILL, extent_m, -1)
-        window = Window.inside_margin(frame.size, margin_px)
+        window = TargetWindow.inside_margin(frame.size, margin_px)
         views = []
         for direction in DIRECTIONS:
             pose = Pose(np.asarray(direction, np.float64), np.eye(3))

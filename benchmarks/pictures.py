@@ -17,9 +17,9 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
 from protocols.recipes.warped_clips import CirclePath
 from stimuli import pictures
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.paths import make_path
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.warp_steps import metameric_steps
@@ -48,8 +48,8 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     ctx = create_context()
     world = build_scene(arguments.scene, 1, {})
-    scenery = RenderedScenery(Renderer(ctx, world), arguments.scene)
-    shot = Shot(
+    scenery = RenderedScenery(WorldRenderer(ctx, world), arguments.scene)
+    shot = CameraShot(
         make_path(CirclePath(kind="circle"), 60, 30.0), tuple(arguments.size), arguments.extent, 0.1
     )
     footage = Footage(ctx, scenery, shot, probe=[arguments.frame])

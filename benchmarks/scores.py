@@ -20,15 +20,15 @@ from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.schema import StudyProtocol
 from stimuli.build import build
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.executors import cores, local_processes
 from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.score.batch import subjects_of_batch
-from stimuli.score.measure_clips import Results, Settings, score
+from stimuli.score.measure_clips import ScoreResults, ScoreSettings, score
 from stimuli.score.metrics import HOLES, choose_metrics
 from stimuli.score.report import duels_markdown, write_report
 from stimuli.score.speed import time_methods
-from stimuli.score.tables import OURS, RIVALS, Table, all_tables, duels, method_order
+from stimuli.score.tables import OURS, RIVALS, ScoreTable, all_tables, duels, method_order
 from stimuli.score.viewing_conditions import standard_fhd
 from stimuli.score.write_scores import CACHE_FOLDER, JSON_NAME
 from study_app.cli.progress import progress_line
@@ -113,10 +113,10 @@ def make(
     methods: Sequence[str],
     out: Path,
     metrics: Sequence[str] | None = None,
-) -> Results:
+) -> ScoreResults:
     """Build the clips of one motion and score them; what is there already stays."""
     study = protocol(motion, scenes, methods)
-    orders = Orders(study, load_display(study.display.display), Path.cwd())
+    orders = BuildPlan(study, load_display(study.display.display), Path.cwd())
     with progress_line(f"{motion}: building") as line:
 
         def report(done: int, total: int, what: str) -> None:
@@ -125,7 +125,7 @@ def make(
         with local_processes(cores()) as pool:
             build(orders, out / "clips", pool, parallel=cores(), report=report)
         subjects = subjects_of_batch(out / "clips")
-        settings = Settings(choose_metrics(metrics), standard_fhd())
+        settings = ScoreSettings(choose_metrics(metrics), standard_fhd())
         folder = out / "scores"
         results = score(
             subjects, settings, cache=folder / CACHE_FOLDER, workers=cores(), report=report
@@ -135,7 +135,7 @@ def make(
     return results
 
 
-def document(results: dict[str, Results]) -> str:
+def document(results: dict[str, ScoreResults]) -> str:
     """Return the tables of all motions, the paper's first, and where metameric is not ahead."""
     parts = []
     for motion, found in results.items():
@@ -149,7 +149,7 @@ def document(results: dict[str, Results]) -> str:
     return "\n".join(parts)
 
 
-def variants_text(results: dict[str, Results]) -> str:
+def variants_text(results: dict[str, ScoreResults]) -> str:
     """Return what noise and depth are worth: holes only, few metrics."""
     parts = []
     for found in results.values():
@@ -162,7 +162,7 @@ def variants_text(results: dict[str, Results]) -> str:
     return "\n".join(parts)
 
 
-def brief(results: dict[str, Results]) -> str:
+def brief(results: dict[str, ScoreResults]) -> str:
     """Return one table: a row per clip, and a cell per method with the numbers of `BRIEF`."""
     methods: Sequence[str] = ()
     rows: dict[str, dict[str, list[str]]] = {}
@@ -181,7 +181,7 @@ def brief(results: dict[str, Results]) -> str:
     return "\n".join(lines)
 
 
-def luma_error(results: Results) -> str:
+def luma_error(results: ScoreResults) -> str:
     """Return a table of the mean signed error of luma in holes: too bright is above 0."""
     methods = method_order(results)
     found: dict[str, dict[str, float]] = {}
@@ -201,7 +201,7 @@ def luma_error(results: Results) -> str:
     return "\n".join(lines) + "\n"
 
 
-def shown(table: Table) -> bool:
+def shown(table: ScoreTable) -> bool:
     """True if a table goes into the document: all in holes, and two over the whole frame."""
     return table.region == HOLES or table.metric.name in ("fvvdp", "statistics")
 

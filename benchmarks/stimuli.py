@@ -29,7 +29,7 @@ from benchmarks.stimuli_report import Findings, Ratio, Speed
 
 if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
-    from stimuli.build_plan import Orders
+    from stimuli.build_plan import BuildPlan
     from stimuli.clip import Survey
     from stimuli.scenery import Scenery
     from stimuli.worker import SceneContext
@@ -192,11 +192,11 @@ def _again(options: argparse.Namespace) -> list[str]:
 
 def _ready(
     options: argparse.Namespace, method: str, frames: int
-) -> tuple[SceneContext, Scenery, Orders, ClipName, Survey]:
+) -> tuple[SceneContext, Scenery, BuildPlan, ClipName, Survey]:
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
     from protocols.recipes.warped_clips import ClipName
-    from stimuli.build_plan import Orders
+    from stimuli.build_plan import BuildPlan
     from stimuli.clip import Survey
     from stimuli.worker import SceneContext
 
@@ -215,7 +215,7 @@ def _ready(
     )
     protocol = protocol.model_copy(update={"stimuli": recipe})
 
-    class AsRendered(Orders):
+    class AsRendered(BuildPlan):
         """Shown as rendered: nothing is rescaled."""
 
         @property

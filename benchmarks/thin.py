@@ -22,10 +22,10 @@ from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method
 from pipeline.warp import reference
-from pipeline.warp.settings import WarpSettings, Window
+from pipeline.warp.settings import TargetWindow, WarpSettings
 from protocols.revision import code_revision, package_version
 from stimuli.paths import STILL, Pose
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 
@@ -56,7 +56,7 @@ def without_thin(
     frame: SourceFrame, flow_px: NDArray[np.float32], depth_m: NDArray[np.float32]
 ) -> tuple[WarpedFrame, float, float]:
     """Warp by quads and strips alone; and the shares of pixels alone, and of these not drawn."""
-    window, settings = Window.of(frame.size), WarpSettings()
+    window, settings = TargetWindow.of(frame.size), WarpSettings()
     depth = depth_m.astype(np.float64)
     mesh = reference.moved_mesh(depth, flow_px, window)
     stretch = settings.stretch_subpixels(window)
@@ -81,7 +81,7 @@ def without_thin(
 
 def measure(ctx: moderngl.Context, name: str, size_px: tuple[int, int], extent: float) -> Thin:
     """Measure one scene; `extent` is the camera's way in shares of the near depth."""
-    scenery = RenderedScenery(Renderer(ctx, build_scene(name, SCENE_SEED)), name)
+    scenery = RenderedScenery(WorldRenderer(ctx, build_scene(name, SCENE_SEED)), name)
     extent_m = extent * scenery.typical_depth_m
     frame, camera = scenery.source(size_px, 0, STILL, extent_m, -1)
     fill = create_method("push-pull-depth", ctx, {})

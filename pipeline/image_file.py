@@ -42,7 +42,7 @@ _ENDS = {".png": b"IEND\xaeB`\x82", ".tga": b"TRUEVISION-XFILE.\0"}
 
 
 @dataclass(frozen=True)
-class Pixels:
+class StoredPixels:
     """The content of an image file, as stored.
 
     Parameters
@@ -63,7 +63,7 @@ class Pixels:
     kind: str = ""
 
 
-def read_pixels(path: Path, *, stretched: bool = True) -> Pixels:
+def read_pixels(path: Path, *, stretched: bool = True) -> StoredPixels:
     """Read an image file of any format that OpenImageIO knows.
 
     Parameters
@@ -88,7 +88,7 @@ def read_pixels(path: Path, *, stretched: bool = True) -> Pixels:
         return _read_pixels(path, stretched)
 
 
-def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> Pixels:
+def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> StoredPixels:
     config = oiio.ImageSpec()  # without one, PFM files come out upside down
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
@@ -114,7 +114,7 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     if plain is not None:
         source.close()
         numbers = plain.stretched() if stretched else plain.data
-        return Pixels(numbers, tuple(spec.channelnames), {}, name)
+        return StoredPixels(numbers, tuple(spec.channelnames), {}, name)
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)
@@ -130,10 +130,10 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> P
     if not stretched and data.dtype.kind == "u":
         data = _narrow(data, _bits(path, name, attributes))
     data = in_display_window(path, spec, name, data)
-    return Pixels(data, tuple(spec.channelnames), attributes, name)
+    return StoredPixels(data, tuple(spec.channelnames), attributes, name)
 
 
-def _avif_pixels(path: Path, image: Image.Image) -> Pixels:
+def _avif_pixels(path: Path, image: Image.Image) -> StoredPixels:
     oiio.geterror()
     with image:
         check_values(path, image.width, image.height, len(image.getbands()))
@@ -141,7 +141,7 @@ def _avif_pixels(path: Path, image: Image.Image) -> Pixels:
         if "icc_profile" in image.info:
             said["ICCProfile"] = np.frombuffer(image.info["icc_profile"], np.uint8)
         data = np.asarray(image)
-        return Pixels(data.reshape(*data.shape[:2], -1), image.getbands(), said, "avif")
+        return StoredPixels(data.reshape(*data.shape[:2], -1), image.getbands(), said, "avif")
 
 
 def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
@@ -232,7 +232,7 @@ def check_fits(path: Path, command: str) -> None:
 
 
 def check_picture(
-    path: Path, pixels: Pixels, handled: Sequence[str] = (), *, encoded: bool = False
+    path: Path, pixels: StoredPixels, handled: Sequence[str] = (), *, encoded: bool = False
 ) -> None:
     """Refuse or note what a header says of its colour and no reader honours.
 
@@ -258,7 +258,7 @@ def check_picture(
         _check(path, pixels, "colour", handled, encoded=encoded)
 
 
-def check_numbers(path: Path, pixels: Pixels) -> float | None:
+def check_numbers(path: Path, pixels: StoredPixels) -> float | None:
     """Refuse or note what a header says of its numbers; return the one that stands for "unknown".
 
     Raises
@@ -287,7 +287,9 @@ def check_numbers(path: Path, pixels: Pixels) -> float | None:
         ) from None
 
 
-def _check(path: Path, pixels: Pixels, use: Use, handled: Sequence[str] = (), **how: bool) -> None:
+def _check(
+    path: Path, pixels: StoredPixels, use: Use, handled: Sequence[str] = (), **how: bool
+) -> None:
     found = dict(pixels.attributes)
     if pixels.kind not in WALKERS and pixels.data.dtype.kind == "u":
         found["colour space"] = pixels.attributes.get("oiio:ColorSpace", "")
@@ -312,7 +314,7 @@ def count_pictures(path: Path) -> int:
     return count
 
 
-def three_channels(path: Path, pixels: Pixels, *, encoded: bool = False) -> NDArray[Any]:
+def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -> NDArray[Any]:
     """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
 
     Raises

@@ -20,7 +20,7 @@ from protocols.outside import plug_in
 
 
 @dataclass(frozen=True)
-class Entry:
+class NamedClass:
     """One name, what it stands for, and where its class lives."""
 
     name: str  # a trailing colon: a path follows
@@ -62,7 +62,9 @@ class Entry:
         return (Path(name.removeprefix(self.name)),) if self.takes_path else ()
 
 
-def find(entries: Sequence[Entry], name: str, retired: Mapping[str, str] | None = None) -> Entry:
+def find(
+    entries: Sequence[NamedClass], name: str, retired: Mapping[str, str] | None = None
+) -> NamedClass:
     """Return the entry that `name` means; nothing is imported.
 
     Raises

@@ -47,7 +47,7 @@ N = TypeVar("N")
 
 
 @dataclass
-class Outcome(Generic[N]):
+class BuildOutcome(Generic[N]):
     """Result of a build: the names of the clips it made and kept."""
 
     manifest: Manifest

@@ -14,29 +14,29 @@ from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import (
     BUILD_FOLDER,
     HOLES_FOLDER,
-    Outcome,
+    BuildOutcome,
     Report,
     move_over,
     remove_surveys,
     survey_name,
 )
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.clip import Survey, read_survey
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.records import WarpedDraft
 from stimuli.worker import clip_job, describe_renderer, survey_job
 
-__all__ = ["HOLES_FOLDER", "Outcome", "Report", "build", "survey_name"]
+__all__ = ["HOLES_FOLDER", "BuildOutcome", "Report", "build", "survey_name"]
 
 
 def build(
-    orders: Orders,
+    orders: BuildPlan,
     out: Path,
     executor: Executor,
     *,
     parallel: int = 1,
     report: Report | None = None,
-) -> Outcome[ClipName]:
+) -> BuildOutcome[ClipName]:
     """Build what is missing of a study's clips in `out`, then write the manifest.
 
     Parameters
@@ -64,7 +64,7 @@ class _WarpedBuild(ClipBuild[ClipName]):
     words: ClassVar = {"survey": "path of {0.scene}__{0.size}", **ClipBuild.words}
 
     def __init__(
-        self, orders: Orders, out: Path, executor: Executor, parallel: int, report: Report
+        self, orders: BuildPlan, out: Path, executor: Executor, parallel: int, report: Report
     ) -> None:
         clips, names = orders.protocol.warped.clips, orders.clip_names
         super().__init__(orders.protocol, out, executor, parallel + 1, report, names, clips.frames)

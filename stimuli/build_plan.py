@@ -21,7 +21,7 @@ from stimuli.sources import source_sha256
 
 
 @dataclass(frozen=True)
-class Orders:
+class BuildPlan:
     """A study to build; small, and the same on every machine that reads the same files.
 
     Parameters

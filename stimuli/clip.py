@@ -26,10 +26,10 @@ from protocols.hashing import sha256_bytes
 from protocols.recipes.warped_clips import ClipName
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import SURVEY_NAME
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.exr import save_colour
 from stimuli.fills import Fills
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.paths import make_path
 from stimuli.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.scenery import Scenery
@@ -60,7 +60,7 @@ class Survey:
 
 
 def take_survey(
-    ctx: moderngl.Context | None, scenery: Scenery, orders: Orders, clip: ClipName, folder: Path
+    ctx: moderngl.Context | None, scenery: Scenery, orders: BuildPlan, clip: ClipName, folder: Path
 ) -> Survey:
     """Solve the path of `clip`'s scene and size and write its hole masks into `folder`."""
     key = orders.survey_key(clip)
@@ -124,7 +124,7 @@ def read_survey(folder: Path, key: str) -> Survey | None:
 def make_frames(
     ctx: moderngl.Context | None,
     scenery: Scenery,
-    orders: Orders,
+    orders: BuildPlan,
     clip: ClipName,
     survey: Survey,
     folder: Path,
@@ -167,7 +167,7 @@ def read_mask(folder: Path, frame: int) -> NDArray[np.bool_]:
 def _frames(
     ctx: moderngl.Context | None,
     scenery: Scenery,
-    orders: Orders,
+    orders: BuildPlan,
     clip: ClipName,
     survey: Survey,
     wanted: list[int],
@@ -199,14 +199,14 @@ def _frames(
         footage.release()
 
 
-def shot_of(orders: Orders, clip: ClipName, extent_m: float) -> Shot:
+def shot_of(orders: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:
     """Return how a clip is taken at an extent of its path."""
     clips = orders.protocol.warped.clips
     path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
-    return Shot(path, orders.render_px, extent_m, clips.margin_share)
+    return CameraShot(path, orders.render_px, extent_m, clips.margin_share)
 
 
-def _rescaled(colour: NDArray[np.float32], orders: Orders) -> NDArray[np.float32]:
+def _rescaled(colour: NDArray[np.float32], orders: BuildPlan) -> NDArray[np.float32]:
     shown, filters = orders.shown_px, {"box": Image.Resampling.BOX}
     if orders.protocol.warped.clips.rescale == "none" or orders.render_px == shown:
         return colour

@@ -17,7 +17,7 @@ from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
 from protocols.schema import StudyProtocol
 from protocols.whole_file import sync_folder
 from stimuli.batch_folder import (
-    Outcome,
+    BuildOutcome,
     Report,
     check_folder,
     claim,
@@ -108,7 +108,7 @@ class ClipBuild(Generic[N]):
 
     # What every build does
 
-    def run(self) -> Outcome[N]:
+    def run(self) -> BuildOutcome[N]:
         """Build what is missing, then write the manifest.
 
         Raises
@@ -128,7 +128,7 @@ class ClipBuild(Generic[N]):
                 " run the same command again, with fewer --workers if memory is short"
             ) from None
 
-    def _run(self) -> Outcome[N]:
+    def _run(self) -> BuildOutcome[N]:
         names = [str(name) for name in self.names]
         check_folder(self.out, names)
         self.draft = self.open_draft()
@@ -159,7 +159,7 @@ class ClipBuild(Generic[N]):
             write_manifest(self.out, manifest)
             sync_folder(self.out)
         remove_unfinished(self.out)
-        return Outcome(manifest, missing, kept)
+        return BuildOutcome(manifest, missing, kept)
 
     def clips(self) -> list[Clip]:
         """Return the clips that are there, in the order of the study."""

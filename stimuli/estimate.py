@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.clip import ENCODERS
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.paths import make_path
 from stimuli.png import encode_frame
 
@@ -23,7 +23,7 @@ TRIED_PX = 512  # longer side of the frame that software draws to be timed
 
 
 @dataclass(frozen=True)
-class Estimate:
+class BuildEstimate:
     """Sizes are measured on one frame or picture; times are rough."""
 
     clips: int
@@ -37,7 +37,7 @@ class Estimate:
     """Frame or picture that sizes and times were multiplied from."""
 
 
-def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
+def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     """Make one frame of the first scene by every method, time it, and multiply.
 
     A renderer in software takes time in proportion to pixels, so there a smaller frame is made.
@@ -62,7 +62,7 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
         extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
         slow = bench.ctx is None or describe(bench.ctx).software
         tried = _tried_px(orders, scenery, slow)
-        shot = Shot(path, tried, extent, clips.margin_share)
+        shot = CameraShot(path, tried, extent, clips.margin_share)
         footage = Footage(bench.ctx, scenery, shot, probe=[0])
         frame = min(1, shot.frames - 1)
         footage.warped(frame)  # compiles, as the first fill does
@@ -99,7 +99,7 @@ def estimate(orders: Orders, out: Path, workers: int) -> Estimate:
     total_s = sum(clips.frames * times.get(name.method, usual_s) for name in orders.clip_names)
     total_s += len(scenes) * opened_s + len(surveys) * (clips.frames + 50) * 0.6 * usual_s
     there = next(place for place in (out, *out.absolute().parents) if place.exists())
-    return Estimate(
+    return BuildEstimate(
         clips=len(orders.clip_names),
         frames=frames,
         size_px=orders.shown_px,
@@ -118,7 +118,7 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     return result, time.perf_counter() - started
 
 
-def _tried_px(orders: Orders, scenery: Scenery, software: bool) -> tuple[int, int]:
+def _tried_px(orders: BuildPlan, scenery: Scenery, software: bool) -> tuple[int, int]:
     """Width and height of the frame that is timed; files may fit the whole size alone."""
     width, height = orders.render_px
     of_files = any(":" in method.registry_name for method in orders.protocol.warped.methods)

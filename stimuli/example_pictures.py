@@ -31,7 +31,7 @@ Grey: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Example:
+class ExamplePicture:
     """One stimulus."""
 
     name: str
@@ -40,7 +40,7 @@ class Example:
     """Shape (EDGE_PX, EDGE_PX, 3)."""
 
 
-def gratings_in_noise() -> Iterator[Example]:
+def gratings_in_noise() -> Iterator[ExamplePicture]:
     """Yield gratings in fine or coarse noise, and the same number of pictures of noise alone."""
     x = np.arange(EDGE_PX) / EDGE_PX
     grating = np.tile(np.sin(2 * np.pi * 8 * x), (EDGE_PX, 1)) * _window()
@@ -51,14 +51,14 @@ def gratings_in_noise() -> Iterator[Example]:
         grey = 0.1 * _texture(name, 0.5 if noise == "fine" else 2.0) * _window()
         if pattern == "grating":
             grey = grey + contrast / 2 * grating
-        yield Example(
+        yield ExamplePicture(
             name,
             {"scene": scene, "noise": noise, "pattern": pattern, "contrast": contrast},
             _stored(grey),
         )
 
 
-def rings() -> Iterator[Example]:
+def rings() -> Iterator[ExamplePicture]:
     """Yield dark rings with a gap on one of four sides, thick or thin."""
     centre = (EDGE_PX - 1) / 2
     y, x = np.mgrid[:EDGE_PX, :EDGE_PX] - centre
@@ -69,19 +69,19 @@ def rings() -> Iterator[Example]:
         along, across = sides[gap]
         ring = np.clip(width / 2 - abs(radius - 32.0) + 0.5, 0, 1)
         opening = np.where(along > 0, np.clip(width / 2 - abs(across) + 0.5, 0, 1), 0)
-        yield Example(
+        yield ExamplePicture(
             f"{stroke}-{gap}-{round(100 * contrast):02d}",
             {"stroke": stroke, "gap": gap, "contrast": contrast},
             _stored(-contrast / 2 * ring * (1 - opening)),
         )
 
 
-def blurred_textures() -> Iterator[Example]:
+def blurred_textures() -> Iterator[ExamplePicture]:
     """Yield textures, sharp (blur 0, the standard) and blurred."""
     for scene, texture, blur_px in product(SCENES, ("fine", "coarse"), BLURS_PX):
         sharp = _texture(f"{scene}-{texture}", 0.7 if texture == "fine" else 2.0)
         grey = gaussian_filter(sharp, blur_px, mode="wrap") if blur_px else sharp
-        yield Example(
+        yield ExamplePicture(
             f"{scene}-{texture}-{round(10 * blur_px):02d}",
             {"scene": scene, "texture": texture, "blur_px": blur_px},
             _stored(0.15 * grey * _window()),

@@ -19,7 +19,7 @@ from protocols.outside import page_bytes
 from protocols.result_folder import whole_folder
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import survey_name
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.clip import shot_of, take_survey
 from stimuli.footage import Footage
 from stimuli.open_scene import open_scenery
@@ -32,7 +32,7 @@ COLUMNS = ("scene", "size", "frame", "warped", "mask", "depth", "send_back")
 _README = Path(__file__).with_name("holes_readme.md")
 
 
-def export_holes(orders: Orders, out: Path, report: Callable[[int, int, str], None]) -> int:
+def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str], None]) -> int:
     """Write every warped frame of a study with its mask and depth; return how many frames.
 
     Parameters

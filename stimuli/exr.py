@@ -25,7 +25,7 @@ from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError, note
 from pipeline.frame import NO_DEPTH, SourceFrame, check_colour, check_depth, check_flow
 from pipeline.image_file import (
-    Pixels,
+    StoredPixels,
     check_fits,
     count_pictures,
     from_integers,
@@ -164,7 +164,7 @@ def load_colour(
     return _encoded(path, data, transfer or stored, clip)
 
 
-def is_layered(path: Path, pixels: Pixels) -> bool:
+def is_layered(path: Path, pixels: StoredPixels) -> bool:
     """True if a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
     if pixels.kind != "openexr":
         return False

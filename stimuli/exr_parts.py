@@ -21,7 +21,7 @@ from stimuli.channels import Planes
 
 
 @dataclass(frozen=True)
-class Parts:
+class ExrParts:
     """Every channel of a file by name, half and float alike, and its first part's header.
 
     A channel of a part may be called by its own name or by ``PART.CHANNEL``; where several parts
@@ -32,7 +32,7 @@ class Parts:
     attributes: Mapping[str, Any]
 
 
-def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Parts:
+def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> ExrParts:
     """Read an OpenEXR file; all its parts count as one picture.
 
     Parameters
@@ -61,7 +61,7 @@ def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Pa
         return file
 
 
-def _read_parts(path: Path) -> tuple[Parts, str]:
+def _read_parts(path: Path) -> tuple[ExrParts, str]:
     source = oiio.ImageInput.open(str(path))
     if source is None:
         reason = visible_line(oiio.geterror())
@@ -96,7 +96,7 @@ def _read_parts(path: Path) -> tuple[Parts, str]:
             part += 1
     finally:
         source.close()
-    return Parts(_planes(stored), attributes), kind
+    return ExrParts(_planes(stored), attributes), kind
 
 
 def _part(path: Path, source: Any, spec: oiio.ImageSpec, part: int) -> NDArray[np.float32]:

@@ -17,7 +17,7 @@ from pipeline.second_source.gpu import CompletePass
 from pipeline.second_source.reference import completed
 from pipeline.warp.gpu import WarpPass
 from pipeline.warp.reference import warp
-from pipeline.warp.settings import WarpSettings, Window
+from pipeline.warp.settings import TargetWindow, WarpSettings
 from stimuli.motion import MotionPass, border_gap_px
 from stimuli.paths import Path
 from stimuli.scenery import RenderedScenery, Scenery
@@ -26,7 +26,7 @@ MARGIN_ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Shot:
+class CameraShot:
     """Path of a clip's camera at its extent, and the picture's size.
 
     Parameters
@@ -52,7 +52,11 @@ class _SourceOnGpu:
     """A picture on the GPU, and what warps pictures of its size."""
 
     def __init__(
-        self, ctx: moderngl.Context, size: tuple[int, int], window: Window, settings: WarpSettings
+        self,
+        ctx: moderngl.Context,
+        size: tuple[int, int],
+        window: TargetWindow,
+        settings: WarpSettings,
     ) -> None:
         self.size = size
         height, width = size
@@ -96,7 +100,7 @@ class _SourceOnGpu:
 class _SourceInNumpy:
     """The same where no GPU is. Twin: `_SourceOnGpu`."""
 
-    def __init__(self, size: tuple[int, int], window: Window, settings: WarpSettings) -> None:
+    def __init__(self, size: tuple[int, int], window: TargetWindow, settings: WarpSettings) -> None:
         self.size = size
         self._window, self._settings = window, settings
 
@@ -150,7 +154,7 @@ class Footage:
         self,
         ctx: moderngl.Context | None,
         scenery: Scenery,
-        shot: Shot,
+        shot: CameraShot,
         *,
         margin_px: int | None = None,
         probe: list[int] | None = None,
@@ -235,7 +239,7 @@ class Footage:
             if source is None or source.size != picture.size:
                 if source is not None:
                     source.release()
-                window = Window.inside_margin(picture.size, self.margin_px)
+                window = TargetWindow.inside_margin(picture.size, self.margin_px)
                 source = (
                     _SourceInNumpy(picture.size, window, self._settings)
                     if self._ctx is None

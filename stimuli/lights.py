@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.colour import decode_srgb
 from stimuli.programs import columns, set_uniform
-from stimuli.triangle_batches import Batch, DepthShaders
+from stimuli.triangle_batches import DepthShaders, TriangleBatch
 from stimuli.world import Light, Mesh, World
 
 SHADOW_PX = 2048
@@ -39,7 +39,7 @@ class Lamps:
         self._reach_m = float(np.linalg.norm(high - low))
         self.radius_m = min(0.5 * self._reach_m, LARGEST_SHADOW_M)
 
-    def draw_shadows(self, batches: Iterable[Batch]) -> moderngl.Texture:
+    def draw_shadows(self, batches: Iterable[TriangleBatch]) -> moderngl.Texture:
         """Return the depth that the sun sees; all clear in a world without light."""
         shadow_map = self._ctx.depth_texture((SHADOW_PX, SHADOW_PX))
         shadow_map.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -50,7 +50,7 @@ class Lamps:
         shadow_map.compare_func = "<="
         return shadow_map
 
-    def bake_sky(self, held: Sequence[tuple[Batch, Mesh]]) -> None:
+    def bake_sky(self, held: Sequence[tuple[TriangleBatch, Mesh]]) -> None:
         """Tell each vertex its share of the sky, cosine-weighted: soft shade under everything."""
         positions = [(mesh.position_m - self._origin).astype(np.float64) for _, mesh in held]
         seen = [np.zeros(len(place)) for place in positions]
@@ -108,7 +108,7 @@ class Lamps:
         )
 
     def _draw_depth(
-        self, depth_map: moderngl.Texture, matrix: Matrix, batches: Iterable[Batch]
+        self, depth_map: moderngl.Texture, matrix: Matrix, batches: Iterable[TriangleBatch]
     ) -> None:
         framebuffer = self._ctx.framebuffer([], depth_map)
         framebuffer.use()

@@ -37,7 +37,7 @@ def open_scenery(ctx: moderngl.Context | None, scene: Scene, folder: Path) -> Sc
         If a file is missing or broken, or the scene shows nothing.
     """
     if isinstance(scene, (BuiltinScene, MeshScene)):
-        from stimuli.render import Renderer
+        from stimuli.render import WorldRenderer
 
         if ctx is None:
             raise GLUnavailableError(
@@ -45,7 +45,7 @@ def open_scenery(ctx: moderngl.Context | None, scene: Scene, folder: Path) -> Sc
                 " 'metamerlab doctor' says why); take photographs with depth (rgbd, a stereo pair"
                 " or exr), or build in the container or on another machine"
             )
-        return RenderedScenery(Renderer(ctx, open_world(scene, folder)), scene.name)
+        return RenderedScenery(WorldRenderer(ctx, open_world(scene, folder)), scene.name)
     from stimuli.scenes.photo import open_rgbd, open_stereo
     from stimuli.scenes.sequence import open_sequence
 

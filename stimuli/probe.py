@@ -22,7 +22,7 @@ FLICKERS = 2.0  # of the reference's change: a fill that changes more than this 
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClipFault:
     """Findings about one clip.
 
     Attributes
@@ -55,7 +55,7 @@ def probe_batch(
     out: Path,
     names: Sequence[str] | None = None,
     report: Callable[[int, int], None] | None = None,
-) -> list[Finding]:
+) -> list[ClipFault]:
     """Probe the clips called `names`, or all.
 
     Raises
@@ -83,7 +83,7 @@ def probe_batch(
     return findings
 
 
-def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
+def _probe(out: Path, clip: Clip, truth: Clip | None) -> ClipFault:
     warped = "hole_masks_sha256" in clip.parameters
     masks = out / HOLES_FOLDER / survey_name(ClipName.of(clip.condition)) if warped else None
     changes, true_changes, repeated, black = [], [], [], []
@@ -114,7 +114,7 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> Finding:
     ratio = None
     if flicker is not None and true_changes and np.mean(true_changes) > 0:
         ratio = flicker / float(np.mean(true_changes))
-    return Finding(clip.name, flicker, ratio, repeated, black)
+    return ClipFault(clip.name, flicker, ratio, repeated, black)
 
 
 def _frame(out: Path, clip: Clip, index: int) -> NDArray[np.float32]:

@@ -20,7 +20,7 @@ from protocols.schema import StudyProtocol
 from protocols.units import Scalar
 from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.clip import Survey, read_survey
 from stimuli.open_scene import open_world
 from stimuli.worker import RendererInfo
@@ -126,7 +126,7 @@ def is_whole(folder: Path, record: Clip, endings: Sequence[str] = (".png",)) -> 
 class WarpedDraft(ManifestDraft):
     """The draft of a batch of warped clips."""
 
-    def __init__(self, orders: Orders, out: Path, renderer: RendererInfo) -> None:
+    def __init__(self, orders: BuildPlan, out: Path, renderer: RendererInfo) -> None:
         super().__init__(orders.protocol, orders.display, out, renderer)
         self._orders = orders
         self._noted: dict[str, str] = {}  # of mesh scenes, by name

@@ -26,7 +26,7 @@ NEAR_SHARE = 1e-4  # of the scene's size: how near a surface may come to the cam
 NEAR_M = 0.05  # and at most this
 
 
-class Renderer:
+class WorldRenderer:
     """A world on the GPU.
 
     Uploads, draws the shadow map and bakes the sky's light on construction (about a second in

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Equirectangular, EquirectangularGeometry
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.world import World, look_at_pose
 
 LEAST_PX, MOST_PX = 16, 4096
@@ -59,7 +59,7 @@ def panorama_of(
     edge_px = math.ceil(_FINER * geometry.width_px / math.pi)
     level = _level_pose(world)
     total = np.zeros((height_px, 2 * height_px, 3), np.float32)
-    renderer = Renderer(ctx, world)
+    renderer = WorldRenderer(ctx, world)
     try:
         for number, turned in enumerate(_faces()):
             pose = level.copy()

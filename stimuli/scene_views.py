@@ -15,7 +15,7 @@ from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import View
 from stimuli import pictures
 from stimuli.open_scene import vector_text, view_line, viewpoint_of
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.mesh_file import load_world
 from stimuli.view_page import LookServer
@@ -131,7 +131,7 @@ def look_around(
     light, world = preview.light_lines(), preview.world()
     for line in world.notes:
         note(line)
-    renderer = Renderer(ctx, world)
+    renderer = WorldRenderer(ctx, world)
     try:
         views = [viewpoint_of(view, world) for view in preview.chosen] or _best(
             renderer, count, report, sided=not preview.is_built_in
@@ -163,7 +163,7 @@ def look_interactively(
     file says and is not drawn.
     """
     light, world = preview.light_lines(), preview.world()
-    renderer = Renderer(ctx, world)
+    renderer = WorldRenderer(ctx, world)
     try:
         if preview.chosen:
             start = viewpoint_of(preview.chosen[0], world)
@@ -180,7 +180,7 @@ def look_interactively(
 
 
 def _best(
-    renderer: Renderer, count: int, report: Callable[[int, int], None], *, sided: bool
+    renderer: WorldRenderer, count: int, report: Callable[[int, int], None], *, sided: bool
 ) -> list[Viewpoint]:
     """The views of most interest; `sided`: those of surfaces from behind come last."""
     views = list(_views(renderer.world))
@@ -199,7 +199,7 @@ def _best(
     return [*good, *behind][:count]
 
 
-def _behind(renderer: Renderer, view: Viewpoint) -> float:
+def _behind(renderer: WorldRenderer, view: Viewpoint) -> float:
     """Share of the seen pixels that show a surface from behind, as corners are ordered in files."""
     camera = view.camera(*SMALL_PX)
     depth, fronts = (renderer.render(camera, fronts_only=only).depth_m for only in (False, True))
@@ -257,7 +257,7 @@ def _level_ground(world: World) -> np.ndarray:
     return np.concatenate(middles) if middles else np.zeros((0, 3))
 
 
-def _interest(renderer: Renderer, view: Viewpoint) -> float:
+def _interest(renderer: WorldRenderer, view: Viewpoint) -> float:
     camera = view.camera(*SMALL_PX)
     frame: SourceFrame = renderer.render(camera)
     seen = np.isfinite(frame.depth_m)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.frame import SourceFrame, WarpedFrame
 from stimuli.paths import Pose
-from stimuli.render import Renderer, check_view
+from stimuli.render import WorldRenderer, check_view
 
 
 class Scenery:
@@ -79,7 +79,7 @@ def near_depth_m(frame: SourceFrame) -> float:
 class RenderedScenery(Scenery):
     """A world of triangles: every view of it is true."""
 
-    def __init__(self, renderer: Renderer, name: str) -> None:
+    def __init__(self, renderer: WorldRenderer, name: str) -> None:
         self._renderer = renderer
         self._name = name
         self._near_m: float | None = None

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.scenery import Scenery
 
 PROBE_FRAMES = 12
@@ -26,7 +26,7 @@ def probe_frames(frames: int) -> list[int]:
 
 
 def solve_extent(
-    ctx: moderngl.Context | None, scenery: Scenery, shot: Shot, hole_share: float, name: str
+    ctx: moderngl.Context | None, scenery: Scenery, shot: CameraShot, hole_share: float, name: str
 ) -> float:
     """Return the extent in metres, of six digits, at which `hole_share` of the frame is hole.
 

@@ -53,7 +53,7 @@ class Crop(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Row:
+class FigureRow:
     """One scene of the figure: a frame of every method, and where to look."""
 
     title: str
@@ -78,7 +78,7 @@ def rows_of(
     crops: Sequence[Crop] = (),
     count: int = 2,
     labels: Mapping[str, str] | None = None,
-) -> tuple[tuple[str, ...], list[Row]]:
+) -> tuple[tuple[str, ...], list[FigureRow]]:
     """Return the figure's methods, and its rows.
 
     Parameters
@@ -110,7 +110,7 @@ def rows_of(
     for name in chosen:
         if name not in every:
             raise InputError(f"--methods: must be of {', '.join(every)} (got {name!r})")
-    found: dict[str, tuple[float, Row]] = {}
+    found: dict[str, tuple[float, FigureRow]] = {}
     for group in groups:
         clips = {str(clip.condition[METHOD]): clip for clip in group}
         missing = [name for name in chosen if name not in clips]
@@ -165,7 +165,7 @@ def _row(
     crops: Sequence[Crop],
     count: int,
     labels: Mapping[str, str],
-) -> tuple[float, Row]:
+) -> tuple[float, FigureRow]:
     first = clips[methods[0]]
     length = len(first.frames_sha256)
     if frame is not None and not 0 <= frame < length:
@@ -201,7 +201,7 @@ def _row(
         for key, entry in first.condition.items()
         if key != METHOD
     ]
-    return value, Row(
+    return value, FigureRow(
         ", ".join(rest),
         _read(folder, whole, index),
         tuple(_read(folder, clips[name], index) for name in methods),
@@ -243,7 +243,7 @@ def auto_crops(apart: NDArray[np.floating], count: int) -> tuple[Crop, ...]:
 
 def teaser(
     methods: Sequence[str],
-    rows: Sequence[Row],
+    rows: Sequence[FigureRow],
     *,
     columns: int,
     labels: Mapping[str, str] | None = None,
@@ -310,7 +310,7 @@ class _Layout:
     beside: bool
 
     @classmethod
-    def of(cls, row: Row, methods: int, width_in: float, columns: int) -> _Layout:
+    def of(cls, row: FigureRow, methods: int, width_in: float, columns: int) -> _Layout:
         high, wide = row.whole.shape[:2]
         width_in -= 2 * _PAD_IN
         tall = max(crop.height / crop.width for crop in row.crops)
@@ -341,7 +341,7 @@ class _Layout:
 
 
 def _draw_row(
-    figure: Figure, top: float, row: Row, layout: _Layout, names: Sequence[str], head: float
+    figure: Figure, top: float, row: FigureRow, layout: _Layout, names: Sequence[str], head: float
 ) -> float:
     """Draw one scene from `top` downwards; return where it ends."""
     width_in, height_in = figure.get_size_inches()

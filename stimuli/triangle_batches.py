@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.gl.texture import check_size
 from stimuli.programs import columns, program, set_uniform
-from stimuli.world import Material, Mesh, Part
+from stimuli.world import Material, Mesh, MeshPart
 
 ANISOTROPY = 4.0
 _SRGB8_ALPHA8 = 0x8C43
@@ -20,7 +20,7 @@ _NAMES = ("in_position", "in_normal", "in_uv", "in_colour")
 
 
 @dataclass(eq=False)
-class Batch:
+class TriangleBatch:
     """All triangles of one material on the GPU."""
 
     material: Material
@@ -59,7 +59,7 @@ class DepthShaders:
 
     def draw(
         self,
-        batches: Iterable[Batch],
+        batches: Iterable[TriangleBatch],
         clip_from_world: NDArray[np.float64],
         cull: Callable[[Material], None] = lambda _: None,
     ) -> None:
@@ -80,11 +80,11 @@ class DepthShaders:
 
 def upload(
     ctx: moderngl.Context,
-    parts: tuple[Part, ...],
+    parts: tuple[MeshPart, ...],
     origin_m: NDArray[np.float64],
     surface: moderngl.Program,
     depth: DepthShaders,
-) -> list[tuple[Batch, Mesh]]:
+) -> list[tuple[TriangleBatch, Mesh]]:
     """Put the triangles of `parts` on the GPU, places counted from `origin_m`.
 
     Raises
@@ -107,7 +107,7 @@ def upload(
             ctx.vertex_array(shader, [(vertices, _VERTEX, *_NAMES)], indices, skip_errors=True)
             for shader in (surface, depth.of(material))
         ]
-        batches.append((Batch(material, vertices, indices, texture, glow, *arrays), mesh))
+        batches.append((TriangleBatch(material, vertices, indices, texture, glow, *arrays), mesh))
     return batches
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from protocols.html_page import html_page
 from stimuli.open_scene import view_line
 from stimuli.pictures import of_colour
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.world import Viewpoint
 
 VIEW_PX = (640, 480)
@@ -35,7 +35,7 @@ _FARTHEST_M = 1e7
 
 
 @dataclass(frozen=True)
-class Standing:
+class CameraPlace:
     """A camera by place and angles: what a page can turn and move.
 
     Parameters
@@ -52,7 +52,7 @@ class Standing:
     fov_deg: float
 
     @classmethod
-    def of(cls, view: Viewpoint) -> Standing:
+    def of(cls, view: Viewpoint) -> CameraPlace:
         """Return where a view stands and how it is turned."""
         x, y, z = np.subtract(view.look_at_m, view.position_m)
         return cls(
@@ -63,7 +63,7 @@ class Standing:
         )
 
     @classmethod
-    def from_words(cls, words: Mapping[str, str]) -> Standing:
+    def from_words(cls, words: Mapping[str, str]) -> CameraPlace:
         """Return what a page asks for.
 
         Raises
@@ -121,7 +121,7 @@ class LookServer:
     """
 
     def __init__(
-        self, renderer: Renderer, scene: str, start: Viewpoint, say: Callable[[str], None]
+        self, renderer: WorldRenderer, scene: str, start: Viewpoint, say: Callable[[str], None]
     ) -> None:
         low, high = renderer.world.bounds_m
         self._renderer, self._say = renderer, say
@@ -134,7 +134,7 @@ class LookServer:
             heading=scene,
             width=VIEW_PX[0],
             height=VIEW_PX[1],
-            start=vars(Standing.of(start)),
+            start=vars(CameraPlace.of(start)),
             reach=self._reach_m,
         )
         outer = self
@@ -194,7 +194,7 @@ class LookServer:
         elif (method, name) in {("GET", "view"), ("POST", "take")}:
             words = {key: values[-1] for key, values in parse_qs(asked.query).items()}
             try:
-                view = Standing.from_words(words).view(self._reach_m)
+                view = CameraPlace.from_words(words).view(self._reach_m)
             except ValueError as error:
                 _send(request, HTTPStatus.BAD_REQUEST, "text/plain", str(error).encode())
                 return

@@ -22,7 +22,7 @@ from pipeline.errors import GLUnavailableError, print_notes
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.clip import Survey, make_frames, take_survey
 from stimuli.open_scene import open_scenery
 from stimuli.preview_video import preview_path, write_preview
@@ -105,7 +105,7 @@ class SceneContext:
         self._key: tuple[str, str] | None = None
         self._scenery: Scenery | None = None
 
-    def scenery(self, orders: Orders, clip: ClipName) -> Scenery:
+    def scenery(self, orders: BuildPlan, clip: ClipName) -> Scenery:
         """Return the clip's scene, opened."""
         scene = orders.scene(clip)
         key = (str(orders.folder), scene.model_dump_json())
@@ -145,7 +145,7 @@ def describe_renderer() -> RendererInfo:
     return SCENES.do(None, lambda scenes: scenes.renderer)
 
 
-def survey_job(orders: Orders, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
+def survey_job(orders: BuildPlan, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
     """Survey a scene and size into `folder`."""
 
     def job(scenes: SceneContext) -> tuple[Survey, RendererInfo]:
@@ -156,7 +156,7 @@ def survey_job(orders: Orders, clip: ClipName, folder: Path) -> tuple[Survey, Re
 
 
 def clip_job(
-    orders: Orders, clip: ClipName, survey: Survey, folder: Path
+    orders: BuildPlan, clip: ClipName, survey: Survey, folder: Path
 ) -> tuple[list[str], RendererInfo]:
     """Make the frames of a clip in `folder`; return their hashes."""
 

@@ -162,7 +162,7 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MeshPart:
     """A mesh and its material."""
 
     mesh: Mesh
@@ -238,7 +238,7 @@ class World:
         Encoded colour where there is nothing.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[MeshPart, ...]
     viewpoint: Viewpoint
     light: Light | None = None
     sky: NDArray[np.uint8] | None = None

@@ -14,7 +14,7 @@ from pipeline.image_file import read_pixels, write_pixels
 from stimuli.choice import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated import any_picture
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.condition_sheet import _named, usual_choices
 from stimuli.foveated.foveate_files import Outputs, foveate_file
 from stimuli.foveated.foveation_steps import condition_steps
@@ -338,7 +338,7 @@ def test_transparent_pictures_stand_on_a_stated_grey(tmp_path):
     data[..., 0], data[..., 3] = 255, 51  # alpha .2
     Image.fromarray(data).save(tmp_path / "clear.png")
 
-    opened = read_any(tmp_path / "clear.png", Reading(background=0.25))
+    opened = read_any(tmp_path / "clear.png", PictureReading(background=0.25))
 
     np.testing.assert_allclose(opened.colour[0, 0], [0.2 + 0.2, 0.2, 0.2], atol=1e-6)
     assert "put on a grey of 0.25" in opened.notes[-1]

@@ -12,7 +12,7 @@ from analysis.data_dictionary import SESSION_COLUMNS, attempt_columns
 from analysis.export.bids_events import event_columns, event_rows
 from analysis.export.bids_gaze import write_gaze
 from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
-from analysis.export.export_content import Content, generated_by, label, write_json
+from analysis.export.export_content import ExportedStudy, generated_by, label, write_json
 from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source, scrub, system
 from protocols.display import Display
@@ -26,7 +26,7 @@ _NOT_IN_BEH = ("session", "participant", "simulated", "remote")
 _NOT_OF_PEOPLE = ("session", "participant", "protocol_sha256", "stimuli_sha256")
 
 
-def write_bids(content: Content, folder: Path) -> tuple[str, ...]:
+def write_bids(content: ExportedStudy, folder: Path) -> tuple[str, ...]:
     """Write the data set; return what is odd about gaze files.
 
     Raises
@@ -63,7 +63,7 @@ def subject(person: Person) -> str:
 
 
 def _write_run(
-    content: Content, folder: Path, person: Person, run: Run, display: Display
+    content: ExportedStudy, folder: Path, person: Person, run: Run, display: Display
 ) -> list[str]:
     task = label(content.protocol.study.name)
     stem = f"{subject(person)}_task-{task}_run-{run.number}"
@@ -91,7 +91,7 @@ def _write_run(
     return write_gaze(content, beh, stem, person, run)
 
 
-def _about(content: Content, person: Person, run: Run, display: Display) -> dict[str, Json]:
+def _about(content: ExportedStudy, person: Person, run: Run, display: Display) -> dict[str, Json]:
     """Return what holds for a whole run: the task, and the screen."""
     start, protocol = person.reading.start, content.protocol
     texts = protocol.text.languages.get(start.language)
@@ -116,7 +116,7 @@ def _about(content: Content, person: Person, run: Run, display: Display) -> dict
     return found | {"StimulusPresentation": screen}
 
 
-def _display(content: Content, person: Person) -> Display:
+def _display(content: ExportedStudy, person: Person) -> Display:
     start = person.reading.start
     for display in content.options.displays:
         if sha256_json(display) == start.display_sha256:
@@ -129,7 +129,7 @@ def _display(content: Content, person: Person) -> Display:
     )
 
 
-def _write_people(content: Content, folder: Path) -> None:
+def _write_people(content: ExportedStudy, folder: Path) -> None:
     table = content.tables.sessions.copy()
     by_code = {person.code: person for person in content.people}
     people = [by_code[code] for code in table["participant"]]
@@ -158,11 +158,11 @@ def _write_people(content: Content, folder: Path) -> None:
     write_json(folder / "participants.json", {column.name: column.doc() for column in columns[1:]})
 
 
-def _source(start: SessionStart, content: Content) -> str:
+def _source(start: SessionStart, content: ExportedStudy) -> str:
     return gaze_source(start.gaze.source, public=content.public) if start.gaze else "none"
 
 
-def _write_answers(content: Content, folder: Path) -> None:
+def _write_answers(content: ExportedStudy, folder: Path) -> None:
     """Write the closing questions as a measurement tool, one column per question."""
     answers = content.tables.answers
     if answers.empty:
@@ -194,7 +194,7 @@ def _write_answers(content: Content, folder: Path) -> None:
     )
 
 
-def _write_stimuli(content: Content, folder: Path) -> None:
+def _write_stimuli(content: ExportedStudy, folder: Path) -> None:
     """List every stimulus that was shown to anybody."""
     shown = {
         stimulus.name: stimulus
@@ -230,7 +230,7 @@ def _write_stimuli(content: Content, folder: Path) -> None:
     write_json(folder / "stimuli" / "clips.json", {column.name: column.doc() for column in columns})
 
 
-def _description(content: Content) -> dict[str, Json]:
+def _description(content: ExportedStudy) -> dict[str, Json]:
     found: dict[str, Json] = {
         "Name": content.title,
         "BIDSVersion": VERSION,

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 from analysis.export.bids_tables import NOTHING
-from analysis.export.export_content import Content, write_json
+from analysis.export.export_content import ExportedStudy, write_json
 from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source
 from protocols.errors import StudyError
@@ -31,7 +31,7 @@ Sample = tuple[float, float, float | None, float | None]
 """Session clock and tracker's clock, both as stored; pixels from the upper left, or None: lost."""
 
 
-def write_gaze(content: Content, beh: Path, stem: str, person: Person, run: Run) -> list[str]:
+def write_gaze(content: ExportedStudy, beh: Path, stem: str, person: Person, run: Run) -> list[str]:
     """Write ``_physio`` and ``_physioevents`` of a run that stored gaze; return what is odd.
 
     A gaze file that is missing, was changed, or cannot be read is left out, and said so.
@@ -99,7 +99,7 @@ def read_samples(folder: Path, side: SideFile) -> list[Sample]:
     return samples
 
 
-def _sidecar(content: Content, person: Person, run: Run, first_s: float) -> dict[str, Json]:
+def _sidecar(content: ExportedStudy, person: Person, run: Run, first_s: float) -> dict[str, Json]:
     opening: SessionStart | SessionResume = run.opening
     gaze: GazeInfo | None = opening.gaze or person.reading.start.gaze
     source = gaze_source(gaze.source, public=content.public) if gaze else NOTHING
@@ -142,7 +142,7 @@ def _sidecar(content: Content, person: Person, run: Run, first_s: float) -> dict
     return found
 
 
-def _write_messages(stem: Path, content: Content, attempts: list[Attempt]) -> None:
+def _write_messages(stem: Path, content: ExportedStudy, attempts: list[Attempt]) -> None:
     """Write the phases of the recorded attempts on the samples' own time line."""
     with _compressed(stem.with_name(stem.name + ".tsv.gz")) as file:
         for attempt in attempts:

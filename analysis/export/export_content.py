@@ -18,7 +18,7 @@ from protocols.schema import StudyProtocol
 
 
 @dataclass(frozen=True)
-class Content:
+class ExportedStudy:
     """A study, ready to be written."""
 
     protocol: StudyProtocol

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from analysis.journals import Reading, StudyReadings
+from analysis.journals import JournalReading, StudyReadings
 from protocols.hashing import sha256_bytes
 from protocols.journal import (
     AnyEvent,
@@ -35,7 +35,7 @@ class Person:
 
     code: str
     """Participant code: as recorded, or its number in a public export."""
-    reading: Reading
+    reading: JournalReading
     runs: tuple[Run, ...]
 
 
@@ -68,12 +68,12 @@ def people_of(
     return people, tuple(notes)
 
 
-def drawn(reading: Reading) -> str:
+def drawn(reading: JournalReading) -> str:
     """Return what participants are sorted by: nobody can compute it without the journal."""
     return sha256_bytes(b"order of participants\0" + reading.journal.path.read_bytes())
 
 
-def runs_of(reading: Reading) -> tuple[Run, ...]:
+def runs_of(reading: JournalReading) -> tuple[Run, ...]:
     """Return a journal's events by runs of the program."""
     runs: list[tuple[SessionStart | SessionResume, list[AnyEvent]]] = []
     for event in reading.journal.events:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from analysis.export.exported_people import drawn
-from analysis.journals import Reading, StudyReadings
+from analysis.journals import JournalReading, StudyReadings
 from analysis.tidy import Tidy
 from protocols.counterbalancing import arrival_shows
 from protocols.errors import StudyError
@@ -98,7 +98,7 @@ def without_order(study: StudyReadings, protocol: StudyProtocol) -> Unordered:
 
     What is not whole is left out: which trials are missing tells what came first.
     """
-    kept: list[Reading] = []
+    kept: list[JournalReading] = []
     notes = list(study.notes)
     shifts: dict[str, dict[int, float]] = {}
     trials: dict[tuple[str, str], str] = {}
@@ -158,11 +158,11 @@ def _arranged(condition: Condition, stimuli: tuple[str, ...]) -> _Arranged:
     return frozenset(condition.items()), stimuli
 
 
-def _main(reading: Reading) -> list[Attempt]:
+def _main(reading: JournalReading) -> list[Attempt]:
     return [attempt for attempt in reading.journal.attempts if attempt.role == "main"]
 
 
-def _names(reading: Reading, conditions: Mapping[_Arranged, int]) -> dict[str, str]:
+def _names(reading: JournalReading, conditions: Mapping[_Arranged, int]) -> dict[str, str]:
     """Return the names of a session's main trials: numbers that all share, by their condition.
 
     Trials of one condition, and those of none that the study has, are numbered by chance.
@@ -177,7 +177,7 @@ def _names(reading: Reading, conditions: Mapping[_Arranged, int]) -> dict[str, s
 
 
 def _rearranged(
-    reading: Reading, names: dict[str, str]
+    reading: JournalReading, names: dict[str, str]
 ) -> tuple[tuple[AnyEvent, ...], dict[int, float]]:
     shifts: dict[int, float] = {}
     events: list[AnyEvent] = [

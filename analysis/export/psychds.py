@@ -13,7 +13,7 @@ from analysis.data_dictionary import (
     attempt_columns,
     decision_columns,
 )
-from analysis.export.export_content import Content, label, write_json
+from analysis.export.export_content import ExportedStudy, label, write_json
 from analysis.tables.write_table import write_table
 from protocols.columns import SITTING_COLUMNS, Column
 from protocols.hashing import Json
@@ -28,7 +28,7 @@ _ANSWER_COLUMNS = (
 _KEYWORDS = ("psychophysics", "image quality", "image warping", "foveated rendering")
 
 
-def write_psych_ds(content: Content, folder: Path) -> tuple[str, ...]:
+def write_psych_ds(content: ExportedStudy, folder: Path) -> tuple[str, ...]:
     """Write the data set.
 
     Raises
@@ -71,7 +71,7 @@ def _with_row_ids(table: pd.DataFrame) -> pd.DataFrame:
     return named
 
 
-def _description(content: Content, columns: tuple[Column, ...]) -> dict[str, Json]:
+def _description(content: ExportedStudy, columns: tuple[Column, ...]) -> dict[str, Json]:
     found: dict[str, Json] = {
         "@context": "https://schema.org/",
         "@type": "Dataset",

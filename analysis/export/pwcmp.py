@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from analysis.export.export_content import Content
+from analysis.export.export_content import ExportedStudy
 from analysis.tables.write_table import write_table
 from analysis.tidy import pwcmp_table
 from protocols.outside import page_bytes
@@ -10,7 +10,7 @@ from protocols.outside import page_bytes
 NAME = "pwcmp.csv"
 
 
-def write_pwcmp(content: Content, folder: Path) -> tuple[str, ...]:
+def write_pwcmp(content: ExportedStudy, folder: Path) -> tuple[str, ...]:
     """Write the decisions that the protocol's rules keep, and a README."""
     table = pwcmp_table(content.tables.analysed)
     write_table(table, folder / NAME)

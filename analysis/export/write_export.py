@@ -6,7 +6,7 @@ from pathlib import Path
 
 from analysis.export.bids import write_bids
 from analysis.export.choices import ExportOptions, Format
-from analysis.export.export_content import Content
+from analysis.export.export_content import ExportedStudy
 from analysis.export.exported_people import people_of
 from analysis.export.order import (
     refuse_adaptive,
@@ -26,7 +26,7 @@ from protocols.errors import StudyError
 from protocols.result_folder import check_result, whole_folder
 from protocols.schema import StudyProtocol
 
-_WRITERS: dict[Format, Callable[[Content, Path], tuple[str, ...]]] = {
+_WRITERS: dict[Format, Callable[[ExportedStudy, Path], tuple[str, ...]]] = {
     "bids": write_bids,
     "psych-ds": write_psych_ds,
     "pwcmp": write_pwcmp,
@@ -98,7 +98,7 @@ def export_study(
         codes = {person.reading.start.participant: person.code for person in people}
         tables = public_tables(without_columns(tables, left_out), protocol, codes)
     shifts = unordered.shifts if unordered else None
-    content = Content(protocol, people, tables, options, progress, shifts, left_out)
+    content = ExportedStudy(protocol, people, tables, options, progress, shifts, left_out)
     with whole_folder(out) as work:  # never replaced
         found = _WRITERS[form](content, work)
         if options.public:

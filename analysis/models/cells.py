@@ -13,7 +13,7 @@ ONE_SCENE = "all"
 
 
 @dataclass(frozen=True)
-class Grid:
+class TrialGrid:
     """The participants and scenes of a table, in sorted order, and where each trial belongs.
 
     Conditions counted on one grid can be compared cell by cell. `person` and `scene` are numbers
@@ -39,12 +39,12 @@ class Grid:
         return cells
 
 
-def grid(trials: pd.DataFrame) -> Grid:
+def grid(trials: pd.DataFrame) -> TrialGrid:
     """Return the grid of a table; without a column ``scene`` all trials are of one scene."""
     scene = trials["scene"] if "scene" in trials.columns else pd.Series(ONE_SCENE, trials.index)
     people, person = np.unique(trials["participant"].astype(str), return_inverse=True)
     scenes, place = np.unique(scene.astype(str), return_inverse=True)
-    return Grid(
+    return TrialGrid(
         participants=tuple(map(str, people)),
         scenes=tuple(map(str, scenes)),
         person=person.astype(np.int64),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import ndtri
 
-from analysis.models.cells import Grid, checked, conditions, grid
+from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import held_p
 from analysis.models.contrasts import Difference
 from analysis.models.ideal_observer import (
@@ -56,7 +56,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class YesNo:
+class YesNoCondition:
     """Sensitivity of observers in one condition of a yes-no task.
 
     Attributes
@@ -90,13 +90,13 @@ class YesNo:
 class YesNoResults:
     """All conditions of a yes-no task, and the differences between them (Holm per measure)."""
 
-    conditions: tuple[YesNo, ...]
+    conditions: tuple[YesNoCondition, ...]
     d_prime_contrasts: tuple[Difference, ...]
     criterion_contrasts: tuple[Difference, ...]
     bias_contrasts: tuple[Difference, ...]
     correction: Correction
 
-    def __getitem__(self, condition: str) -> YesNo:
+    def __getitem__(self, condition: str) -> YesNoCondition:
         return {one.condition: one for one in self.conditions}[condition]
 
 
@@ -273,12 +273,12 @@ def d_prime_influence(
 def _yes_no(
     name: str,
     part: pd.DataFrame,
-    places: Grid,
+    places: TrialGrid,
     table: tuple[Floats, Floats, Floats, Floats],
     shown: str,
     correction: Correction,
     level: float,
-) -> tuple[YesNo, tuple[Influence, Influence] | None]:
+) -> tuple[YesNoCondition, tuple[Influence, Influence] | None]:
     hits, signal, alarms, noise = table
     totals = [int(cells.sum()) for cells in table]
     people = int(((signal + noise).sum(axis=1) > 0).sum())
@@ -300,7 +300,7 @@ def _yes_no(
     for quantity, measure in zip(("d'", "c"), measures, strict=True):
         if measure is not None and measure.held:
             notes.append(f"{quantity}: {measure.held}")
-    result = YesNo(
+    result = YesNoCondition(
         condition=name,
         hits=totals[0],
         misses=totals[1] - totals[0],
@@ -336,7 +336,9 @@ def _measure(moved: Influence, level: float) -> Measure:
     )
 
 
-def _table(part: pd.DataFrame, places: Grid, signal: str) -> tuple[Floats, Floats, Floats, Floats]:
+def _table(
+    part: pd.DataFrame, places: TrialGrid, signal: str
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return hits, signal trials, false alarms and noise trials by cell."""
     there = (part["expected"].astype(str) == signal).astype(float)
     said = (part["answer"].astype(str) == signal).astype(float)
@@ -364,7 +366,7 @@ def _z_influence(
         return z, centred / slope[..., None, None], variance
 
 
-def _bias_influence(part: pd.DataFrame, places: Grid, answer: str) -> Influence:
+def _bias_influence(part: pd.DataFrame, places: TrialGrid, answer: str) -> Influence:
     said = (part["answer"].astype(str) == answer).astype(float)
     return share_influence(places.count(said), places.count(said * 0 + 1))
 

@@ -23,7 +23,7 @@ _LONGEST = 20
 
 
 @dataclass(frozen=True)
-class Level:
+class EffectLevel:
     """Deviation of one participant or scene from the typical one, and its standard error.
 
     The mode given the data, and its conditional deviation, as lme4's ``ranef``.
@@ -54,7 +54,7 @@ class Deviation:
     lower: float
     upper: float
     icc: float
-    levels: tuple[Level, ...] = ()
+    levels: tuple[EffectLevel, ...] = ()
 
 
 def profile_limits(
@@ -186,7 +186,7 @@ def deviations_of(
     effects, found = sum(map(len, slots)), []
     for number, (name, own) in enumerate(sd.items()):
         ends: tuple[float, float] = math.nan, math.nan
-        levels: tuple[Level, ...] = ()
+        levels: tuple[EffectLevel, ...] = ()
         if effects <= MOST_PROFILED:
             held = partial(log_likelihood, number)
             ends = profile_limits(held, own, best, float(errors[number]), level)
@@ -194,7 +194,7 @@ def deviations_of(
                 units = np.eye(effects)[slots[number]]
                 spread = [float(unit @ solve(unit)) for unit in units]
                 apart = (own * np.sqrt(spread)).tolist()
-                levels = tuple(map(Level, names[name], modes[number].tolist(), apart))
+                levels = tuple(map(EffectLevel, names[name], modes[number].tolist(), apart))
         icc = math.nan if name in slopes else own**2 / total
         found.append(Deviation(name, own, *ends, icc, levels))
     return tuple(found)

@@ -13,7 +13,7 @@ from analysis.models.arrow_matrix import Arrow, RandomEffects
 from analysis.models.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
 from analysis.models.logit import fit_logit
 from analysis.models.numeric import newton_polish
-from analysis.models.response import LOGIT, Rates, Response, steep_prior
+from analysis.models.response import LOGIT, Rates, ResponseFunction, steep_prior
 
 Floats = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def fit_crossed(
     y: Floats,
     groups: Sequence[NDArray[np.int64]],
     *,
-    response: Response = LOGIT,
+    response: ResponseFunction = LOGIT,
     slopes: Sequence[Floats | None] = (),
     start: Floats | None = None,
     rough: Floats | None = None,
@@ -194,7 +194,7 @@ def crossed_deviations(
     names: Sequence[str],
     levels: Mapping[str, Sequence[str]],
     *,
-    response: Response = LOGIT,
+    response: ResponseFunction = LOGIT,
     slopes: Sequence[str] = (),
     level: float = 0.95,
 ) -> tuple[Deviation, ...]:
@@ -235,7 +235,7 @@ def reduced_ratio(
     y: Floats,
     groups: Sequence[NDArray[np.int64]],
     slopes: Sequence[Floats | None] = (),
-    response: Response = LOGIT,
+    response: ResponseFunction = LOGIT,
     *,
     starts: int | None = None,
 ) -> tuple[float, CrossedFit]:
@@ -303,7 +303,7 @@ class _Laplace:
         self,
         design: Floats,
         counted: CountedTrials,
-        response: Response,
+        response: ResponseFunction,
         steepest: Floats | None = None,
     ) -> None:
         self.design = np.asarray(design[counted.first], dtype=np.float64)

@@ -29,7 +29,7 @@ from analysis.models.logit import (
     separated,
 )
 from analysis.models.parametric_bootstrap import Draws
-from analysis.models.response import LOGIT, PROBIT, Response
+from analysis.models.response import LOGIT, PROBIT, ResponseFunction
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
@@ -384,7 +384,7 @@ def _mixed(
     trials: pd.DataFrame,
     groups: Sequence[str],
     slopes: Sequence[tuple[str, str]],
-    response: Response,
+    response: ResponseFunction,
     name: str,
     model: tuple[Floats, Floats, Sequence[str]],
     level: float,
@@ -474,7 +474,7 @@ def _ratio_p(
     place: int,
     codes: Sequence[NDArray[np.int64]],
     times: Sequence[Floats | None],
-    response: Response,
+    response: ResponseFunction,
     solution: CrossedFit,
     df: float | None,
     draws: Draws | None,

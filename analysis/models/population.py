@@ -12,7 +12,7 @@ from analysis.models.clustered import holm
 from analysis.models.contrasts import Crossed, Difference, Pair, wald
 from analysis.models.numeric import delta_method
 from analysis.models.quadrature import mean_lapse
-from analysis.models.response import Response, axis_of
+from analysis.models.response import ResponseFunction, axis_of
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 
 Floats = NDArray[np.float64]
@@ -102,7 +102,7 @@ class Population:
     centre: float
     spread: float
     logarithmic: bool
-    response: Response
+    response: ResponseFunction
     own: Mapping[str, Mapping[str, float]]
     crossed: Crossed
     levels: tuple[float, ...]
@@ -286,7 +286,7 @@ class Population:
         return np.asarray(stats.t.ppf(0.5 + 0.5 * self.level, df))
 
 
-def span(response: Response) -> float:
+def span(response: ResponseFunction) -> float:
     """Return how far eta goes while F rises from 5 to 95 %."""
     return response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)
 

@@ -15,7 +15,7 @@ from scipy.special import betaln, expit, log_expit, logit
 from analysis.models.clustered import holm
 from analysis.models.contrasts import pairs_of
 from analysis.models.psychometric import LINKS
-from analysis.models.response import Response, axis_of
+from analysis.models.response import ResponseFunction, axis_of
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
 
@@ -88,7 +88,7 @@ class Marginal:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class PosteriorEstimate:
     """The median of a posterior, and its central limits."""
 
     value: float
@@ -121,16 +121,16 @@ class PsychometricPosterior:
     shape: Shape
     falling: bool
     logarithmic: bool
-    threshold: Estimate
-    width: Estimate
-    guess: Estimate
-    lapse: Estimate
-    spread: Estimate
+    threshold: PosteriorEstimate
+    width: PosteriorEstimate
+    guess: PosteriorEstimate
+    lapse: PosteriorEstimate
+    spread: PosteriorEstimate
     marginals: Mapping[str, Marginal]
     level: float
     trials: int
     warnings: tuple[str, ...]
-    stated: Estimate | None = None
+    stated: PosteriorEstimate | None = None
 
     @property
     def unidentified(self) -> tuple[str, ...]:
@@ -301,16 +301,16 @@ def psychometric_posterior(
         shape=shape,
         falling=falling,
         logarithmic=logarithmic,
-        threshold=Estimate(*place),
-        width=Estimate(*width),
-        guess=Estimate(*found["guess"]),
-        lapse=Estimate(*found["lapse"]),
-        spread=Estimate(*found["spread"]),
+        threshold=PosteriorEstimate(*place),
+        width=PosteriorEstimate(*width),
+        guess=PosteriorEstimate(*found["guess"]),
+        lapse=PosteriorEstimate(*found["lapse"]),
+        spread=PosteriorEstimate(*found["spread"]),
         marginals=marginals,
         level=level,
         trials=int(total.sum()),
         warnings=notes,
-        stated=Estimate(*stated) if stated else None,
+        stated=PosteriorEstimate(*stated) if stated else None,
     )
 
 
@@ -479,7 +479,7 @@ def _stated(
 
 def _way(rise: Floats, shape: Shape) -> Floats:
     """Return how many widths from the threshold S has this value."""
-    response = Response(LINKS["gumbel" if shape == "weibull" else shape])
+    response = ResponseFunction(LINKS["gumbel" if shape == "weibull" else shape])
     eta = np.vectorize(response.eta)(rise)
     return np.asarray(eta / (response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)))
 

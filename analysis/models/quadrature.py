@@ -14,7 +14,7 @@ from scipy import optimize
 from scipy.special import expit
 
 from analysis.models.numeric import newton_polish
-from analysis.models.response import Response, steep_prior
+from analysis.models.response import ResponseFunction, steep_prior
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -93,7 +93,7 @@ def fit_people(
     person: Codes,
     condition: Codes,
     *,
-    response: Response,
+    response: ResponseFunction,
     start: Floats,
     steepest: Floats,
 ) -> PeopleFit:
@@ -232,7 +232,7 @@ class _Integrated:
     cell: Codes
     person_of_cell: Codes
     condition_of_cell: Codes
-    response: Response
+    response: ResponseFunction
     steepest: Floats
     conditions: int
 
@@ -243,7 +243,7 @@ class _Integrated:
         y: Floats,
         person: Codes,
         condition: Codes,
-        response: Response,
+        response: ResponseFunction,
         steepest: Floats,
     ) -> "_Integrated":
         key = np.column_stack([person, condition, design])

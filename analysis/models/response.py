@@ -26,7 +26,7 @@ def axis_of(level: Floats | float, logarithmic: bool) -> Floats:
 
 
 @dataclass(frozen=True)
-class Response:
+class ResponseFunction:
     """``p = guess + (1 - guess - lapse) F(eta)``, with F(0) = 1/2.
 
     Attributes
@@ -62,7 +62,7 @@ class Response:
         """True if this is an ordinary logit model."""
         return self.link == "logit" and self.concave
 
-    def of(self, trials: NDArray[np.int64]) -> "Response":
+    def of(self, trials: NDArray[np.int64]) -> "ResponseFunction":
         """Return the response of these trials alone."""
         one = self.lapse is None or np.ndim(self.lapse) == 0
         return self if one else replace(self, lapse=np.asarray(self.lapse)[trials])
@@ -157,5 +157,5 @@ def steep_prior(beta: Floats, steepest: Floats) -> tuple[float, Floats]:
     return -0.5 * float(np.sum(part**6)), -3.0 * part**5 / steepest
 
 
-LOGIT = Response()
-PROBIT = Response("probit")
+LOGIT = ResponseFunction()
+PROBIT = ResponseFunction("probit")

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.cells import Grid, checked, conditions, grid
+from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import (
     ClusteredEstimate,
     holm,
@@ -90,7 +90,7 @@ def correct_rates(
 
 
 def rate(
-    event: pd.Series, places: Grid, *, condition: str, chance: float = 0.5, level: float = 0.95
+    event: pd.Series, places: TrialGrid, *, condition: str, chance: float = 0.5, level: float = 0.95
 ) -> Rate:
     """Return the share of one condition's trials (0/1) in which something happened."""
     happened, shown = places.count(event), places.count(event * 0 + 1)

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.models.bootstrap import difference_limits, drawn_scores, draws
-from analysis.models.cells import Grid
+from analysis.models.cells import TrialGrid
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Influence, contrasts, share_influence
@@ -20,7 +20,7 @@ LEAST_DRAWS = 20
 
 
 def share_interactions(
-    happened: Mapping[str, Mapping[str, pd.Series]], places: Grid, measure: str, level: float
+    happened: Mapping[str, Mapping[str, pd.Series]], places: TrialGrid, measure: str, level: float
 ) -> tuple[Difference, ...]:
     """Return how much a share differs between all pairs of values of the factor.
 
@@ -40,7 +40,7 @@ def share_interactions(
     return contrasts(measure, moved, level=level)
 
 
-def influence(event: pd.Series, places: Grid) -> Influence:
+def influence(event: pd.Series, places: TrialGrid) -> Influence:
     """Return the influence of cells on the share of trials in which something happened."""
     return share_influence(places.count(event), places.count(event * 0 + 1))
 

@@ -46,7 +46,7 @@ class SequentialPlan:
 
 
 @dataclass(frozen=True)
-class Standing:
+class InterimResult:
     """State of a study at its last look, and the verdict.
 
     Attributes
@@ -208,7 +208,9 @@ def _p_at_factor(people: int, factor: float) -> float | None:
     return float(np.exp(optimize.brentq(excess, low, high, xtol=1e-9)))
 
 
-def standing(plan: SequentialPlan, people: int, p: float | None, least: float = 0.0) -> Standing:
+def standing(
+    plan: SequentialPlan, people: int, p: float | None, least: float = 0.0
+) -> InterimResult:
     """Say at which look a study with so many participants stands, and what p means there.
 
     They can show no p below `least`.
@@ -222,7 +224,7 @@ def standing(plan: SequentialPlan, people: int, p: float | None, least: float = 
         where = f"after look {look} of {len(plan.looks)}" if look else "before the first look"
         why = "no planned test can be made" if p is None else f"with {count} no look is planned"
         sentence = f"The study stands {where}: {why}. Do not decide now.{upcoming}"
-        return Standing(look, len(plan.looks), people, planned, p, None, "wait", sentence)
+        return InterimResult(look, len(plan.looks), people, planned, p, None, "wait", sentence)
     bound, accept = plan.reject_p[look - 1], plan.accept_p[look - 1]
     here = f"Look {look} of {len(plan.looks)} ({count})"
     rule = (
@@ -245,7 +247,9 @@ def standing(plan: SequentialPlan, people: int, p: float | None, least: float = 
         said = f"p = {p:.4g} is above {bound:.4g}, the {rule}: {end}{upcoming}"
         if never_stops(plan, look - 1, least):
             said += f" This look could never stop the study: {count} show no p below {least:.2g}."
-    return Standing(look, len(plan.looks), people, planned, p, bound, verdict, f"{here}: {said}")
+    return InterimResult(
+        look, len(plan.looks), people, planned, p, bound, verdict, f"{here}: {said}"
+    )
 
 
 def sequential_error(plan: SequentialPlan, p_values: Floats) -> SequentialError:

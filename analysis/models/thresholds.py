@@ -15,7 +15,7 @@ from analysis.models.glmm import fit_crossed
 from analysis.models.population import Population, Threshold, span
 from analysis.models.psychometric import LINKS, SKEWED
 from analysis.models.quadrature import STARTS, PeopleFit, fit_people
-from analysis.models.response import Response, axis_of
+from analysis.models.response import ResponseFunction, axis_of
 from protocols.adaptive.answer_history import Shape
 from protocols.prose import count_of
 
@@ -148,7 +148,7 @@ def fit_thresholds(
     scaled = (x - centre) / spread
     steep = place * scaled[:, None] if own_widths else scaled[:, None]
     design = np.column_stack([place, steep])
-    response = Response(LINKS[shape], guess, lapse, falling and shape in SKEWED)
+    response = ResponseFunction(LINKS[shape], guess, lapse, falling and shape in SKEWED)
     y = rows[correct].to_numpy(dtype=np.float64)
     gap = float(np.diff(np.unique(scaled)).min())
     steepest = np.full(design.shape[1], np.inf)
@@ -240,7 +240,7 @@ def fit_thresholds(
     )
 
 
-def _pooled(design: Floats, y: Floats, response: Response) -> Floats:
+def _pooled(design: Floats, y: Floats, response: ResponseFunction) -> Floats:
     """Return the coefficients that fit best where all participants are alike."""
     rates = response.rates(response.start())
     ones = np.ones_like(y)
@@ -272,7 +272,7 @@ def _over_scenes(
     y: Floats,
     groups: Mapping[str, Codes],
     condition: Codes,
-    response: Response,
+    response: ResponseFunction,
     steepest: Floats,
 ) -> PeopleFit | None:
     """Return the model with scenes, too; None where no search finds a maximum."""

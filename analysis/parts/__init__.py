@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.models.parametric_bootstrap import Draws
 from analysis.seed import SEED
 from protocols.blocks import Block, Section
@@ -33,7 +33,7 @@ Tests: TypeAlias = Mapping[str, Callable[[], NDArray[np.float64]]]
 comparisons), adjusted."""
 
 
-class Plan(Analysis):
+class AnalysisPlan(Analysis):
     """The section `[analysis]` of a study, and what its study or table are about.
 
     What a table is told is such a section too. Parts of one family read more.
@@ -110,7 +110,7 @@ class Plan(Analysis):
         return None
 
 
-class Found(Protocol):
+class PartResults(Protocol):
     """Every number of a part: a frozen dataclass, which `results.json` holds by field."""
 
     @property
@@ -187,8 +187,8 @@ class Shown:
     scripts: Mapping[str, str] = field(default_factory=dict)
 
 
-P = TypeVar("P", bound=Plan, contravariant=True)
-R = TypeVar("R", bound=Found)
+P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
+R = TypeVar("R", bound=PartResults)
 
 
 class Part(ABC, Generic[P, R]):
@@ -241,7 +241,7 @@ class Part(ABC, Generic[P, R]):
         """
         return None
 
-    def planned_over(self, _answers: Answers, _people: Sequence[int], _plan: P) -> Tests:
+    def planned_over(self, _answers: SimulatedAnswers, _people: Sequence[int], _plan: P) -> Tests:
         """Return the planned tests of many simulated studies, for `analysis power`.
 
         Without it, `planned_p` is asked about a table of each, which takes far longer.
@@ -295,7 +295,7 @@ AnyPart: TypeAlias = Part[Any, Any]
 def computed(
     parts: Sequence[AnyPart],
     table: pd.DataFrame,
-    plan: Plan,
+    plan: AnalysisPlan,
     step: Callable[[str], None] = lambda _name: None,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Compute all parts that are wanted, each after those that it needs.
@@ -336,7 +336,7 @@ def computed(
 
 
 def estimates_of(
-    parts: Sequence[AnyPart], table: pd.DataFrame, plan: Plan, *, planned: bool = False
+    parts: Sequence[AnyPart], table: pd.DataFrame, plan: AnalysisPlan, *, planned: bool = False
 ) -> tuple[Estimate, ...]:
     """Return the main numbers of a table, or those of the planned test; no other is computed.
 

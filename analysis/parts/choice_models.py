@@ -15,7 +15,7 @@ from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
 from analysis.models.preference import Preference
 from analysis.parts import Part, Shown, tried
-from analysis.parts.preferences import Preferences
+from analysis.parts.preferences import PreferenceResults
 from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
@@ -68,7 +68,7 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
         _chance: Generator,
     ) -> ChoiceModels:
         """Fit each comparison, and all pairings of each size."""
-        preferences: Preferences = found["preferences"]
+        preferences: PreferenceResults = found["preferences"]
         decisions = Comparisons(table)
         notes: list[str] = []
         together = []

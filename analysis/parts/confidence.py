@@ -26,7 +26,7 @@ from analysis.models.metacognition import (
     roc_points,
 )
 from analysis.models.right_answers import Rate, rate
-from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, tried
 from analysis.parts.shared import condition, limits
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.confidence_plots import calibration_plot, pairs_plot, roc_plot
@@ -120,7 +120,7 @@ def reliability_table(found: Sequence[Reliability]) -> Iterator[Block]:
         )
 
 
-def apa_reliability(one: Reliability, plan: Plan) -> str:
+def apa_reliability(one: Reliability, plan: AnalysisPlan) -> str:
     """Return a split-half reliability as a sentence."""
     return (
         f"The split-half reliability (Spearman-Brown) of {one.measure} over {one.people}"
@@ -190,7 +190,7 @@ class ConditionConfidence:
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibrationPoint:
     """The share of right answers at one step of confidence; the rate names the condition."""
 
     step: float
@@ -198,19 +198,19 @@ class Calibrated:
 
 
 @dataclass(frozen=True)
-class Confidence:
+class ConfidenceResults:
     """Every number; `roc` are points (wrong, right answers at least so sure) by condition."""
 
     steps: tuple[float, ...]
     conditions: tuple[ConditionConfidence, ...]
     people: tuple[PersonConfidence, ...]
-    calibration: tuple[Calibrated, ...]
+    calibration: tuple[CalibrationPoint, ...]
     roc: Mapping[str, tuple[tuple[float, float], ...]]
     reliability: tuple[Reliability, ...]
     notes: tuple[str, ...]
 
 
-class ConfidencePart(SimplePart[RatePlan, Confidence]):
+class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
     """Confidence of right and wrong answers, type-2 ROC area, calibration, reliability."""
 
     name: ClassVar[str] = "confidence"
@@ -220,13 +220,13 @@ class ConfidencePart(SimplePart[RatePlan, Confidence]):
         """Return whether there is a column of confidence, which is no condition."""
         return CONFIDENCE in table and CONFIDENCE not in plan.by_columns
 
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> Confidence:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> ConfidenceResults:
         """Take each person's values in each condition, and their means."""
         rows, steps, notes = with_steps(table)
         places, names = grid(rows), shown_in(rows, plan)
         people = [one for name in names for one in _people(name, _of(rows, name))]
         calibration = [
-            Calibrated(
+            CalibrationPoint(
                 step,
                 rate(
                     part["correct"],
@@ -250,7 +250,7 @@ class ConfidencePart(SimplePart[RatePlan, Confidence]):
             tried(partial(reliability_of, halves, name, of, plan), f"reliability of {name}", notes)
             for name, of in measures.items()
         )
-        return Confidence(
+        return ConfidenceResults(
             steps,
             tuple(_condition(name, people, plan) for name in names),
             tuple(people),
@@ -260,7 +260,7 @@ class ConfidencePart(SimplePart[RatePlan, Confidence]):
             tuple(notes),
         )
 
-    def show(self, found: Confidence, plan: RatePlan) -> Shown:
+    def show(self, found: ConfidenceResults, plan: RatePlan) -> Shown:
         """Return tables and figures of both kinds of answers, and what the steps are worth."""
         label, cells = plan.label, found.conditions
         steps = f"steps {', '.join(map('{:g}'.format, found.steps))}"
@@ -414,7 +414,9 @@ def _people(name: str, rows: pd.DataFrame) -> Iterator[PersonConfidence]:
         )
 
 
-def _condition(name: str, people: Sequence[PersonConfidence], plan: Plan) -> ConditionConfidence:
+def _condition(
+    name: str, people: Sequence[PersonConfidence], plan: AnalysisPlan
+) -> ConditionConfidence:
     own = [one for one in people if one.condition == name]
     right, wrong = (np.array([getattr(one, kind) for one in own]) for kind in ("right", "wrong"))
     both = np.isfinite(right - wrong)
@@ -454,7 +456,7 @@ def _type_2(rows: pd.DataFrame, steps: int) -> tuple[tuple[float, float], ...]:
 
 
 def reliability_of(
-    rows: pd.DataFrame, name: str, of: Callable[[pd.DataFrame], float], plan: Plan
+    rows: pd.DataFrame, name: str, of: Callable[[pd.DataFrame], float], plan: AnalysisPlan
 ) -> Reliability:
     """Return how alike a measure of both halves of people's rows is."""
     pairs = [
@@ -464,7 +466,7 @@ def reliability_of(
     return halves_agree(name, pairs, plan.confidence)
 
 
-def _sentences(found: Confidence, plan: RatePlan) -> Iterator[str]:
+def _sentences(found: ConfidenceResults, plan: RatePlan) -> Iterator[str]:
     for one in found.conditions:
         name = plan.label(one.condition)
         if one.difference is None or one.right is None or one.wrong is None or one.area is None:

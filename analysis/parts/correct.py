@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.models.right_answers import Rate, correct_rates
-from analysis.parts import PartFigure, Plan, Shown, SimplePart
+from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart
 from analysis.parts.shared import P, condition, in_order, limits
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
@@ -115,7 +115,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         )
 
 
-def rate_table(caption: str, rates: Sequence[Rate], plan: Plan) -> Table:
+def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> Table:
     """Return the table of shares."""
     return Table.each(
         caption,

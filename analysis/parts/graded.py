@@ -31,7 +31,7 @@ from analysis.models.metacognition import (
     ratio_of_means,
     roc_points,
 )
-from analysis.parts import PartFigure, Plan, Shown, SimplePart, tried
+from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, tried
 from analysis.parts.confidence import (
     HALVES,
     SECTION,
@@ -377,7 +377,7 @@ def _halves(
 
 
 def _meta(
-    name: str, people: Sequence[PersonMeta], said: tuple[str, ...], plan: Plan
+    name: str, people: Sequence[PersonMeta], said: tuple[str, ...], plan: AnalysisPlan
 ) -> ConditionMeta:
     own = [one.fit for one in people if one.condition == name]
     d_prime, meta = (
@@ -505,7 +505,7 @@ def _graded(
     counts: Counts,
     people: Sequence[PersonGraded],
     said: tuple[str, ...],
-    plan: Plan,
+    plan: AnalysisPlan,
 ) -> ConditionGraded:
     cells = [one for (condition, _), one in counts.items() if condition == name]
     own = [one.fit for one in people if one.condition == name]
@@ -537,5 +537,5 @@ def _slope_said(log_slope: Measure) -> str:
     return said if math.isnan(log_slope.p) else f"{said}, {p_text(log_slope.p)} against 1"
 
 
-def _where(name: str, plan: Plan) -> str:
+def _where(name: str, plan: AnalysisPlan) -> str:
     return "All conditions together" if name == TOGETHER else f"In condition {plan.label(name)}"

@@ -11,8 +11,8 @@ import pandas as pd
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from analysis.answers import Answers
-from analysis.models.cells import Grid, checked, grid
+from analysis.answers import SimulatedAnswers
+from analysis.models.cells import TrialGrid, checked, grid
 from analysis.models.clustered import FEW_SCENES, holm
 from analysis.models.compared_methods import pairing_rows
 from analysis.models.contrasts import Difference
@@ -221,7 +221,9 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             notes=tuple(notes),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: PreferencePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: PreferencePlan
+    ) -> Tests:
         """Test whether shares of the primary comparison differ between sizes."""
         if plan.interaction is None or plan.primary is None:
             return {}
@@ -274,7 +276,9 @@ class RateInteraction(InteractionPart[RatePlan]):
             str(plan.interaction), plan.chance, tuple(sides), every, every, (), tuple(_notes(sides))
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan
+    ) -> Tests:
         """Test whether differences to the baseline differ between the factor's values."""
         cells = answers.cells
         if plan.adaptive or plan.interaction not in cells:
@@ -296,7 +300,7 @@ class RateInteraction(InteractionPart[RatePlan]):
 
 def _planned(
     name: str,
-    answers: Answers,
+    answers: SimulatedAnswers,
     people: Sequence[int],
     plan: PreferencePlan | RatePlan,
     compared: Sequence[Mapping[str, Sequence[pd.Series]]],
@@ -332,7 +336,9 @@ def _planned(
     return {name: lambda: np.stack([of(count) for count in people], axis=1)} if shown else {}
 
 
-def _on_grid(table: pd.DataFrame, plan: PreferencePlan | RatePlan) -> tuple[pd.DataFrame, Grid]:
+def _on_grid(
+    table: pd.DataFrame, plan: PreferencePlan | RatePlan
+) -> tuple[pd.DataFrame, TrialGrid]:
     """Return numbered rows and their grid; of one scene where the test respects people alone."""
     claimed = plan.test == "participant-scene"
     rows = checked(table if claimed else table.drop(columns="scene", errors="ignore"), ())
@@ -354,7 +360,7 @@ def _side(pair: Pair, value: str, one: Rate) -> Side:
     )
 
 
-def _votes(rows: pd.DataFrame, places: Grid, methods: Sequence[str]) -> NDArray[np.float64]:
+def _votes(rows: pd.DataFrame, places: TrialGrid, methods: Sequence[str]) -> NDArray[np.float64]:
     """Count votes on the grid (participants, scenes, k, k) between these methods."""
     rows = rows[rows["first"].isin(methods) & rows["second"].isin(methods)]
     at = rows.index.to_numpy()

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models.sequential_bounds import SequentialPlan, Standing, plan_of, standing
-from analysis.parts import AnyPart, Estimate, Part, PartFigure, Plan, Shown, estimates_of
+from analysis.models.sequential_bounds import InterimResult, SequentialPlan, plan_of, standing
+from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Shown, estimates_of
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
 from protocols.blocks import Block, Box, Paragraph, Picture, Table
@@ -30,12 +30,12 @@ class Looks:
     """
 
     plan: SequentialPlan
-    standing: Standing
+    standing: InterimResult
     limits: tuple[Estimate, ...]
     notes: tuple[str, ...] = ()
 
 
-class LooksPart(Part[Plan, Looks]):
+class LooksPart(Part[AnalysisPlan, Looks]):
     """Looks that a study plans at the test of other parts."""
 
     name: ClassVar[str] = "looks"
@@ -48,7 +48,7 @@ class LooksPart(Part[Plan, Looks]):
         self.needs = tuple(one.name for one in parts)  # type: ignore[misc]
 
     def compute(
-        self, table: pd.DataFrame, plan: Plan, found: Mapping[str, Any], _chance: Generator
+        self, table: pd.DataFrame, plan: AnalysisPlan, found: Mapping[str, Any], _chance: Generator
     ) -> Looks:
         """Compare p of the planned test with the look's bound, and invert the test there."""
         bounds = plan_of(self._planned, plan.alpha)
@@ -61,7 +61,7 @@ class LooksPart(Part[Plan, Looks]):
         at_bound = plan.but(alpha=now.reject_p)
         return Looks(bounds, now, estimates_of(self._parts, table, at_bound, planned=True))
 
-    def show(self, found: Looks, plan: Plan) -> Shown:
+    def show(self, found: Looks, plan: AnalysisPlan) -> Shown:
         """Return where the study stands before all else; bounds, and limits that hold there."""
         bounds, now = found.plan, found.standing
         caption = (

@@ -12,8 +12,8 @@ import pandas as pd
 
 from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
-from analysis.parts import Part, PartFigure, Plan, Shown
-from analysis.parts.ratings import Ratings, category
+from analysis.parts import AnalysisPlan, Part, PartFigure, Shown
+from analysis.parts.ratings import RatingResults, category
 from analysis.parts.shared import TESTED, limits
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
@@ -33,7 +33,7 @@ from protocols.blocks import Cautions, Picture, Table
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LearnedOutcome:
     """Outcome that may change over a session.
 
     Attributes
@@ -57,7 +57,7 @@ class Learning:
     notes: tuple[str, ...] = ()
 
 
-P = TypeVar("P", bound=Plan, contravariant=True)
+P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
 
 class LearningPart(Part[P, Learning]):
@@ -75,7 +75,9 @@ class LearningPart(Part[P, Learning]):
         return "order" in table and bool(table["order"].notna().any())
 
     @abstractmethod
-    def outcomes(self, table: pd.DataFrame, plan: P, found: Mapping[str, Any]) -> Iterator[Outcome]:
+    def outcomes(
+        self, table: pd.DataFrame, plan: P, found: Mapping[str, Any]
+    ) -> Iterator[LearnedOutcome]:
         """Yield the answers that may change; the first is drawn."""
 
     def cells(self, plan: P) -> tuple[str, ...]:
@@ -95,7 +97,7 @@ class LearningPart(Part[P, Learning]):
         if "rt_s" in table and (table["rt_s"] > 0).any():
             rows = table[table["rt_s"] > 0]
             rows = rows.assign(outcome=np.log(rows["rt_s"].astype(float)))
-            outcomes.append(Outcome("logarithm of the reaction time", rows))
+            outcomes.append(LearnedOutcome("logarithm of the reaction time", rows))
         how: dict[str, Any] = {"within": self.cells(plan), "level": plan.confidence}
         trends = (replace(trend(o.rows, "outcome", **how), outcome=o.name) for o in outcomes)
         return Learning(tuple(trends), drawn)
@@ -165,10 +167,12 @@ class RightLearning(LearningPart[RatePlan]):
 
     def outcomes(
         self, table: pd.DataFrame, plan: RatePlan, _found: Mapping[str, Any]
-    ) -> Iterator[Outcome]:
+    ) -> Iterator[LearnedOutcome]:
         """Yield right answers, unless levels adapt."""
         if not plan.adaptive:
-            yield Outcome("right answers", table.assign(outcome=table["correct"].astype(float)))
+            yield LearnedOutcome(
+                "right answers", table.assign(outcome=table["correct"].astype(float))
+            )
 
     def cells(self, plan: RatePlan) -> tuple[str, ...]:
         """Return condition and level."""
@@ -183,7 +187,7 @@ class ChoiceLearning(LearningPart[PreferencePlan]):
 
     def outcomes(
         self, table: pd.DataFrame, plan: PreferencePlan, _found: Mapping[str, Any]
-    ) -> Iterator[Outcome]:
+    ) -> Iterator[LearnedOutcome]:
         """Yield choices of the first of each pairing."""
         grouped = Comparisons(table)
         for method, against in plan.pairings:
@@ -191,7 +195,7 @@ class ChoiceLearning(LearningPart[PreferencePlan]):
             if not rows["order"].isna().all():
                 chosen = (rows["chosen"] == method).astype(float)
                 name = f"choosing {plan.label(method)} over {plan.label(against)}"
-                yield Outcome(name, rows.assign(outcome=chosen))
+                yield LearnedOutcome(name, rows.assign(outcome=chosen))
 
     def cells(self, _plan: PreferencePlan) -> tuple[str, ...]:
         """Return the size."""
@@ -207,11 +211,11 @@ class StepLearning(LearningPart[RatingPlan]):
 
     def outcomes(
         self, table: pd.DataFrame, _plan: RatingPlan, found: Mapping[str, Any]
-    ) -> Iterator[Outcome]:
+    ) -> Iterator[LearnedOutcome]:
         """Yield the step that was rated."""
-        ratings: Ratings = found["ratings"]
+        ratings: RatingResults = found["ratings"]
         steps = table["rating"].map(category).map(ratings.model.steps).astype(float)
-        yield Outcome("rating, in steps of the scale", table.assign(outcome=steps))
+        yield LearnedOutcome("rating, in steps of the scale", table.assign(outcome=steps))
 
     def cells(self, plan: RatingPlan) -> tuple[str, ...]:
         """Return the condition, or both of a pair."""

@@ -11,14 +11,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.population import Threshold
 from analysis.models.psychometric import Psychometric, fit_psychometric
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
-from analysis.parts import Estimate, Found, PartFigure, Shown, SimplePart, Tests, tried
+from analysis.parts import Estimate, PartFigure, PartResults, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
     deviations,
@@ -172,7 +172,7 @@ def section_title(plan: RatePlan) -> str:
     return f"By {column_in_words(str(plan.level))}"
 
 
-R = TypeVar("R", bound=Found)
+R = TypeVar("R", bound=PartResults)
 
 
 class LevelsPart(SimplePart[RatePlan, R]):
@@ -371,7 +371,9 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             **vars(ordered), counts=counts_in(table, plan), people=counts_of_people(table, plan)
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan
+    ) -> Tests:
         """Test thresholds that levels chosen from the answers gave, by paired t tests."""
 
         def tested() -> Floats:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis.data_dictionary import frame_of
 from analysis.models.marginal_means import Margin, Margins
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.parts.shared import TableColumn
 from analysis.report.wording import (
     NOT_IDENTIFIED,
@@ -23,7 +23,9 @@ from analysis.report.wording import (
 from protocols.blocks import Block, Table
 
 
-def means_table(title: str, found: Margins, plan: Plan, *more: TableColumn) -> Iterator[Block]:
+def means_table(
+    title: str, found: Margins, plan: AnalysisPlan, *more: TableColumn
+) -> Iterator[Block]:
     """Yield the table of marginal means; `more` are columns beside the model's scale."""
     if found.means:
         yield Table.each(
@@ -36,7 +38,7 @@ def means_table(title: str, found: Margins, plan: Plan, *more: TableColumn) -> I
 
 
 def contrasts_table(
-    found: Margins, plan: Plan, unit: str, turned: Callable[[float], float] = float
+    found: Margins, plan: AnalysisPlan, unit: str, turned: Callable[[float], float] = float
 ) -> Iterator[Block]:
     """Yield the table of named contrasts; `turned` makes the model's scale that of the unit."""
     if found.contrasts:
@@ -53,7 +55,7 @@ def contrasts_table(
 
 
 def contrast_sentences(
-    found: Margins, plan: Plan, unit: str, turned: Callable[[float], float] = float
+    found: Margins, plan: AnalysisPlan, unit: str, turned: Callable[[float], float] = float
 ) -> Iterator[str]:
     """Yield each named contrast as a sentence."""
     for one in found.contrasts:
@@ -75,7 +77,7 @@ def margin_tables(found: Margins, name: str) -> dict[str, pd.DataFrame]:
     return {f"{name}_{kind}.csv": frame_of(Margin, own) for kind, own in kinds.items() if own}
 
 
-def weights_of(name: str, plan: Plan) -> str:
+def weights_of(name: str, plan: AnalysisPlan) -> str:
     """Return what a contrast is of: ``1 ours - 0.5 blur - 0.5 none``."""
     parts = [
         f"{'-' if own < 0 else '+'} {abs(own):.3g} {plan.label(one)}"
@@ -86,7 +88,7 @@ def weights_of(name: str, plan: Plan) -> str:
 
 
 def _estimate(
-    title: str, plan: Plan, turned: Callable[[float], float]
+    title: str, plan: AnalysisPlan, turned: Callable[[float], float]
 ) -> tuple[TableColumn, TableColumn]:
     def ends(one: Margin) -> tuple[float, float]:
         return turned(one.lower), turned(one.upper)

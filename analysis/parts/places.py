@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.parts import AnyPart, Estimate, Part, Plan, Shown, estimates_of, tried
+from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Shown, estimates_of, tried
 from analysis.report.wording import level_text, number_range, placed
 from protocols.blocks import Block, Paragraph, Table
 from protocols.prose import count_of
@@ -70,7 +70,7 @@ def difference(lab: Estimate, browser: Estimate) -> PlaceDifference:
     return PlaceDifference(lab.what, lab, browser, found, found - below, found + above)
 
 
-class PlacesPart(Part[Plan, Places]):
+class PlacesPart(Part[AnalysisPlan, Places]):
     """Places where sessions ran, and the primary result of other parts by place.
 
     Parameters
@@ -87,12 +87,12 @@ class PlacesPart(Part[Plan, Places]):
     def __init__(self, parts: Sequence[AnyPart], sessions: pd.DataFrame | None) -> None:
         self._parts, self._sessions = parts, sessions
 
-    def wanted(self, table: pd.DataFrame, _plan: Plan) -> bool:
+    def wanted(self, table: pd.DataFrame, _plan: AnalysisPlan) -> bool:
         """Return whether a session ran in a browser."""
         return "remote" in table and bool((table["remote"] == 1).any())
 
     def compute(
-        self, table: pd.DataFrame, plan: Plan, _found: Mapping[str, Any], _chance: Generator
+        self, table: pd.DataFrame, plan: AnalysisPlan, _found: Mapping[str, Any], _chance: Generator
     ) -> Places:
         """Count sessions by place; estimate the primary result at each."""
         by_place = {
@@ -123,7 +123,7 @@ class PlacesPart(Part[Plan, Places]):
             tuple(notes),
         )
 
-    def show(self, found: Places, plan: Plan) -> Shown:
+    def show(self, found: Places, plan: AnalysisPlan) -> Shown:
         """Return what vouches for each place's sessions, and the primary result by place."""
         differences = pd.DataFrame(
             [
@@ -142,7 +142,7 @@ class PlacesPart(Part[Plan, Places]):
             tables=tables | ({"place_differences.csv": differences} if len(differences) else {}),
         )
 
-    def _primary(self, rows: pd.DataFrame, plan: Plan) -> Sequence[Estimate]:
+    def _primary(self, rows: pd.DataFrame, plan: AnalysisPlan) -> Sequence[Estimate]:
         """Return the planned result; all main numbers where none is planned, as of a table."""
         planned = estimates_of(self._parts, rows, plan, planned=True)
         return planned or estimates_of(self._parts, rows, plan)
@@ -171,7 +171,7 @@ class PlacesPart(Part[Plan, Places]):
         )
 
 
-def _blocks(found: Places, plan: Plan) -> Iterator[Block]:
+def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
     yield Table.each(
         "Where sessions ran",
         found.places,
@@ -226,7 +226,7 @@ def _counted(found: Places) -> str:
     return f"{remote.sessions} of {count_of(every, 'session')} ran in participants' browsers{at}."
 
 
-def _sentence(one: PlaceDifference, plan: Plan) -> str:
+def _sentence(one: PlaceDifference, plan: AnalysisPlan) -> str:
     return (
         f"Exploratory, {one.what}: browser minus lab {placed(one, one.difference)},"
         f" {level_text(plan.confidence)} {number_range(one.lower, one.upper)}."

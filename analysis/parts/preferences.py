@@ -11,7 +11,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
 from analysis.models.preference import Preference, PreferenceTable, preference, preferences
@@ -59,7 +59,7 @@ Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
 
 
 @dataclass(frozen=True)
-class Preferences:
+class PreferenceResults:
     """Every number.
 
     Attributes
@@ -79,14 +79,14 @@ class Preferences:
     notes: tuple[str, ...]
 
 
-class PreferencesPart(SimplePart[PreferencePlan, Preferences]):
+class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
     """Shares of choices with their tests; the primary comparison leads."""
 
     name: ClassVar[str] = "preferences"
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Preferences:
+    def of(self, table: pd.DataFrame, plan: PreferencePlan) -> PreferenceResults:
         """Test every pairing at every size, and the primary comparison by itself."""
         decisions = Comparisons(table)
         how: dict[str, Any] = {"alpha": plan.alpha, "margin": plan.margin, "test": plan.test}
@@ -105,7 +105,7 @@ class PreferencesPart(SimplePart[PreferencePlan, Preferences]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
-        return Preferences(
+        return PreferenceResults(
             primary,
             cells,
             _shares_by(1, decisions, cells),
@@ -113,11 +113,13 @@ class PreferencesPart(SimplePart[PreferencePlan, Preferences]):
             tuple(notes),
         )
 
-    def planned_p(self, found: Preferences) -> float | None:
+    def planned_p(self, found: PreferenceResults) -> float | None:
         """Return p of the primary comparison."""
         return None if found.primary is None else found.primary.test.p
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: PreferencePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: PreferencePlan
+    ) -> Tests:
         """Test the primary comparison, all comparisons together, and equivalence of the primary."""
         cells = answers.cells
 
@@ -148,15 +150,15 @@ class PreferencesPart(SimplePart[PreferencePlan, Preferences]):
             EQUIVALENCE: lambda: primary.equivalence_p(plan.margin)[..., None],
         }
 
-    def estimates(self, found: Preferences, plan: PreferencePlan) -> Sequence[Estimate]:
+    def estimates(self, found: PreferenceResults, plan: PreferencePlan) -> Sequence[Estimate]:
         """Return the share of choices in every comparison."""
         return [_estimate(cell, plan) for cell in found.table.cells]
 
-    def planned(self, found: Preferences, plan: PreferencePlan) -> Sequence[Estimate]:
+    def planned(self, found: PreferenceResults, plan: PreferencePlan) -> Sequence[Estimate]:
         """Return the share of choices in the primary comparison."""
         return [] if found.primary is None else [_estimate(found.primary, plan)]
 
-    def show(self, found: Preferences, plan: PreferencePlan) -> Shown:
+    def show(self, found: PreferenceResults, plan: PreferencePlan) -> Shown:
         """Return the primary comparison before all, every comparison, people and scenes."""
         cells, primary = found.table.cells, found.primary
         sentences = [apa_preference(one, plan, adjusted=True) for one in cells]
@@ -286,7 +288,7 @@ def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, 
     )
 
 
-def _blocks(found: Preferences, plan: PreferencePlan) -> Iterator[Block]:
+def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
     cells, margin = found.table.cells, share(plan.margin)
     level = plan.limits
     adjusted = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm")
@@ -356,7 +358,7 @@ def _blocks(found: Preferences, plan: PreferencePlan) -> Iterator[Block]:
     yield Picture("forest")
 
 
-def _shares(found: Preferences) -> pd.DataFrame:
+def _shares(found: PreferenceResults) -> pd.DataFrame:
     rows = [
         (of, name, *key, value)
         for of in ("participant", "scene")
@@ -366,7 +368,7 @@ def _shares(found: Preferences) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["of", "name", "method", "against", "size", "share"])
 
 
-def _figures(found: Preferences, plan: PreferencePlan) -> Iterator[PartFigure]:
+def _figures(found: PreferenceResults, plan: PreferencePlan) -> Iterator[PartFigure]:
     cells = found.table.cells
     dots = {key: [value for _, value in pairs] for key, pairs in found.participant_shares.items()}
     yield PartFigure(

@@ -11,12 +11,12 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.deviations import MOST_PROFILED, Deviation
-from analysis.parts import AnyPart, Part, PartFigure, Plan, Shown
+from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Shown
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.wording import level_text, number_range, placed, share
 from protocols.blocks import Paragraph, Picture, Table
 
-P = TypeVar("P", bound=Plan, contravariant=True)
+P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class OfModel:
 
 
 @dataclass(frozen=True)
-class RandomEffects:
+class RandomEffectResults:
     """Every number."""
 
     models: tuple[OfModel, ...]
     notes: tuple[str, ...]
 
 
-class RandomEffectsPart(Part[P, RandomEffects]):
+class RandomEffectsPart(Part[P, RandomEffectResults]):
     """Deviations with profile limits, shares of variance, and a caterpillar of their levels.
 
     `of` is the part whose models they are of.
@@ -59,7 +59,7 @@ class RandomEffectsPart(Part[P, RandomEffects]):
 
     def compute(
         self, _table: pd.DataFrame, plan: P, found: Mapping[str, Any], _chance: Generator
-    ) -> RandomEffects:
+    ) -> RandomEffectResults:
         """Take them from the models that were fitted."""
         (name,) = self.needs
         models = tuple(one for one in self.models(found.get(name), plan) if one.deviations)
@@ -71,9 +71,9 @@ class RandomEffectsPart(Part[P, RandomEffects]):
                 f"deviations of {self.about} have no profile limits, and no levels: more than"
                 f" {MOST_PROFILED} random effects would take minutes"
             )
-        return RandomEffects(models, tuple(notes))
+        return RandomEffectResults(models, tuple(notes))
 
-    def show(self, found: RandomEffects, plan: P) -> Shown:
+    def show(self, found: RandomEffectResults, plan: P) -> Shown:
         """Return the deviations, and the levels of participants and scenes."""
         rows = [(one.model, own) for one in found.models for own in one.deviations]
         name = self.name
@@ -151,7 +151,7 @@ def _levels(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
     )
 
 
-class RightEffects(RandomEffectsPart[Plan]):
+class RightEffects(RandomEffectsPart[AnalysisPlan]):
     """Of the mixed model of right answers."""
 
     name: ClassVar[str] = "random_effects"
@@ -160,7 +160,7 @@ class RightEffects(RandomEffectsPart[Plan]):
     about: ClassVar[str] = "right answers"
     unit: ClassVar[str] = "logits"
 
-    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
         """Yield the mixed one."""
         if found is not None:
             yield OfModel("", found.mixed.deviations)
@@ -185,7 +185,7 @@ class ChoiceEffects(RandomEffectsPart[Any]):
             yield OfModel(plan.at(one.size), one.model.deviations)
 
 
-class TimeEffects(RandomEffectsPart[Plan]):
+class TimeEffects(RandomEffectsPart[AnalysisPlan]):
     """Of the model of reaction times."""
 
     name: ClassVar[str] = "random_times"
@@ -194,17 +194,17 @@ class TimeEffects(RandomEffectsPart[Plan]):
     about: ClassVar[str] = "reaction times"
     unit: ClassVar[str] = "ln s"
 
-    def wanted(self, table: pd.DataFrame, plan: Plan) -> bool:
+    def wanted(self, table: pd.DataFrame, plan: AnalysisPlan) -> bool:
         """Return whether times are modelled."""
         return plan.reaction == "models" and super().wanted(table, plan)
 
-    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
         """Yield the log-normal one."""
         if found is not None and found.model is not None:
             yield OfModel("", found.model.deviations)
 
 
-class RatingEffects(RandomEffectsPart[Plan]):
+class RatingEffects(RandomEffectsPart[AnalysisPlan]):
     """Of the model of ratings."""
 
     name: ClassVar[str] = "random_ratings"
@@ -213,7 +213,7 @@ class RatingEffects(RandomEffectsPart[Plan]):
     about: ClassVar[str] = "ratings"
     unit: ClassVar[str] = "latent units"
 
-    def models(self, found: Any, _plan: Plan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
         """Yield the cumulative-link one."""
         if found is not None:
             yield OfModel("", found.model.deviations)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests
@@ -49,7 +49,7 @@ from protocols.blocks import Block, Box, Cautions, Paragraph, Picture, Section, 
 
 
 @dataclass(frozen=True)
-class Ratings:
+class RatingResults:
     """Every number.
 
     Attributes
@@ -65,14 +65,14 @@ class Ratings:
     notes: tuple[str, ...] = ()
 
 
-class RatingsPart(SimplePart[RatingPlan, Ratings]):
+class RatingsPart(SimplePart[RatingPlan, RatingResults]):
     """Places of conditions on the latent axis that ratings cut, and their differences."""
 
     name: ClassVar[str] = "ratings"
     section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")
     essential: ClassVar[bool] = True
 
-    def of(self, table: pd.DataFrame, plan: RatingPlan) -> Ratings:
+    def of(self, table: pd.DataFrame, plan: RatingPlan) -> RatingResults:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
         how |= {
@@ -90,14 +90,18 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
             model = rating_model(rows, (plan.by,), categories=categories, **how)
         levels = pd.crosstab(table["participant"], table["rating"].map(category))
         levels = levels.reindex(columns=list(model.categories), fill_value=0)
-        return Ratings(model, {str(who): tuple(map(int, row)) for who, row in levels.iterrows()})
+        return RatingResults(
+            model, {str(who): tuple(map(int, row)) for who, row in levels.iterrows()}
+        )
 
-    def planned_p(self, found: Ratings) -> float | None:
+    def planned_p(self, found: RatingResults) -> float | None:
         """Return the least adjusted p of the comparisons."""
         known = [p for p in map(decisive, found.model.contrasts) if p >= 0]
         return min(known, default=None)
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatingPlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: RatingPlan
+    ) -> Tests:
         """Test differences of mean normal scores of ratings, near those of the model."""
         steps, counts = np.unique(answers.given, return_counts=True)
         scores = ndtri((np.cumsum(counts) - 0.5 * counts) / counts.sum())
@@ -108,7 +112,7 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
             "": partial(mean_differences_p, scored, people, plan, holms=plan.correction == "holm")
         }
 
-    def estimates(self, found: Ratings, plan: RatingPlan) -> Sequence[Estimate]:
+    def estimates(self, found: RatingResults, plan: RatingPlan) -> Sequence[Estimate]:
         """Return how far conditions lie apart on the latent axis, where that is known."""
         count = sum(map(sum, found.levels.values()))
         return [
@@ -124,7 +128,7 @@ class RatingsPart(SimplePart[RatingPlan, Ratings]):
             if not math.isnan(one.difference)
         ]
 
-    def show(self, found: Ratings, plan: RatingPlan) -> Shown:
+    def show(self, found: RatingResults, plan: RatingPlan) -> Shown:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
         holm = plan.correction == "holm"
@@ -182,7 +186,7 @@ def _unit(model: RatingModel) -> str:
     return "SD" if model.link == "probit" else "logits"
 
 
-def _methods(found: Ratings, plan: RatingPlan) -> str:
+def _methods(found: RatingResults, plan: RatingPlan) -> str:
     model = found.model
     kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
     df = sorted({df_text(one.df) for one in model.contrasts}, key=float)
@@ -261,7 +265,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     )
 
 
-def _people(found: Ratings) -> tuple[Block, ...]:
+def _people(found: RatingResults) -> tuple[Block, ...]:
     return (
         Table.of(
             "How often each participant gave each rating",

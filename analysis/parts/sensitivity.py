@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.answers import Answers, Mask
+from analysis.answers import Mask, SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
 from analysis.models.clustered import holm, two_way_of_first
@@ -19,7 +19,7 @@ from analysis.models.detection import (
     Discrimination,
     DiscriminationResults,
     Measure,
-    YesNo,
+    YesNoCondition,
     YesNoResults,
     d_prime_influence,
     yes_no,
@@ -113,7 +113,9 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             tuple(notes),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan
+    ) -> Tests:
         """Test differences of d', and of bias where the baseline has a d' too."""
         if plan.adaptive:
             return {}
@@ -243,7 +245,7 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
 
 
 def _planned(
-    answers: Answers,
+    answers: SimulatedAnswers,
     people: Sequence[int],
     plan: RatePlan,
     cells: Mapping[str, Sequence[Mask]],
@@ -286,7 +288,7 @@ def _planned(
     return holm(p) if plan.correction == "holm" else p
 
 
-def _cells_of(answers: Answers, condition: str) -> Mask:
+def _cells_of(answers: SimulatedAnswers, condition: str) -> Mask:
     return np.asarray(answers.cells["condition"] == condition)
 
 
@@ -295,11 +297,11 @@ def _moved_d_prime(hits: Floats, signal: Floats, alarms: Floats, noise: Floats) 
 
 
 def _measured(
-    title: str, of: Callable[[YesNo], Measure | None]
+    title: str, of: Callable[[YesNoCondition], Measure | None]
 ) -> tuple[TableColumn, TableColumn, TableColumn]:
     """Return the columns of a quantity; none where it cannot be had."""
 
-    def known(text: Callable[[Measure], str]) -> Callable[[YesNo], str]:
+    def known(text: Callable[[Measure], str]) -> Callable[[YesNoCondition], str]:
         return lambda one: NONE if (measure := of(one)) is None else text(measure)
 
     return (
@@ -309,7 +311,7 @@ def _measured(
     )
 
 
-def apa_yes_no(one: YesNo, *, name: str = "") -> str:
+def apa_yes_no(one: YesNoCondition, *, name: str = "") -> str:
     """Return d', criterion and bias of one condition as sentences."""
     who = name or one.condition
     bias = one.bias
@@ -483,7 +485,9 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
             alone(table, plan),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: RatePlan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan
+    ) -> Tests:
         """Test differences of shares, or of a single condition's against chance."""
         if plan.adaptive:
             return {}

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
@@ -17,7 +17,7 @@ from analysis.models.ordinal import RatingDifference
 from analysis.models.reaction_model import TimeModel, TimeRatio
 from analysis.models.right_answers import Rate
 from analysis.models.thresholds import ThresholdModel
-from analysis.parts import Estimate, Plan
+from analysis.parts import AnalysisPlan, Estimate
 from analysis.report.wording import (
     NONE,
     df_text,
@@ -54,17 +54,17 @@ Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
 """Of two conditions, with a t test, Holm-adjusted among others."""
 
 
-def compared(plan: Plan, sign: str = "-") -> TableColumn:
+def compared(plan: AnalysisPlan, sign: str = "-") -> TableColumn:
     """Return the column that names what is compared."""
     return "Conditions", "l c", lambda one: between(one, plan, sign)
 
 
-def condition(plan: Plan) -> TableColumn:
+def condition(plan: AnalysisPlan) -> TableColumn:
     """Return the column that names conditions."""
     return "Condition", "l c", lambda one: plan.label(one.condition)
 
 
-def between(one: Comparison, plan: Plan, sign: str = "-") -> str:
+def between(one: Comparison, plan: AnalysisPlan, sign: str = "-") -> str:
     """Return the name of a comparison: ``ours - blur``."""
     return f"{plan.label(one.first)} {sign} {plan.label(one.second)}"
 
@@ -83,7 +83,7 @@ def decisive(one: Comparison, *, adjusted: bool = True) -> float:
     return one.p_adjusted if adjusted else one.p
 
 
-def ratio_told(plan: Plan) -> str:
+def ratio_told(plan: AnalysisPlan) -> str:
     """Return what likelihood ratios of a mixed model are, for a paragraph below a table."""
     draws = plan.bootstrap_draws
     law = f"by parametric bootstrap ({draws} draws)" if draws else "by the same t"
@@ -141,20 +141,20 @@ def sd_text(deviations: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {number(sd)}" for name, sd in deviations.items()) or NONE
 
 
-def in_order(found: Sequence[T], plan: Plan, name: Callable[[T], str]) -> tuple[T, ...]:
+def in_order(found: Sequence[T], plan: AnalysisPlan, name: Callable[[T], str]) -> tuple[T, ...]:
     """Return results by condition in the order that the study declares."""
     names = plan.in_order(list(dict.fromkeys(map(name, found))))
     return tuple(sorted(found, key=lambda one: names.index(name(one))))
 
 
-def told_apart(found: Sequence[Difference], plan: Plan) -> tuple[Difference, ...]:
+def told_apart(found: Sequence[Difference], plan: AnalysisPlan) -> tuple[Difference, ...]:
     """Return differences in order, without those that nothing can be said of: of one person."""
     known = [one for one in found if np.isfinite(one.p)]
     return in_order(known, plan, lambda one: one.first)
 
 
 def difference_tables(
-    caption: str, found: Sequence[Difference], plan: Plan
+    caption: str, found: Sequence[Difference], plan: AnalysisPlan
 ) -> tuple[Table | Cautions, ...]:
     """Return the table of differences, and whose p is held; nothing where there are none."""
     if not found:
@@ -188,7 +188,7 @@ def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
     return text + "."
 
 
-def alone(table: pd.DataFrame, plan: Plan) -> tuple[str, ...]:
+def alone(table: pd.DataFrame, plan: AnalysisPlan) -> tuple[str, ...]:
     """Return a note where one person saw several conditions."""
     if table["participant"].nunique() > 1 or len(set(table[plan.compared[0]])) < 2:
         return ()
@@ -201,7 +201,7 @@ def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estim
 
 
 def difference_estimates(
-    several: Sequence[Difference], trials: Mapping[str, int], plan: Plan
+    several: Sequence[Difference], trials: Mapping[str, int], plan: AnalysisPlan
 ) -> list[Estimate]:
     """Return differences as the main numbers of a report; `trials` are those of conditions."""
     return [
@@ -218,7 +218,7 @@ def difference_estimates(
 
 
 def mean_differences_p(
-    scored: Answers, people: Sequence[int], plan: Plan, *, holms: bool = True
+    scored: SimulatedAnswers, people: Sequence[int], plan: AnalysisPlan, *, holms: bool = True
 ) -> NDArray[np.float64]:
     """Return p of differences between conditions (studies, numbers of participants, pairs).
 

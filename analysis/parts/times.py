@@ -9,13 +9,13 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from analysis.answers import Answers
+from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
-from analysis.parts import PartFigure, Plan, Shown, SimplePart, Tests, tried
+from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -66,18 +66,18 @@ class Times:
     notes: tuple[str, ...]
 
 
-class TimesPart(SimplePart[Plan, Times]):
+class TimesPart(SimplePart[AnalysisPlan, Times]):
     """Reaction times of any task; EZ diffusion where one of two answers is right."""
 
     name: ClassVar[str] = "times"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
     secondary: ClassVar[bool] = True
 
-    def wanted(self, table: pd.DataFrame, _plan: Plan) -> bool:
+    def wanted(self, table: pd.DataFrame, _plan: AnalysisPlan) -> bool:
         """Return whether there are times above 0."""
         return "rt_s" in table and bool((table["rt_s"] > 0).any())
 
-    def of(self, table: pd.DataFrame, plan: Plan) -> Times:
+    def of(self, table: pd.DataFrame, plan: AnalysisPlan) -> Times:
         """Summarise the times above 0, and model them where the plan asks for it."""
         rows = table[table["rt_s"] > 0].reset_index(drop=True)
         level = plan.confidence
@@ -116,14 +116,16 @@ class TimesPart(SimplePart[Plan, Times]):
             notes=tuple(notes),
         )
 
-    def planned_over(self, answers: Answers, people: Sequence[int], plan: Plan) -> Tests:
+    def planned_over(
+        self, answers: SimulatedAnswers, people: Sequence[int], plan: AnalysisPlan
+    ) -> Tests:
         """Test differences of mean logarithms, near those of the model, where times are drawn."""
         if answers.times is None:
             return {}
         times = replace(answers, given=answers.times)
         return {self.name: partial(mean_differences_p, times, people, plan)}
 
-    def show(self, found: Times, plan: Plan) -> Shown:
+    def show(self, found: Times, plan: AnalysisPlan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
         draw = partial(
             reaction_plot, found.summary, found.medians, label=plan.label, level=plan.confidence
@@ -143,7 +145,7 @@ class TimesPart(SimplePart[Plan, Times]):
         )
 
 
-def _summary(found: Times, plan: Plan) -> Iterator[Block]:
+def _summary(found: Times, plan: AnalysisPlan) -> Iterator[Block]:
     times, label = found.summary, plan.label
     yield Picture("reaction")
     yield Table.each(
@@ -160,7 +162,7 @@ def _summary(found: Times, plan: Plan) -> Iterator[Block]:
     yield Cautions.each("About these times", times, lambda t: label(t.condition))
 
 
-def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
+def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     if model is None:
         return
     sd = _deviations(model) | {"the rest": model.residual_sd}
@@ -191,7 +193,7 @@ def _model(model: TimeModel | None, plan: Plan) -> Iterator[Block]:
     yield Cautions("When not to trust this model of times", model.warnings)
 
 
-def _ez(found: DiffusionResults | None, plan: Plan) -> Iterator[Block]:
+def _ez(found: DiffusionResults | None, plan: AnalysisPlan) -> Iterator[Block]:
     if found is None:
         return
     yield Table.each(
@@ -239,7 +241,7 @@ def _measure(name: str) -> str:
     return COLUMNS[name].partition(",")[0].lower()
 
 
-def _sentences(found: Times, plan: Plan) -> Iterator[str]:
+def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
     label = plan.label
     for one in found.summary:
         about = f" to {label(one.condition)}" if len(found.summary) > 1 else ""
@@ -291,7 +293,7 @@ def _methods(found: Times) -> Iterator[str]:
         )
 
 
-def _scripts(model: TimeModel, plan: Plan) -> dict[str, str]:
+def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
     """Return what repeats the model; an effect whose variance is 0 is none."""
     deviations = {
         ("participant",): model.participant_sd,

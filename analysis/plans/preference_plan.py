@@ -7,7 +7,7 @@ from itertools import combinations
 import pandas as pd
 
 from analysis.models.compared_methods import ALL_SIZES, found_pairings
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.plans.told import PreferencesTold
 from protocols.errors import StudyError
 from protocols.recipes.warped_clips import WarpedClips
@@ -28,7 +28,7 @@ class Comparison:
     repeats: int
 
 
-class PreferencePlan(Preferences, Plan):
+class PreferencePlan(Preferences, AnalysisPlan):
     """Names, labels and rules of a study's analysis."""
 
     methods: tuple[str, ...]

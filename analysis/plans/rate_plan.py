@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.plans.told import RatesTold, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
@@ -25,7 +25,7 @@ EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
 
 
-class RatePlan(RatesAnalysis, Plan):
+class RatePlan(RatesAnalysis, AnalysisPlan):
     """Names and rules of the analysis of right and wrong answers."""
 
     by: str | tuple[str, ...] = ""

@@ -5,7 +5,7 @@ from typing import Literal
 
 import pandas as pd
 
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.plans.told import RatingsTold, check_contrasts
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
@@ -14,7 +14,7 @@ from protocols.tasks.rates import name_of
 from protocols.tasks.rating import Rating, RatingsAnalysis
 
 
-class RatingPlan(RatingsAnalysis, Plan):
+class RatingPlan(RatingsAnalysis, AnalysisPlan):
     """Names and rules of the analysis of ratings; without `by` they are of pairs."""
 
     by: str = ""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from matplotlib.figure import Figure
 from scipy import stats
 
-from analysis.models.deviations import Level
+from analysis.models.deviations import EffectLevel
 from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
 
 NAMED = 40
@@ -13,7 +13,7 @@ NAMED = 40
 
 
 def caterpillar_plot(
-    effects: Mapping[str, Sequence[Level]],
+    effects: Mapping[str, Sequence[EffectLevel]],
     *,
     x_label: str,
     level: float,

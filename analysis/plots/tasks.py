@@ -8,7 +8,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.models.critical_scaling import CriticalScaling
-from analysis.models.detection import Discrimination, DiscriminationResults, YesNo, YesNoResults
+from analysis.models.detection import (
+    Discrimination,
+    DiscriminationResults,
+    YesNoCondition,
+    YesNoResults,
+)
 from analysis.models.ideal_observer import abx_d_prime
 from analysis.models.right_answers import Rate
 from analysis.plots.style import (
@@ -188,7 +193,10 @@ def scaling_plot(
 
 
 def _rows_in(
-    cells: Sequence[YesNo | Discrimination | Rate], label: Label, width_in: float, least: float
+    cells: Sequence[YesNoCondition | Discrimination | Rate],
+    label: Label,
+    width_in: float,
+    least: float,
 ) -> float:
     return len(cells) * row_in([label(one.condition) for one in cells], width_in, least)
 

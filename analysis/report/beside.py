@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
-from analysis.report.report_source import Source
+from analysis.report.report_source import ReportSource
 from analysis.report.wording import number_range, p_number, placed
 from protocols.blocks import Block, Paragraph, Table
 from protocols.errors import StudyError
@@ -35,7 +35,7 @@ class Beside:
     why_not: str = ""
 
 
-def beside(source: Source) -> Beside | None:
+def beside(source: ReportSource) -> Beside | None:
     """Return the numbers with and without exclusions; None where no rule left anything out."""
     alpha = source.settings.alpha
     if source.tidy is None:

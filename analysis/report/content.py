@@ -11,7 +11,7 @@ from analysis.parts.added import with_added
 from analysis.parts.interim_looks import LooksPart
 from analysis.parts.places import PlacesPart
 from analysis.report.participants_section import participant_sentence
-from analysis.report.report_source import Source
+from analysis.report.report_source import ReportSource
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
 from protocols.blocks import Block, Paragraph, Section
@@ -24,7 +24,7 @@ _NOTHING = Paragraph("The table does not hold what this takes.")
 
 
 @dataclass(frozen=True)
-class Content:
+class ReportContent:
     """All that is said of a source.
 
     Attributes
@@ -55,7 +55,9 @@ class Content:
     warnings: tuple[str, ...]
 
 
-def content_of(source: Source, step: Callable[[str], None] = lambda _name: None) -> Content:
+def content_of(
+    source: ReportSource, step: Callable[[str], None] = lambda _name: None
+) -> ReportContent:
     """Analyse a source, part by part."""
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
     every = with_added(analysis.parts_of(plan))
@@ -86,7 +88,7 @@ def content_of(source: Source, step: Callable[[str], None] = lambda _name: None)
     told = (said, *(one for _, one in shown), people_sentence)
     sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."
-    return Content(
+    return ReportContent(
         counted=f"{counted} · {plan.counted}",
         lead=tuple(block for one in told for block in one.lead),
         sections=tuple(one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections),

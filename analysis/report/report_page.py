@@ -6,9 +6,9 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.report import wording
-from analysis.report.content import Content
+from analysis.report.content import ReportContent
 from analysis.report.participants_section import participant_blocks
-from analysis.report.report_source import Source
+from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import Tidy
 from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, Table
@@ -17,8 +17,8 @@ from protocols.html_page import Figure, html_page
 
 
 def report_page(
-    source: Source,
-    content: Content,
+    source: ReportSource,
+    content: ReportContent,
     figures: Mapping[str, Figure],
     provenance: Mapping[str, Json],
     quality: Sequence[Block] = (),

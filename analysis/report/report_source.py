@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.parts import Plan
+from analysis.parts import AnalysisPlan
 from analysis.plans.told import PreferencesTold
 from analysis.recording_notes import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
@@ -24,14 +24,14 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Source:
+class ReportSource:
     """Source of an analysis: sessions, or a table of decisions."""
 
     analysis: AnyAnalysis
     decisions: pd.DataFrame
     tidy: Tidy | None
     protocol: StudyProtocol | None
-    settings: Plan
+    settings: AnalysisPlan
     simulated: bool
     provenance: dict[str, Json]
     warnings: tuple[str, ...]
@@ -39,7 +39,7 @@ class Source:
     """Parts of the report; none: all."""
 
 
-def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | None) -> Source:
+def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | None) -> ReportSource:
     """Read every session below `folder`.
 
     Raises
@@ -76,7 +76,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     if tidy.live:
         provenance["sample_to_flip"] = LatencySummary.of(tidy.live).model_dump(mode="json")
     analysis = analysis_of(protocol.analysis.kind)
-    return Source(
+    return ReportSource(
         analysis,
         decisions,
         tidy,
@@ -94,7 +94,7 @@ def from_table(
     title: str | None = None,
     where: Sequence[str] = (),
     told: Mapping[str, str] | None = None,
-) -> Source:
+) -> ReportSource:
     """Read a table of decisions; a protocol, where given, says task, conditions and rules.
 
     `where` as `analysis.tables.table.Table` takes it; `told` are keys that take the place of those
@@ -130,7 +130,7 @@ def from_table(
 
 def from_question(
     analysis: AnyAnalysis, table: Table, told: Analysis, only: Collection[str] = ()
-) -> Source:
+) -> ReportSource:
     """Read a table for one question: a kind of analysis, and what a command was told.
 
     `only` are the parts that answer it; none: all.
@@ -150,10 +150,10 @@ def _of_table(
     analysis: AnyAnalysis,
     table: Table,
     decisions: pd.DataFrame,
-    settings: Plan,
+    settings: AnalysisPlan,
     notes: Sequence[str],
     protocol: StudyProtocol | None = None,
-) -> Source:
+) -> ReportSource:
     digest = sha256_file(table.path) if table.path.is_file() else None  # a folder has none
     simulated = "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
     provenance: dict[str, Json] = {
@@ -161,7 +161,7 @@ def _of_table(
         "protocol_sha256": settings.protocol_sha256,
     }
     said = (*table.notes, *notes)
-    return Source(analysis, decisions, None, protocol, settings, simulated, provenance, said)
+    return ReportSource(analysis, decisions, None, protocol, settings, simulated, provenance, said)
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from protocols.hashing import Json
 
 
 @runtime_checkable
-class Row(Protocol):
+class ResultRow(Protocol):
     """A result that names its own columns."""
 
     def row(self) -> Mapping[str, object]:
@@ -34,7 +34,7 @@ def as_json(value: object) -> Json:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, Row):
+    if isinstance(value, ResultRow):
         return as_json(value.row())
     if is_dataclass(value) and not isinstance(value, type):
         hidden = getattr(value, "unidentified", ())

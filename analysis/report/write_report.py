@@ -15,9 +15,9 @@ from analysis.data_dictionary import dictionary
 from analysis.parts import PartFigure
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.report.beside import beside, beside_blocks
-from analysis.report.content import Content, content_of
+from analysis.report.content import ReportContent, content_of
 from analysis.report.report_page import report_page
-from analysis.report.report_source import Progress, Source, from_sessions, from_table
+from analysis.report.report_source import Progress, ReportSource, from_sessions, from_table
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write_table import write_table
 from analysis.tidy import write_tables
@@ -42,7 +42,7 @@ class ReportPaths:
 
     html: Path
     json: Path
-    content: Content
+    content: ReportContent
     simulated: bool
 
     @property
@@ -108,7 +108,7 @@ def report_decisions(
 
 
 def write_report(
-    source: Source,
+    source: ReportSource,
     read: Path,
     out: Path,
     *,
@@ -166,7 +166,7 @@ def write_report(
     )
 
 
-def _latency(source: Source) -> tuple[Paragraph, ...]:
+def _latency(source: ReportSource) -> tuple[Paragraph, ...]:
     """Return the age of gaze in frames that followed it, as a paragraph; nothing where none did."""
     if source.tidy is None or not source.tidy.live:
         return ()
@@ -217,7 +217,7 @@ def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]
     )
 
 
-def _write_csv(source: Source, content: Content, folder: Path) -> None:
+def _write_csv(source: ReportSource, content: ReportContent, folder: Path) -> None:
     tables: dict[str, pd.DataFrame] = {}
     if source.tidy is not None and source.protocol is not None:
         write_tables(source.tidy, source.protocol, folder)

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import pandas as pd
 
-from analysis.parts import AnyPart, Plan
-from analysis.power import Simulation
+from analysis.parts import AnalysisPlan, AnyPart
+from analysis.power import PowerSimulation
 from analysis.seed import SEED
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns
@@ -20,7 +20,7 @@ from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
-S = TypeVar("S", bound=Plan)
+S = TypeVar("S", bound=AnalysisPlan)
 
 
 class TaskAnalysis(ABC, Generic[S]):
@@ -120,7 +120,7 @@ class TaskAnalysis(ABC, Generic[S]):
 
     # Power.
 
-    def simulation(self, study: StudyProtocol) -> Simulation[S]:
+    def simulation(self, study: StudyProtocol) -> PowerSimulation[S]:
         """Return how such a study is simulated, for its power.
 
         Raises

@@ -22,7 +22,7 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 
-class Ratings(TaskAnalysis[RatingPlan]):
+class RatingsTask(TaskAnalysis[RatingPlan]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
     kind: ClassVar[str] = "ratings"

@@ -7,7 +7,7 @@ import pandas as pd
 
 from analysis.guessing import below_guessing
 from analysis.models.cells import conditions
-from analysis.parts import AnyPart, Plan
+from analysis.parts import AnalysisPlan, AnyPart
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
 from analysis.plans.told import TimesTold, check_contrasts
@@ -20,7 +20,7 @@ from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
 
 
-class TimesPlan(TimesTold, Plan):
+class TimesPlan(TimesTold, AnalysisPlan):
     """Names and rules of the analysis of reaction times.
 
     `alternatives`: how many answers the table holds; None where none is right or wrong.

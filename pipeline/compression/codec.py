@@ -47,7 +47,7 @@ FIRST_SHARE = 0.15
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompressionSettings:
     """Settings of compression.
 
     Parameters
@@ -90,7 +90,7 @@ class Settings:
 def compress(
     pictures: Sequence[NDArray[np.floating]],
     gaze_px: tuple[float, float],
-    settings: Settings | None = None,
+    settings: CompressionSettings | None = None,
 ) -> Compressed:
     """Compress a picture, or the frames of a clip.
 
@@ -106,7 +106,7 @@ def compress(
     InputError
         If pictures are of several sizes, a number is out of range, or the size cannot be reached.
     """
-    settings = settings or Settings()
+    settings = settings or CompressionSettings()
     if not pictures:
         raise InputError("there must be at least one picture to compress (got none)")
     frames = [check_picture(picture) for picture in pictures]
@@ -145,7 +145,7 @@ class _Work:
     """Frames in cells, coded as often as a size needs."""
 
     def __init__(
-        self, grid: PolarGrid, frames: Sequence[NDArray[np.float32]], settings: Settings
+        self, grid: PolarGrid, frames: Sequence[NDArray[np.float32]], settings: CompressionSettings
     ) -> None:
         self._grid, self._frames, self._settings = grid, frames, settings
         self._cells = [to_bytes(fitted_cells(frame.astype(np.float64), grid)) for frame in frames]

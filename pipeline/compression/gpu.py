@@ -23,7 +23,7 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
-    Pooled,
+    PoolUniforms,
     halved,
     noise_constants,
     screen_noise,
@@ -44,7 +44,7 @@ class DecompressPass(PicturePass):
     """
 
     def __init__(self, ctx: moderngl.Context, like: Compressed) -> None:
-        self._eye = Pooled(Flat().of(*like.grid.size), Pooling(fovea_deg=0))
+        self._eye = PoolUniforms(Flat().of(*like.grid.size), Pooling(fovea_deg=0))
         super().__init__(ctx, like.grid.size, self._eye)
         self._grid, self._maps = like.grid, like.map_grids()
         self.levels = len(self._maps)

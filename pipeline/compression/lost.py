@@ -23,7 +23,7 @@ from pipeline.foveation.pooled_moments import (
     BLOCK_HALVINGS,
     SMALLEST_VARIANCE,
     LevelMoments,
-    Wanted,
+    WantedMoments,
     coefficient_moments,
 )
 from pipeline.foveation.reference import shaped_noise
@@ -110,7 +110,7 @@ def mean_of_maps(maps: Sequence[Sequence[LostMap]]) -> list[LostMap]:
     return found
 
 
-def wanted_of(maps: Sequence[LostMap]) -> Wanted:
+def wanted_of(maps: Sequence[LostMap]) -> WantedMoments:
     """Read the maps at blocks of 4x4 pixels. A map fades in over its first cell."""
     width, height = maps[0].grid.size
     block = 1 << BLOCK_HALVINGS
@@ -126,7 +126,7 @@ def wanted_of(maps: Sequence[LostMap]) -> Wanted:
         variances.append(np.clip(column, 0, 1)[..., None] * read[..., :3])
         slopes.append(read[..., 3:])
     nothing = np.zeros((*at[0].shape, 3 * len(maps), 2))
-    return Wanted(np.concatenate(variances, axis=2), np.stack(slopes, axis=2), nothing)
+    return WantedMoments(np.concatenate(variances, axis=2), np.stack(slopes, axis=2), nothing)
 
 
 def with_noise(base: Floats, maps: Sequence[LostMap], seed: int) -> Floats:

@@ -15,7 +15,7 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
-    Pooled,
+    PoolUniforms,
     halved,
     noise_constants,
     screen_noise,
@@ -38,7 +38,7 @@ class DenoisePass(PicturePass):
     ) -> None:
         if geometry.on_sphere:
             raise ValueError("these passes know flat pictures only; numpy knows panoramas")
-        self._eye = Pooled(geometry, pooling)
+        self._eye = PoolUniforms(geometry, pooling)
         width, height = geometry.width_px, geometry.height_px
         super().__init__(ctx, (width, height), self._eye)
         self.levels = levels

@@ -22,7 +22,7 @@ from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import (
     BLOCK_HALVINGS,
     SMALLEST_VARIANCE,
-    Wanted,
+    WantedMoments,
     wanted_by_blocks,
 )
 from pipeline.foveation.reference import finished, shaped_noise
@@ -84,10 +84,10 @@ class MomentMaps:
         slopes = np.clip(chroma / luma[..., None], -MOST_SLOPE, MOST_SLOPE)
         return MomentMaps(np.clip(base.astype(np.float64), 0, 1), deviations, slopes)
 
-    def wanted(self) -> Wanted:
+    def wanted(self) -> WantedMoments:
         """Moments that noise has to give; chroma beside luma is left out, and so is its shape."""
         nothing = np.zeros((*self.deviations.shape, 2))
-        return Wanted(self.deviations**2, self.slopes, nothing)
+        return WantedMoments(self.deviations**2, self.slopes, nothing)
 
 
 def maps_of(picture: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> MomentMaps:

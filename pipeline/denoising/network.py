@@ -176,7 +176,7 @@ class DenoisingNetwork:
                 f"{self.path}: must be a network for {kind} (it is one for {self.facts.kind})"
             )
 
-    def _run(self, seen: Seen) -> list[Picture]:
+    def _run(self, seen: NetworkInput) -> list[Picture]:
         height, width = seen.planes.shape[2:]
         try:
             found = self._session.run(self._gives, {self._takes: seen.planes})
@@ -201,7 +201,7 @@ def inputs_of(levels: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class NetworkInput:
     """Input of a network, and the maps that it corrects.
 
     Parameters
@@ -216,7 +216,7 @@ class Seen:
     own: MomentMaps
 
 
-def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> Seen:
+def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> NetworkInput:
     """Prepare a noisy picture (H, W, 3) for a network.
 
     Raises
@@ -246,7 +246,7 @@ def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> 
     )
     below, right = -height % MULTIPLE_PX, -width % MULTIPLE_PX
     padded = np.pad(planes, ((0, below), (0, right), (0, 0)), mode="edge")
-    return Seen(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
+    return NetworkInput(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
 
 
 def _facts(path: Path, session: Any) -> Facts:

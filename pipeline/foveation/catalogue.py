@@ -1,7 +1,7 @@
 """The conditions by class: parameters checked and kept, the work done by the modules beside.
 
 Keyword-only parameters of a class and of its bases are the parameters of its condition. Those of
-pooling are the same for all: see `Pooled`.
+pooling are the same for all: see `PooledCondition`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import (
     CONSTANTS,
     Pooling,
@@ -50,11 +50,11 @@ class Plain:
 class Reference(Plain):
     """The picture itself."""
 
-    def apply(self, picture: Picture, look: Look) -> Picture:  # noqa: ARG002
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:  # noqa: ARG002
         return picture.copy()
 
 
-class Pooled(Plain):
+class PooledCondition(Plain):
     """A condition that pools; its parameters are those of `pooling.make_pooling`."""
 
     pooling: Pooling
@@ -74,7 +74,7 @@ class Pooled(Plain):
         )
 
 
-class Blur(Pooled):
+class Blur(PooledCondition):
     """Every pixel is its pool's mean."""
 
     def on_gpu(
@@ -87,11 +87,11 @@ class Blur(Pooled):
 
         return BlurPass(ctx, geometry, self.pooling)
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         return reference.blur(picture, look.pools(self.pooling))
 
 
-class Metamer(Pooled):
+class Metamer(PooledCondition):
     """Noise with every pool's moments; see `MetamerSettings`."""
 
     def __init__(
@@ -115,7 +115,7 @@ class Metamer(Pooled):
             return None
         return MetamerPass(ctx, geometry, self.settings, seed=seed)
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         return reference.metamer(
             picture,
             look.pools(self.pooling),
@@ -125,7 +125,7 @@ class Metamer(Pooled):
         )
 
 
-class _Enhanced(Pooled):
+class _Enhanced(PooledCondition):
     """A blur to which something is given back, by `strength`."""
 
     most_strength: ClassVar[float]
@@ -144,7 +144,7 @@ class NoiseEnhanced(_Enhanced):
 
     most_strength = 16
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         return enhancement.noise_enhanced(
             picture, look.pools(self.pooling), look.seed, strength=self.strength
         )
@@ -155,13 +155,13 @@ class ContrastEnhanced(_Enhanced):
 
     most_strength = 2
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         return enhancement.contrast_enhanced(
             picture, look.pools(self.pooling), strength=self.strength
         )
 
 
-class _Displaced(Pooled):
+class _Displaced(PooledCondition):
     """Base of conditions that displace at random; see `DisplacementSettings`."""
 
     match: ClassVar[bool]
@@ -174,7 +174,7 @@ class _Displaced(Pooled):
 
         return DisplacementPass(ctx, geometry, self.settings, match=self.match, seed=seed)
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         show = displacement.warped_metamer if self.match else displacement.eidolon
         return show(
             picture,
@@ -255,7 +255,7 @@ class FilesOnDisk(Plain):
                 f"{path}: must hold pictures named 000000.png, 000001.png, ... (has none)"
             )
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         file = self._files.get(look.frame)
         if file is None:
             raise InputError(

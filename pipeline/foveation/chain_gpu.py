@@ -8,14 +8,14 @@ import moderngl
 
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.picture_pass import TILE, PicturePass, Pooled, resolutions
-from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
+from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, resolutions
+from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 
 POWERS = 3  # layers of powers
 
 
 @dataclass(frozen=True, eq=False)
-class Resolutions:
+class ResolutionTextures:
     """Textures by resolution less 1; None where there are none. The picture's own are not kept.
 
     `lows`: the picture halved so often. `moments`: two layers a level, see pull.comp.glsl.
@@ -27,7 +27,7 @@ class Resolutions:
     powers: list[moderngl.TextureArray | None]
 
 
-class ChainPass(PicturePass):
+class MomentChainPass(PicturePass):
     """The chain of a picture and its bands' moments, pulled once, then chosen for any gaze.
 
     Attributes
@@ -52,7 +52,7 @@ class ChainPass(PicturePass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        pooled: Pooled,
+        pooled: PoolUniforms,
         levels: int,
         deepest: int,
         *,
@@ -66,7 +66,7 @@ class ChainPass(PicturePass):
         self.sizes = resolutions(size, self.count)
         taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
         has_powers = levels > 0 and chroma
-        self.pulled = Resolutions(
+        self.pulled = ResolutionTextures(
             [self._texture(size) for size in self.sizes[1:]],
             [
                 self._array(self.sizes[r], 2 * min(r, levels)) if levels else None
@@ -92,7 +92,7 @@ class ChainPass(PicturePass):
             for own, older, powers in dict.fromkeys(pulled)
         }
         pulls = [made[key] for key in pulled]
-        self._first_pull = Steps(lambda source: self._pull_step(pulls[0], 0, source))
+        self._first_pull = Dispatches(lambda source: self._pull_step(pulls[0], 0, source))
         self._pulls = [
             self._pull_step(shader, r, self.pulled.lows[r - 1])
             for r, shader in enumerate(pulls[1:], start=1)
@@ -107,7 +107,7 @@ class ChainPass(PicturePass):
             for base, layers in dict.fromkeys(pushed.values())
             if base or layers
         }
-        self.chosen = Resolutions(*(list(kind) for kind in vars(self.pulled).values()))
+        self.chosen = ResolutionTextures(*(list(kind) for kind in vars(self.pulled).values()))
         for r, (base, layers) in pushed.items():
             if base:
                 self.chosen.lows[r - 1] = self._texture(self.sizes[r])
@@ -131,7 +131,7 @@ class ChainPass(PicturePass):
             if r >= last and (first is None or r <= first):
                 step.run()
 
-    def _pull_step(self, shader: Shader, r: int, fine: moderngl.Texture) -> Step:
+    def _pull_step(self, shader: Shader, r: int, fine: moderngl.Texture) -> Dispatch:
         lows, moments, powers = vars(self.pulled).values()
         return shader.step_over(
             self.sizes[r + 1],
@@ -145,7 +145,7 @@ class ChainPass(PicturePass):
             ),
         )
 
-    def _push_step(self, shader: Shader, r: int) -> Step:
+    def _push_step(self, shader: Shader, r: int) -> Dispatch:
         own, chosen = self.pulled, self.chosen
         return shader.step_over(
             self.sizes[r],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import Pooling
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Condition(Protocol):
         """Width of the eye's pools; None where it plays no part."""
         ...
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         """Return what is shown: (H, W, 3), float32 in [0, 1]."""
         ...
 

@@ -17,14 +17,14 @@ from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import (
-    Look,
     Picture,
+    PictureFixation,
     as_floats,
     check_held,
     check_picture,
     check_size,
 )
-from pipeline.named_classes import Entry, check_given, defaults_of, find
+from pipeline.named_classes import NamedClass, check_given, defaults_of, find
 
 if TYPE_CHECKING:
     import moderngl
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _CATALOGUE = "pipeline.foveation.catalogue"
 CONDITIONS = tuple(
-    Entry(name, summary, target if ":" in target else f"{_CATALOGUE}:{target}", *path)
+    NamedClass(name, summary, target if ":" in target else f"{_CATALOGUE}:{target}", *path)
     for name, summary, target, *path in (
         ("reference", "the picture itself", "Reference"),
         ("blur", "each pixel is the mean of its pool", "Blur"),
@@ -58,7 +58,7 @@ def condition_names() -> list[str]:
     return [entry.shown_name for entry in CONDITIONS]
 
 
-def check_condition_name(name: str) -> Entry:
+def check_condition_name(name: str) -> NamedClass:
     """Return the entry that `name` means; nothing of the condition is imported.
 
     Raises
@@ -295,7 +295,7 @@ class Foveator:
         """
         if not self._holds:
             raise InputError("a foveator must hold a picture before it shows one: hold(picture)")
-        look = Look(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
+        look = PictureFixation(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             passes = self.passes
             if last:

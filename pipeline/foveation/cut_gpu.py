@@ -7,7 +7,7 @@ import moderngl
 from pipeline.foveation.drawn import cut_normal
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.picture_pass import TILE
-from pipeline.gl.compute import Steps
+from pipeline.gl.compute import Dispatches
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_texture
 
@@ -29,7 +29,7 @@ class CutPass(Pass):
         shader["centre_px"] = geometry.centre_px
         shader["distance_px"] = geometry.distance_px
         self._normal, self._ramp = shader.uniform("normal"), shader.uniform("ramp_deg")
-        self._steps = Steps(
+        self._steps = Dispatches(
             lambda first, second, target: shader.step_over(
                 self.size, first=first, second=second, target=target
             )

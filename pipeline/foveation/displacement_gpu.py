@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.features.gpu import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.chain_gpu import ChainPass
+from pipeline.foveation.chain_gpu import MomentChainPass
 from pipeline.foveation.displacement import (
     CUBIC,
     LEAST_MATCH,
@@ -28,10 +28,10 @@ from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.picture_pass import TILE, PicturePass, Pooled, halved, resolutions
+from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, halved, resolutions
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.sphere import FINEST
-from pipeline.gl.compute import Resource, Shader, Step, Steps, of_int
+from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 from pipeline.gl.shader import Constant
 from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION
@@ -65,7 +65,7 @@ class DisplacementPass(FoveationPass):
     ) -> None:
         super().__init__(ctx, geometry, settings.pooling)
         self.settings = settings
-        self._field_pooled = Pooled(geometry, settings.pooling)
+        self._field_pooled = PoolUniforms(geometry, settings.pooling)
         self._levels = min(settings.levels, chain_length(*self.size))
         join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
         self._warped = self._texture(self.size)
@@ -83,7 +83,7 @@ class DisplacementPass(FoveationPass):
             self.chains = self._match.chains
             lacks = self._match.lacking
             join["has_coarse_change"] = self._match.has_change
-        self._join = Steps(
+        self._join = Dispatches(
             lambda source, target: join.step_over(
                 halved(self.size), source=source, warped=self._warped, target=target, **lacks
             )
@@ -131,7 +131,7 @@ class _FlatField(PicturePass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        pooled: Pooled,
+        pooled: PoolUniforms,
         settings: DisplacementSettings,
         warped: moderngl.Texture,
     ) -> None:
@@ -163,7 +163,7 @@ class _FlatField(PicturePass):
             )
             for r, coarse in reversed(list(enumerate([*chosen[1:], self._noise[-1]], start=1)))
         ]
-        self._displace = Steps(
+        self._displace = Dispatches(
             lambda source: displace.step_over(
                 self.size,
                 source=source,
@@ -195,14 +195,14 @@ class _SphereField(PicturePass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        pooled: Pooled,
+        pooled: PoolUniforms,
         settings: DisplacementSettings,
         warped: moderngl.Texture,
     ) -> None:
         super().__init__(ctx, warped.size, pooled)
         self._shader_of_all = shader = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
         self._set(smoothness=settings.smoothness, reach=settings.reach)
-        self._displace = Steps(
+        self._displace = Dispatches(
             lambda source: shader.step_over(self.size, source=source, warped=warped)
         )
 
@@ -219,12 +219,12 @@ class _Match(PicturePass):
     Both are pulled when they change, and pushed for each gaze. `lacking` is what the join reads.
     """
 
-    def __init__(self, ctx: moderngl.Context, pooled: Pooled, levels: int) -> None:
+    def __init__(self, ctx: moderngl.Context, pooled: PoolUniforms, levels: int) -> None:
         geometry = pooled.geometry
         size = geometry.width_px, geometry.height_px
         super().__init__(ctx, size, pooled, wraps=geometry.wraps)
         self._true, self._own = (
-            self._part(ChainPass(ctx, pooled, levels, 0, chroma=False)) for _ in range(2)
+            self._part(MomentChainPass(ctx, pooled, levels, 0, chroma=False)) for _ in range(2)
         )
         self.chains = [self._true, self._own]
         self._count, self._levels = self._true.count, levels
@@ -255,7 +255,7 @@ class _Match(PicturePass):
             **self._moments(1),
         }
 
-    def _step(self, shader: Shader, r: int, is_level: bool, deepest: bool) -> Step:
+    def _step(self, shader: Shader, r: int, is_level: bool, deepest: bool) -> Dispatch:
         given: dict[str, Resource] = {
             "true_low": self._true.pulled.lows[r - 1],
             "own_low": self._own.pulled.lows[r - 1],

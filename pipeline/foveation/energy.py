@@ -32,11 +32,11 @@ from numpy.typing import NDArray
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError, MissingExtraError
 from pipeline.features.reference import check_levels, fitted_kernels
-from pipeline.foveation.catalogue import Metamer, Pooled
+from pipeline.foveation.catalogue import Metamer, PooledCondition
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.panorama import by_charts
-from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
 from pipeline.noise.random_bits import Stream
@@ -61,7 +61,7 @@ INSTALL = (
 )
 
 
-class EnergyMetamer(Pooled):
+class EnergyMetamer(PooledCondition):
     """Pixels that pool to the same energies, by descent; see the module.
 
     Raises
@@ -94,13 +94,13 @@ class EnergyMetamer(Pooled):
                 f"energy-metamer needs torch, which is not installed here; {INSTALL}"
             )
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         return self.descend(picture, look)
 
     def descend(
         self,
         picture: Picture,
-        look: Look,
+        look: PictureFixation,
         *,
         state: Path | None = None,
         progress: Progress | None = None,
@@ -166,7 +166,7 @@ class EnergyMetamer(Pooled):
                 progress(step + 1, self.steps, float(loss.detach()) / scale)
         return finished(picture, _array(pixels).astype(np.float64), pools)
 
-    def loss(self, picture: Picture, shown: Picture, look: Look) -> float:
+    def loss(self, picture: Picture, shown: Picture, look: PictureFixation) -> float:
         """Distance of `shown` from `picture`, over the distance of the blur of equal pooling."""
         import torch
 
@@ -185,7 +185,7 @@ class EnergyMetamer(Pooled):
         return ours / max(1e-12, base)
 
     def _first(
-        self, picture: Picture, look: Look, base: NDArray[np.float32]
+        self, picture: Picture, look: PictureFixation, base: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
             law = self.pooling.law
@@ -195,7 +195,7 @@ class EnergyMetamer(Pooled):
         noise = white_noise(look.seed, picture.shape[:2], 1, Stream.START)
         return np.clip(base + START_NOISE * noise.astype(np.float32), 0, 1)
 
-    def _key(self, picture: Picture, look: Look) -> str:
+    def _key(self, picture: Picture, look: PictureFixation) -> str:
         """Hash all that decides the result."""
         parts = {
             "picture": hashlib.sha256(np.ascontiguousarray(picture).tobytes()).hexdigest(),

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.chain_gpu import ChainPass, given
+from pipeline.foveation.chain_gpu import MomentChainPass, given
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
-from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.picture_pass import (
     PicturePass,
-    Pooled,
+    PoolUniforms,
     gains_constants,
     halved,
     layered,
@@ -32,7 +32,7 @@ from pipeline.foveation.picture_pass import (
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.settings import MetamerSettings
-from pipeline.gl.compute import Shader, Step, Steps, let_go
+from pipeline.gl.compute import Dispatch, Dispatches, Shader, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gpu import NoisePass
 from pipeline.noise.mixing import LAGS, fitted_mixing
@@ -75,18 +75,18 @@ class FoveationPass(PicturePass):
     carries_noise: ClassVar[bool] = True
 
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
-        self._eye = Pooled(geometry, pooling)
+        self._eye = PoolUniforms(geometry, pooling)
         size = geometry.width_px, geometry.height_px
         super().__init__(ctx, size, self._eye, wraps=geometry.wraps)
         self.geometry = geometry
         self._source: moderngl.Texture | None = None
         self._ends: dict[str, moderngl.Texture] = {}  # for callers without textures
         self._reader: moderngl.Framebuffer | None = None  # of what is shown to them
-        self.chains: list[ChainPass] = []  # what analyses pictures
+        self.chains: list[MomentChainPass] = []  # what analyses pictures
 
-    def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> ChainPass:
+    def _analysis(self, levels: int, deepest: int, *, chroma: bool = True) -> MomentChainPass:
         # Moments of resolution 2 are chosen where they are read, in gains.comp.glsl.
-        chain = ChainPass(self._ctx, self._eye, levels, deepest, chroma=chroma, finest=3)
+        chain = MomentChainPass(self._ctx, self._eye, levels, deepest, chroma=chroma, finest=3)
         self._part(chain)
         self.chains.append(chain)
         return chain
@@ -165,7 +165,7 @@ class FoveationPass(PicturePass):
         upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE[name]))
         self.hold(source)
 
-    def shown(self, look: Look, *, last: bool = False) -> Picture:
+    def shown(self, look: PictureFixation, *, last: bool = False) -> Picture:
         """Show what is held, and read it back; the `last` time, all is freed as soon as it can."""
         self.set_seed(look.seed, carried=look.noise_shift_px is not None)
         shift = None
@@ -197,7 +197,7 @@ class FoveationPass(PicturePass):
             let_go(self._ctx)
         return found
 
-    def apply(self, picture: Picture, look: Look) -> Picture:
+    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
         """Upload, work, read back: for callers without textures."""
         self.upload(picture)
         return self.shown(look)
@@ -223,7 +223,7 @@ class BlurPass(FoveationPass):
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
         finish, coarse = self._compile("finish", FADE_SHARE=FADE_SHARE), self._chain.chosen.lows[0]
-        self._finish_steps = Steps(
+        self._finish_steps = Dispatches(
             lambda source, target: finish.step_over(
                 self.size, source=source, coarse=coarse, target=target
             )
@@ -283,7 +283,7 @@ class MetamerPass(FoveationPass):
         )
         self._gains = self._gains_step(gains)
         self._on_screen = self._compile_finish(carried=False)
-        self._finish_steps = Steps(self._finish_step)
+        self._finish_steps = Dispatches(self._finish_step)
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
@@ -305,7 +305,7 @@ class MetamerPass(FoveationPass):
         source: moderngl.Texture,
         target: moderngl.Texture,
         shift_px: moderngl.Texture | None,
-    ) -> Step:
+    ) -> Dispatch:
         lies = self._screen if shift_px is None else self._carried
         assert lies is not None
         return (self._on_screen if isinstance(lies, NoisePass) else lies.finish).step_over(
@@ -344,7 +344,7 @@ class MetamerPass(FoveationPass):
         self._carried.texture.write(tile.tobytes())
         self._carried.seed = seed
 
-    def _gains_step(self, gains: Shader) -> Step:
+    def _gains_step(self, gains: Shader) -> Dispatch:
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
         chain = self._chain
         last = min(max(3, self.levels), chain.count)

@@ -22,7 +22,7 @@ from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, tile_edge
 from pipeline.foveation.picture_fixation import as_floats
 from pipeline.foveation.picture_pass import (
     TILE,
-    Pooled,
+    PoolUniforms,
     gains_constants,
     halved,
     noise_constants,
@@ -140,7 +140,7 @@ def page_passes(
     chroma = settings.chroma != "luma"
     deepest = levels if settings.residual == "kept" else count
     page = PagePasses(picture)
-    pooled = Pooled(geometry, condition.pooling)
+    pooled = PoolUniforms(geometry, condition.pooling)
     sizes = resolutions(size, count)
     _pull(page, levels, deepest, count, chroma)
     _add_noise(page, seed, levels, tile_edge(size[1], size[0]))

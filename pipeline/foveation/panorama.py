@@ -24,7 +24,7 @@ from pipeline.foveation.geometry import (
     Geometry,
     pixel_centres,
 )
-from pipeline.foveation.picture_fixation import Look, Picture
+from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 
 SEEN_DEG = 35.0
@@ -46,7 +46,7 @@ def capped_rows(geometry: Geometry, *, upper: bool) -> slice:
     return slice(0, count) if upper else slice(geometry.height_px - count, geometry.height_px)
 
 
-def by_charts(condition: Condition, picture: Picture, look: Look) -> Picture:
+def by_charts(condition: Condition, picture: Picture, look: PictureFixation) -> Picture:
     """Show a whole panorama to a gaze, by a condition that pools."""
     geometry = look.geometry
     x, y = pixel_centres(geometry)
@@ -86,9 +86,9 @@ def over_poles(panorama: NDArray[np.floating], rows: int) -> NDArray[np.floating
     return np.concatenate([np.roll(above, half, axis=1), panorama, np.roll(below, half, axis=1)])
 
 
-def cap_look(look: Look, cap: CapGeometry) -> Look:
+def cap_look(look: PictureFixation, cap: CapGeometry) -> PictureFixation:
     """The same look at the picture of a pole."""
-    return Look(
+    return PictureFixation(
         cap,
         cap_gaze_px(look.geometry, cap, look.gaze_px),
         look.seed,
@@ -106,7 +106,7 @@ def cap_gaze_px(
     return float(x), float(y)
 
 
-def _cap_shift_px(look: Look, cap: CapGeometry) -> NDArray[np.float64]:
+def _cap_shift_px(look: PictureFixation, cap: CapGeometry) -> NDArray[np.float64]:
     """Motion of surfaces in the picture of a pole: (edge, edge, 2), x first, pixels."""
     geometry, shift = look.geometry, look.noise_shift_px
     assert shift is not None

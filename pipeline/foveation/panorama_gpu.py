@@ -9,9 +9,9 @@ from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import CapGeometry, Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
 from pipeline.foveation.panorama import cap_gaze_px, cap_of
-from pipeline.foveation.picture_pass import PicturePass, Pooled, sphere_constants
+from pipeline.foveation.picture_pass import PicturePass, PoolUniforms, sphere_constants
 from pipeline.foveation.pooling import Pooling
-from pipeline.gl.compute import Steps
+from pipeline.gl.compute import Dispatches
 
 
 def panorama_pass(
@@ -57,11 +57,11 @@ class PanoramaPass(FoveationPass):
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
         self._look_up = [
-            self._part(_CapLookUp(ctx, Pooled(cap, pooling), seen))
+            self._part(_CapLookUp(ctx, PoolUniforms(cap, pooling), seen))
             for (cap, _), seen in zip(caps, self._seen, strict=True)
         ]
         pictures = dict(zip(("belt", "upper", "lower"), self._shown, strict=True))
-        self._join = Steps(
+        self._join = Dispatches(
             lambda source, target: join.step_over(
                 self.size, source=source, target=target, **pictures
             )
@@ -98,10 +98,10 @@ class PanoramaPass(FoveationPass):
 class _CapLookUp(PicturePass):
     """A pole's surroundings, looked up in the panorama."""
 
-    def __init__(self, ctx: moderngl.Context, pooled: Pooled, cap: moderngl.Texture) -> None:
+    def __init__(self, ctx: moderngl.Context, pooled: PoolUniforms, cap: moderngl.Texture) -> None:
         super().__init__(ctx, cap.size, pooled)
         look_up = self._compile("cap", CUBIC=CUBIC)
-        self._steps = Steps(
+        self._steps = Dispatches(
             lambda panorama: look_up.step_over(self.size, panorama=panorama, cap=cap)
         )
 

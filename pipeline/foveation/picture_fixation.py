@@ -20,7 +20,7 @@ Picture = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class PictureFixation:
     """One look at one picture.
 
     Parameters

@@ -51,7 +51,7 @@ Size = tuple[int, int]
 S = TypeVar("S", Shader, moderngl.Program)
 
 
-class Pooled:
+class PoolUniforms:
     """Uniforms of every shader with pools.glsl: the geometry and law once, the gaze per call."""
 
     def __init__(self, geometry: Geometry, pooling: Pooling) -> None:
@@ -105,7 +105,7 @@ class PicturePass(Pass):
         self,
         ctx: moderngl.Context,
         size: Size,
-        pooled: Pooled,
+        pooled: PoolUniforms,
         *,
         wraps: bool = False,
     ) -> None:

@@ -89,7 +89,7 @@ def moment_chain(low_rgb: Floats, count: int, *, wraps: bool) -> list[Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class WantedMoments:
     """Moments that noise has to give each block of 4x4 pixels; arrays (h, w, ...).
 
     `variances` (levels * 3): of luma. `slopes` (levels, 2): Cb and Cr that go with luma.
@@ -103,7 +103,7 @@ class Wanted:
     shape: Floats | None = None
 
 
-def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wanted:
+def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> WantedMoments:
     """Pool the moments of each level of a chain, and say what is lost.
 
     Parameters
@@ -125,7 +125,7 @@ def wanted_by_blocks(lows: Sequence[Floats], pools: Pools, levels: int) -> Wante
         for variance, slope in zip(variances[1:], slopes[1:], strict=True)
     )
     limit = np.sqrt(np.minimum(1, chroma / (given + SMALLEST_VARIANCE)))
-    return Wanted(
+    return WantedMoments(
         np.concatenate(variances, axis=2),
         np.stack(slopes, axis=2) * limit[:, :, None],
         np.concatenate(remainders, axis=2),
@@ -182,7 +182,7 @@ def power_chain(lows: Sequence[Floats], *, wraps: bool) -> list[Floats]:
 
 
 def level_wanted(chain: list[Floats], pools: Pools, level: int) -> tuple[Floats, Floats, Floats]:
-    """One level's share of `Wanted`. `chain[i]` lies at resolution ``level + 1 + i``."""
+    """One level's share of `WantedMoments`. `chain[i]` lies at resolution ``level + 1 + i``."""
     wraps = pools.geometry.wraps
     lod = pools.lod(BLOCK_HALVINGS, level)
     # Blocks are coarser than the finest level's first moments, finer than those of the third.

@@ -20,7 +20,7 @@ from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box,
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import noise_plane
-from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, Wanted, wanted_by_blocks
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, WantedMoments, wanted_by_blocks
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import noise_strength
 from pipeline.noise.gains import spectral_gains
@@ -59,12 +59,12 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class MetamerParts:
     """A metamer on its way. `base`, `noise` (H, W, 3): R'G'B'; `wanted`: by blocks."""
 
     base: Floats
     noise: Floats
-    wanted: Wanted
+    wanted: WantedMoments
 
 
 def blur(picture: NDArray[np.floating], pools: Pools) -> NDArray[np.float32]:
@@ -115,7 +115,7 @@ def metamer_parts(
     seed: int,
     *,
     noise_shift_px: NDArray[np.floating] | None = None,
-) -> Parts:
+) -> MetamerParts:
     """Base and noise, before they are added, faded and clipped."""
     geometry = pools.geometry
     count = chain_length(geometry.width_px, geometry.height_px)
@@ -132,7 +132,7 @@ def metamer_parts(
     strength: float | Floats = settings.noise
     if geometry.on_sphere:
         strength = strength * noise_strength(geometry.directions(*pixel_centres(geometry)))
-    return Parts(base, noise.on(base, strength) - base, wanted)
+    return MetamerParts(base, noise.on(base, strength) - base, wanted)
 
 
 def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
@@ -143,7 +143,9 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
     return select(chain, pools.lod, wraps=geometry.wraps)
 
 
-def shaped_noise(wanted: Wanted, plane: Floats, levels: int, chroma: str, *, wraps: bool) -> Noise:
+def shaped_noise(
+    wanted: WantedMoments, plane: Floats, levels: int, chroma: str, *, wraps: bool
+) -> Noise:
     """Weigh each band's noise by the deviation that its pool has lost.
 
     Weights are found for blocks of 4x4 pixels and interpolated: at 2x2 pixels, which share them;

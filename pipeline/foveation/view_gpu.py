@@ -11,7 +11,7 @@ from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.picture_pass import TILE
 from pipeline.foveation.view import NOISE_BELT_DEG, belt_px, samples_of, turn
-from pipeline.gl.compute import Steps
+from pipeline.gl.compute import Dispatches
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_texture
 
@@ -44,7 +44,7 @@ class ViewPass(Pass):
         shader["distance_px"] = geometry.distance_px
         shader["belt_px"] = belt_px(geometry)
         self._turned = shader.uniform("turned")
-        self._steps = Steps(
+        self._steps = Dispatches(
             lambda panorama, view, shift_px: shader.step_over(
                 self.size, panorama=panorama, view=view, shift_px=shift_px
             )

@@ -15,7 +15,7 @@ import moderngl
 import numpy as np
 
 from pipeline.gl.context import require_compute
-from pipeline.gl.shader import Constant, ShaderError, Source, code_of, compile_source, flatten
+from pipeline.gl.shader import Constant, ShaderError, ShaderSource, code_of, compile_source, flatten
 from pipeline.gl.texture import image_format
 
 Texture: TypeAlias = moderngl.Texture | moderngl.TextureArray
@@ -43,7 +43,7 @@ class _Slot:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Dispatch:
     """A dispatch with all that it binds, recorded: `run` looks nothing up and makes no object."""
 
     prepare: tuple[Callable[[], object], ...]
@@ -60,14 +60,14 @@ class Step:
             call()
 
 
-class Steps:
+class Dispatches:
     """Steps for textures that callers bring, recorded when they first do; the last few are kept."""
 
     MOST = 8
 
-    def __init__(self, record: Callable[..., Step]) -> None:
+    def __init__(self, record: Callable[..., Dispatch]) -> None:
         self._record = record
-        self._steps: dict[tuple[Texture | None, ...], Step] = {}
+        self._steps: dict[tuple[Texture | None, ...], Dispatch] = {}
 
     def run(self, *textures: Texture | None) -> None:
         """Run the step for these."""
@@ -118,13 +118,13 @@ class Shader:
         self._compile(ctx, flatten(path, constants))
 
     @classmethod
-    def of(cls, ctx: moderngl.Context, source: Source) -> Self:
+    def of(cls, ctx: moderngl.Context, source: ShaderSource) -> Self:
         """Compile a flattened source of any package."""
         shader = cls.__new__(cls)
         shader._compile(ctx, source)
         return shader
 
-    def _compile(self, ctx: moderngl.Context, source: Source) -> None:
+    def _compile(self, ctx: moderngl.Context, source: ShaderSource) -> None:
         require_compute(ctx)
         self._ctx = ctx
         self._program = compile_source(ctx, source)
@@ -186,7 +186,7 @@ class Shader:
         uniforms: Mapping[str, bytes] | None = None,
         /,
         **resources: Resource,
-    ) -> Step:
+    ) -> Dispatch:
         """Record `run_over`, for the same resources as often as you like.
 
         Parameters
@@ -201,7 +201,7 @@ class Shader:
             if name in self._program
         ]
         barrier = (partial(self._ctx.mglo.memory_barrier, moderngl.ALL_BARRIER_BITS, False),)
-        return Step(
+        return Dispatch(
             (*setters, *self._bindings(resources)),
             self._program,
             self._groups_over(size),

@@ -44,7 +44,7 @@ _CURE = {
 
 
 @dataclass(frozen=True)
-class Renderer:
+class GraphicsDriver:
     """Graphics card or software that draws: recorded beside every result that came from it."""
 
     vendor: str
@@ -57,10 +57,10 @@ class Renderer:
         return f"{self.name} (OpenGL {self.version})"
 
 
-def describe(ctx: moderngl.Context) -> Renderer:
+def describe(ctx: moderngl.Context) -> GraphicsDriver:
     """Name the renderer behind `ctx`."""
     name = str(ctx.info["GL_RENDERER"])
-    return Renderer(
+    return GraphicsDriver(
         vendor=str(ctx.info["GL_VENDOR"]),
         name=name,
         version=str(ctx.info["GL_VERSION"]),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from pipeline.gl.shader import Source
+from pipeline.gl.shader import ShaderSource
 
 _LOCAL_SIZE = re.compile(r"^layout\(local_size_x.*$", re.MULTILINE)
 _IMAGE = re.compile(r"layout\(\w+\) uniform writeonly ([iu]?)image2D(Array)? (\w+);")
@@ -62,7 +62,11 @@ vec4 gathered(sampler2DArray image, vec3 at, int channel) {
 
 
 def fragment_of(
-    source: Source, image: str, *, shared: int = 1, known: Mapping[str, list[int]] | None = None
+    source: ShaderSource,
+    image: str,
+    *,
+    shared: int = 1,
+    known: Mapping[str, list[int]] | None = None,
 ) -> str:
     """Return the fragment shader that draws one picture of a compute shader.
 

@@ -10,7 +10,7 @@ from pipeline.gl.shader import Constant
 from pipeline.gl.texture import create_texture, create_texture_array, texture_bytes
 
 
-class Part(Protocol):
+class PassPart(Protocol):
     """Another pass, or anything that holds memory of its own."""
 
     @property
@@ -19,7 +19,7 @@ class Part(Protocol):
     def release(self) -> None: ...
 
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P", bound=PassPart)
 
 
 class Pass:
@@ -30,7 +30,7 @@ class Pass:
         self._shaders: list[Shader] = []
         self._textures: list[Texture] = []
         self._buffers: list[moderngl.Buffer] = []
-        self._parts: list[Part] = []
+        self._parts: list[PassPart] = []
 
     @property
     def held_bytes(self) -> int:

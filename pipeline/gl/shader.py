@@ -39,14 +39,14 @@ class ShaderError(Exception):
 
 
 @dataclass(frozen=True)
-class Source:
+class ShaderSource:
     """A flattened shader and, for each of its lines, the file and line it came from."""
 
     text: str
     origin: tuple[tuple[str, int], ...]
 
 
-def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeShader:
+def compile_source(ctx: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:
     """Compile a flattened shader; its `extra` is the file it is from.
 
     Raises
@@ -65,7 +65,7 @@ def compile_source(ctx: moderngl.Context, source: Source) -> moderngl.ComputeSha
 
 def flatten(
     path: str, constants: Mapping[str, Constant], root: Traversable | None = None
-) -> Source:
+) -> ShaderSource:
     """Resolve includes and constants of the shader `path` in `root`, by default the package."""
     folder = resources.files("pipeline") if root is None else root
     lines: list[str] = []
@@ -103,7 +103,7 @@ def flatten(
         if not re.search(rf"\b{key}\b", code):
             name, number = declared[key]
             raise ShaderError(f"{name}:{number}: constant {key} is never used")
-    return Source("\n".join(lines) + "\n", tuple(origin))
+    return ShaderSource("\n".join(lines) + "\n", tuple(origin))
 
 
 def code_of(text: str) -> str:
@@ -129,7 +129,7 @@ def _literal(key: str, value: Constant) -> str:
     return f"({number!r})" if number < 0 else repr(number)
 
 
-def _relocate(log: str, source: Source) -> str:
+def _relocate(log: str, source: ShaderSource) -> str:
     def place(match: re.Match[str]) -> str:
         index = int(match[2] or match[3]) - 1
         if not 0 <= index < len(source.origin):

@@ -1,7 +1,7 @@
 """Guided pull and push on the GPU. Twin: reference.py.
 
 Resolution r has ceil(size / 2^r) pixels. Chains of texels share one image per resolution;
-see planes.glsl for how they lie in it. Resolutions up to `Resolutions.top` are dispatched
+see planes.glsl for how they lie in it. Resolutions up to `ResolutionSizes.top` are dispatched
 over lists of tiles and pixels, the rest inside one work group per chain.
 """
 
@@ -24,7 +24,7 @@ MOMENT_PLANES = 4
 
 
 @dataclass(frozen=True)
-class Resolutions:
+class ResolutionSizes:
     """Sizes (width, height) of all resolutions down to 1x1, and the last dispatched one.
 
     Raises
@@ -70,7 +70,7 @@ class GuidePyramid(Pass):
     for the pyramid's low bands, where there are any.
     """
 
-    def __init__(self, ctx: moderngl.Context, resolutions: Resolutions) -> None:
+    def __init__(self, ctx: moderngl.Context, resolutions: ResolutionSizes) -> None:
         super().__init__(ctx)
         self._guides = [
             self._texture(resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
@@ -83,7 +83,7 @@ class GuidePyramid(Pass):
         return self._guides[resolution - 1]
 
 
-class ChainPass(Pass):
+class GuidedChainPass(Pass):
     """Pull and push of one kind of chain between its finest resolution and 1x1.
 
     Parameters
@@ -98,7 +98,7 @@ class ChainPass(Pass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        resolutions: Resolutions,
+        resolutions: ResolutionSizes,
         lists: WorkLists,
         guide: GuidePyramid,
         *,
@@ -254,12 +254,12 @@ class GuidedBasePass(Pass):
     ) -> None:
         super().__init__(ctx)
         check_size(ctx, size)
-        self.resolutions = Resolutions(size, levels)
+        self.resolutions = ResolutionSizes(size, levels)
         sizes = self.resolutions.sizes[: self.resolutions.top + 1]
         self.lists = self._part(WorkLists(ctx, sizes, levels, shells=shells))
         self.guide = self._part(GuidePyramid(ctx, self.resolutions))
         self.chain = self._part(
-            ChainPass(
+            GuidedChainPass(
                 ctx,
                 self.resolutions,
                 self.lists,

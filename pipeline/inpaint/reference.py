@@ -29,7 +29,7 @@ RELAXED_RESOLUTIONS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class GuidedLevel:
     """One level of a guided pyramid."""
 
     values: NDArray[np.float64]  # (H, W, n)
@@ -48,7 +48,7 @@ def guide_from_depth(depth_m: NDArray[np.floating], z_near_m: float) -> NDArray[
     return np.asarray(np.maximum(0.0, 1.0 - z_near_m / depth_m.astype(np.float64)))
 
 
-def pull(fine: Level, threshold: float) -> Level:
+def pull(fine: GuidedLevel, threshold: float) -> GuidedLevel:
     """Average each 2x2's known children that are no nearer than its farthest one.
 
     Alg. 1, PULL. Values and validity of all orientations and channels go together.
@@ -63,10 +63,10 @@ def pull(fine: Level, threshold: float) -> Level:
     anything = (validity != 0).astype(np.float64)
     mean = _mean(values, np.where(total[:, :, None] > 0, weight, anything))
     confidence = np.where(total > 0, total / 4, np.where(anything.any(axis=2), ONLY_NEARER, 0.0))
-    return Level(mean, confidence, deepest)
+    return GuidedLevel(mean, confidence, deepest)
 
 
-def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
+def push(fine: GuidedLevel, coarse: GuidedLevel, gamma: float, threshold: float) -> GuidedLevel:
     """Complete `fine` with `coarse`: ``mix(coarse, fine, validity ** gamma)``.
 
     Alg. 1, PUSH, with the operands of `mix` in order. gamma 0 keeps whatever is valid at
@@ -77,11 +77,11 @@ def push(fine: Level, coarse: Level, gamma: float, threshold: float) -> Level:
     known = fine.validity > 0
     confidence = np.where(known, np.where(similar, np.abs(fine.validity) ** gamma, 1.0), 0.0)
     values = confidence[..., None] * fine.values + (1 - confidence[..., None]) * below
-    return Level(values, fine.validity, fine.guide)
+    return GuidedLevel(values, fine.validity, fine.guide)
 
 
 def interpolate(
-    coarse: Level, guide: NDArray[np.float64], threshold: float
+    coarse: GuidedLevel, guide: NDArray[np.float64], threshold: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
     rows, columns = (
@@ -92,7 +92,7 @@ def interpolate(
 
 
 def guided_mean(
-    coarse: Level,
+    coarse: GuidedLevel,
     rows: Sequence[NDArray[np.intp]],
     columns: Sequence[NDArray[np.intp]],
     shares: NDArray[np.float64],
@@ -134,7 +134,7 @@ def guided_mean(
     return np.asarray(values), similar
 
 
-def relax(level: Level, gamma: float, threshold: float) -> Level:
+def relax(level: GuidedLevel, gamma: float, threshold: float) -> GuidedLevel:
     """Draw what is not wholly known towards the mean of its four neighbours.
 
     One step of Gauss and Seidel for Laplace's equation, of which push is a first guess: first all
@@ -155,7 +155,7 @@ def relax(level: Level, gamma: float, threshold: float) -> Level:
         )
         drawn = own[..., None] * values + (1 - own[..., None]) * mean
         values = np.where(((odd == parity) & (total > 0))[..., None], drawn, values)
-    return Level(values, level.validity, level.guide)
+    return GuidedLevel(values, level.validity, level.guide)
 
 
 def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -170,7 +170,9 @@ def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     ]
 
 
-def pull_push(level: Level, gamma: float, threshold: float, relaxed: int = 0) -> list[Level]:
+def pull_push(
+    level: GuidedLevel, gamma: float, threshold: float, relaxed: int = 0
+) -> list[GuidedLevel]:
     """Pull to 1x1, at least once, and push back; the completed levels, finest first.
 
     The `relaxed` finest are relaxed as soon as they are pushed into; see `RELAXED_RESOLUTIONS`.
@@ -218,7 +220,7 @@ def guided_base(
     levels: int,
     gamma: float,
     threshold: float,
-) -> list[Level]:
+) -> list[GuidedLevel]:
     """Fill colour from the background; the levels, finest first.
 
     Pixels far from every hole take no part: unknown, and nearest, so that no maximum sees
@@ -228,7 +230,7 @@ def guided_base(
     near = near_a_hole(hole, source, SOURCE_RINGS, source)
     values = colour.astype(np.float64)
     known = (near & ~hole).astype(np.float64)
-    level = Level(values, known, np.where(near, guide, 0.0))
+    level = GuidedLevel(values, known, np.where(near, guide, 0.0))
     return pull_push(level, gamma, threshold, RELAXED_RESOLUTIONS)
 
 

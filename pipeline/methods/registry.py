@@ -18,10 +18,10 @@ import moderngl
 
 from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
 from pipeline.methods.method import Method
-from pipeline.named_classes import Entry, check_given, defaults_of, find
+from pipeline.named_classes import NamedClass, check_given, defaults_of, find
 
 
-def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:
+def _with_plugins(shipped: tuple[NamedClass, ...]) -> tuple[NamedClass, ...]:
     """Return the methods with those of installed packages; none of them is imported."""
     found = list(shipped)
     for point in metadata.entry_points(group="metamerlab.methods"):
@@ -31,12 +31,12 @@ def _with_plugins(shipped: tuple[Entry, ...]) -> tuple[Entry, ...]:
                 f"package {owner!r}: a plug-in must have a name of its own in metamerlab.methods"
                 f" (got {point.name!r}, which is taken); rename it, or uninstall the package"
             )
-        found.append(Entry(point.name, f"of the package {owner}", point.value, owner=owner))
+        found.append(NamedClass(point.name, f"of the package {owner}", point.value, owner=owner))
     return tuple(found)
 
 
 SHIPPED = tuple(
-    Entry(*line)
+    NamedClass(*line)
     for line in (
         (
             "metameric",
@@ -102,7 +102,7 @@ def method_names() -> list[str]:
     return [entry.shown_name for entry in METHODS]
 
 
-def check_method_name(name: str) -> Entry:
+def check_method_name(name: str) -> NamedClass:
     """Return the entry that `name` means; nothing of the method is imported.
 
     Raises
@@ -199,7 +199,7 @@ def check_method(name: str, parameters: Mapping[str, Any]) -> None:
         method_class(*leading, *entry.path_in(name), **parameters).release()
 
 
-def _checked(name: str, parameters: Mapping[str, Any]) -> tuple[Entry, type[Any], bool]:
+def _checked(name: str, parameters: Mapping[str, Any]) -> tuple[NamedClass, type[Any], bool]:
     """Return entry and class of a method, and whether it needs a context."""
     entry = check_method_name(name)
     method_class = entry.load()

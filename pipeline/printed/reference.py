@@ -23,7 +23,7 @@ from pipeline.features.reference import (
     synthesise,
 )
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.inpaint.reference import Level, children, guide_from_depth, pull
+from pipeline.inpaint.reference import GuidedLevel, children, guide_from_depth, pull
 from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.settings import PrintedSettings
 from pipeline.pushpull.reference import upsample
@@ -66,12 +66,14 @@ def printed_fill(
     low = np.asarray(ycbcr_from_rgb(colour), np.float64)
     state = np.where(warped.hole, 0.0, 1.0)
     guide = guide_from_depth(warped.depth_m, z_near_m)
-    pulled = Level(low, state, guide)
+    pulled = GuidedLevel(low, state, guide)
     means, deviations = [], []
     for _ in range(levels):
         pulled = pull(pulled, threshold)
         valid = (~grow(state < 1, 1)).astype(np.float64)
-        values = inpainted(Level(features(low, state), valid, guide), settings.gamma, threshold)
+        values = inpainted(
+            GuidedLevel(features(low, state), valid, guide), settings.gamma, threshold
+        )
         mean, square = np.split(values.reshape(*values.shape[:2], -1, 6), 2, axis=-1)
         means.append(mean)
         # 3.3.1 prints the sign reversed.
@@ -117,7 +119,9 @@ def half(
     return np.where(some[..., None], mean, 0.0), ahead, farthest
 
 
-def residual_level(low: NDArray[np.float64], state: NDArray[np.float64], pulled: Level) -> Level:
+def residual_level(
+    low: NDArray[np.float64], state: NDArray[np.float64], pulled: GuidedLevel
+) -> GuidedLevel:
     """Give what is to be inpainted of the residual: the low-pass where all of it is known.
 
     Elsewhere it would mix the foreground in, and at this resolution whole holes would vanish. There
@@ -125,10 +129,10 @@ def residual_level(low: NDArray[np.float64], state: NDArray[np.float64], pulled:
     """
     whole = state == 1
     values = np.where(whole[..., None], low, pulled.values)
-    return Level(values, np.where(whole, 1.0, pulled.validity), pulled.guide)
+    return GuidedLevel(values, np.where(whole, 1.0, pulled.validity), pulled.guide)
 
 
-def inpainted(level: Level, gamma: float, threshold: float) -> NDArray[np.float64]:
+def inpainted(level: GuidedLevel, gamma: float, threshold: float) -> NDArray[np.float64]:
     """Pull to 1x1 and push back ([MI] Alg. 1).
 
     Where the farthest of all is nowhere known, what is nearer stands in at validity 0, so that it
@@ -143,7 +147,7 @@ def inpainted(level: Level, gamma: float, threshold: float) -> NDArray[np.float6
     return values
 
 
-def push(fine: Level, below: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
+def push(fine: GuidedLevel, below: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
     """Complete `fine` with the coarser `below`: ``mix(below, fine, validity ** gamma)``."""
     known = fine.validity > 0
     share = np.where(known, np.abs(fine.validity) ** gamma, 0.0)[..., None]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.features.gpu import band_constants
 from pipeline.gl.passes import Pass
-from pipeline.inpaint.gpu import MOMENT_PLANES, ChainPass, GuidedBasePass
+from pipeline.inpaint.gpu import MOMENT_PLANES, GuidedBasePass, GuidedChainPass
 from pipeline.inpaint.region import CELL
 from pipeline.inpaint.regions import FIRST_STORED
 from pipeline.statistics.lacking import KNOWN_ENOUGH
@@ -61,7 +61,7 @@ class VariancePass(Pass):
         )
         self.texels = self._texture((BANDS * widest, height), "rgba32f")
         self.chain = self._part(
-            ChainPass(
+            GuidedChainPass(
                 ctx,
                 base.resolutions,
                 base.lists,

@@ -8,7 +8,7 @@ Twin: lacking.comp.glsl. Change both or neither.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inpaint.reference import Level, children
+from pipeline.inpaint.reference import GuidedLevel, children
 from pipeline.statistics.moments import (
     chroma_slopes,
     chroma_variances,
@@ -67,7 +67,7 @@ def noise_variances(
     return lacking.reshape(*values.shape[:2], -1)
 
 
-def known_background(base: Level, threshold: float) -> NDArray[np.float64]:
+def known_background(base: GuidedLevel, threshold: float) -> NDArray[np.float64]:
     """Share of known background around each texel of the base, in a 3x3 binomial window.
 
     Confidence is the share of a texel's pixels that are known and of its depth. Neighbours

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse, range_below, spoiled_levels
-from pipeline.inpaint.reference import Level, near_a_hole, pull_push
+from pipeline.inpaint.reference import GuidedLevel, near_a_hole, pull_push
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.statistics.lacking import known_background, noise_variances
 from pipeline.statistics.moments import moments
@@ -22,14 +22,14 @@ from pipeline.statistics.moments import moments
 def inpainted_statistics(
     base: NDArray[np.float64],
     hole: NDArray[np.bool_],
-    base_levels: list[Level],
+    base_levels: list[GuidedLevel],
     *,
     levels: int,
     cross: bool,
     gamma: float,
     threshold: float,
     skip_depth_edges: bool,
-) -> tuple[list[Level], list[Level]]:
+) -> tuple[list[GuidedLevel], list[GuidedLevel]]:
     """Measure the bands around the holes and say how much noise each hole pixel lacks."""
     last = len(base_levels) - 1  # past 1x1 nothing changes
     guides = [base_levels[min(level, last)].guide for level in range(levels)]
@@ -57,7 +57,7 @@ def inpainted_statistics(
             cross=cross,
         )
         statistics.append(inpainted)
-        lacking.append(Level(variances, inpainted.validity, inpainted.guide))
+        lacking.append(GuidedLevel(variances, inpainted.validity, inpainted.guide))
     return statistics, lacking
 
 
@@ -69,7 +69,7 @@ def band_statistics(
     cross: bool,
     gamma: float,
     threshold: float,
-) -> Level:
+) -> GuidedLevel:
     """Carry one level's band moments into its holes; the result has half its size.
 
     Inside a hole moments vary slowly, so nothing finer than the first pull is kept.
@@ -90,7 +90,7 @@ def band_statistics(
     Level
         Of (ceil(H / 2), ceil(W / 2)) texels; its values are as those of `moments`.
     """
-    level = Level(moments(bands, cross=cross), valid.astype(np.float64), guide)
+    level = GuidedLevel(moments(bands, cross=cross), valid.astype(np.float64), guide)
     return pull_push(level, gamma, threshold)[1]
 
 

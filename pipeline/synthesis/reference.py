@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.inpaint.reference import Level, guide_from_depth, guided_base, guided_mean
+from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.settings import (
@@ -27,14 +27,16 @@ SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its o
 
 
 @dataclass(frozen=True, eq=False)
-class Fill:
+class MetamericFill:
     """A metameric fill and what led to it."""
 
     colour: NDArray[np.float64]  # (H, W, 3), the result, encoded, in [0, 1]
     base: NDArray[np.float64]  # (H, W, 3), before the noise
     anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
-    statistics: tuple[Level, ...]  # per level, at half its size: inpainted moments
-    lacking: tuple[Level, ...]  # per level, at half its size: (H, W, 9), see `noise_variances`
+    statistics: tuple[GuidedLevel, ...]  # per level, at half its size: inpainted moments
+    lacking: tuple[
+        GuidedLevel, ...
+    ]  # per level, at half its size: (H, W, 9), see `noise_variances`
 
 
 def metameric_fill(
@@ -44,7 +46,7 @@ def metameric_fill(
     seed: int,
     z_near_m: float,
     source_from_target: NDArray[np.float64] | None = None,
-) -> Fill:
+) -> MetamericFill:
     """Fill the holes of `warped` with a metamer of its background.
 
     Parameters
@@ -96,7 +98,7 @@ def metameric_fill(
     )
     filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
     colour = np.where(hole, filled, warped.colour)
-    return Fill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
+    return MetamericFill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
 
 
 def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
@@ -111,7 +113,7 @@ def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float
 
 
 def shaped_noise(
-    lacking: list[Level],
+    lacking: list[GuidedLevel],
     guide: NDArray[np.float64],
     anchor_px: NDArray[np.float64],
     noise: NoiseBands,
@@ -132,7 +134,7 @@ def shaped_noise(
 
 
 def sample(
-    coarse: Level, guide: NDArray[np.float64], resolution: int, threshold: float
+    coarse: GuidedLevel, guide: NDArray[np.float64], resolution: int, threshold: float
 ) -> NDArray[np.float64]:
     """Interpolate a level of `resolution` at all full-size pixels, guided by depth."""
     (*rows, fy), (*columns, fx) = (

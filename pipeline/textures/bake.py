@@ -26,7 +26,7 @@ STRIP_TEXELS = 1 << 18
 """Of the texture at a time: what bounds memory, unless a row has more."""
 
 
-class Stage:
+class RowOperator:
     """An operator of rows that is fed a few rows at a time.
 
     Parameters
@@ -70,12 +70,12 @@ class Cascade:
         self._layout, self._put = layout, put
         count = layout.halvings
 
-        def halving() -> Stage:
-            return Stage(lambda rows: halve(rows, wraps=wraps), 2, 1)
+        def halving() -> RowOperator:
+            return RowOperator(lambda rows: halve(rows, wraps=wraps), 2, 1)
 
         self._lows = [halving() for _ in range(count)]
         self._firsts = [
-            Stage(lambda rows: _first_moments(rows, wraps=wraps), 2, 1) for _ in range(count)
+            RowOperator(lambda rows: _first_moments(rows, wraps=wraps), 2, 1) for _ in range(count)
         ]
         self._moments = [[halving() for _ in range(k + 1, count)] for k in range(count)]
         self._at: dict[tuple[int | None, int], int] = {}

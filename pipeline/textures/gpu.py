@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import GLUnavailableError
 from pipeline.foveation.bounded import BOUND_CONSTANTS
 from pipeline.foveation.noise_plane import GRAIN
-from pipeline.foveation.picture_pass import Pooled
+from pipeline.foveation.picture_pass import PoolUniforms
 from pipeline.gl.shader import Constant, flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE
@@ -55,7 +55,7 @@ class TexturePass:
         self,
         ctx: moderngl.Context,
         baked: Baked,
-        pooled: Pooled,
+        pooled: PoolUniforms,
         vertex: str,
         *,
         levels: int,

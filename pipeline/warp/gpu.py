@@ -12,7 +12,7 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import format_of, texture_from
-from pipeline.warp.settings import WarpSettings, Window, checked
+from pipeline.warp.settings import TargetWindow, WarpSettings, checked
 
 ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
 TILE = 8  # work-group edge, pixels, where neighbours in all directions are read
@@ -56,11 +56,11 @@ class WarpPass(Pass):
         self,
         ctx: moderngl.Context,
         source_size: tuple[int, int],
-        window: Window | None = None,
+        window: TargetWindow | None = None,
         settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
     ) -> None:
         super().__init__(ctx)
-        self.window = window or Window(0, 0, *source_size)
+        self.window = window or TargetWindow(0, 0, *source_size)
         _check_fits(ctx, source_size, self.window)
         self.source_size = source_size
         self.settings = settings
@@ -184,7 +184,7 @@ def warp_frame(
     flow_px: NDArray[np.float32],
     *,
     target_depth_m: NDArray[np.float32] | None = None,
-    window: Window | None = None,
+    window: TargetWindow | None = None,
     settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
 ) -> WarpedFrame:
     """Warp one frame: arrays in, arrays out. For many frames build a `WarpPass`.
@@ -230,14 +230,14 @@ def _mesh_size(source_size: tuple[int, int]) -> tuple[int, int]:
     return source_size[0] + 2 * RINGS - 1, source_size[1] + 2 * RINGS - 1
 
 
-def _list_bytes(source_size: tuple[int, int], window: Window) -> int:
+def _list_bytes(source_size: tuple[int, int], window: TargetWindow) -> int:
     """Room for every quad, or for every pixel: overflow cannot happen."""
     return len(COUNTERS) + 4 * max(
         math.prod(_mesh_size(source_size)), window.width_px * window.height_px
     )
 
 
-def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Window) -> None:
+def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: TargetWindow) -> None:
     limit = int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
     limit = min(limit, 4 * MOST_QUADS)  # a part's number stands above its quad's
     ranks_bytes = 8 * window.width_px * window.height_px

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.warp.rim import without_rim
-from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window, checked
+from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked
 
 RINGS = 2  # of vertices around the source pixels
 GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
@@ -37,7 +37,7 @@ def warp(
     flow_px: NDArray[np.float32],
     *,
     target_depth_m: NDArray[np.float32] | None = None,
-    window: Window | None = None,
+    window: TargetWindow | None = None,
     settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
 ) -> WarpedFrame:
     """Show `frame` as the target view sees it.
@@ -67,7 +67,7 @@ def warp(
     """
     flow_px, shown_m = checked(frame, flow_px, target_depth_m, settings)
     depth_m = shown_m.astype(np.float64)
-    window = window or Window.of(frame.size)
+    window = window or TargetWindow.of(frame.size)
     mesh = moved_mesh(depth_m, flow_px, window)
     stretched = mesh.ring_0.copy()
     if settings.variant != "smear":
@@ -86,7 +86,7 @@ def warp(
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class QuadMesh:
     """Quads between neighbouring vertices; the last axis counts corners a b c d.
 
     Corners run clockwise from the top left. Vertices are the source pixels and two rings
@@ -111,7 +111,7 @@ class Hits:
     weight: Floats  # (hits, 4): 0 for the corner outside the covering triangle
 
 
-def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) -> Mesh:
+def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: TargetWindow) -> QuadMesh:
     """Move every vertex by the flow of its pixel."""
     height, width = depth_m.shape
     column, row = (
@@ -133,7 +133,7 @@ def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) ->
     depth = corners(depth_m.ravel()[pixel])
     ring = np.ones((height + 2 * RINGS - 1, width + 2 * RINGS - 1), np.bool_)
     ring[1:-1, 1:-1] = False
-    return Mesh(
+    return QuadMesh(
         at=at,
         pixel=corners(pixel),
         depth_m=depth,
@@ -143,8 +143,12 @@ def moved_mesh(depth_m: Floats, flow_px: NDArray[np.float32], window: Window) ->
 
 
 def with_strips(
-    mesh: Mesh, stretched: Bools, drawn: Bools, source_size: tuple[int, int], window: Window
-) -> tuple[Mesh, Bools, Bools]:
+    mesh: QuadMesh,
+    stretched: Bools,
+    drawn: Bools,
+    source_size: tuple[int, int],
+    window: TargetWindow,
+) -> tuple[QuadMesh, Bools, Bools]:
     """Let surfaces reach into the torn quads beside them, by half of their last quad.
 
     So a surface ends where its outermost pixels end, not at their centres. A torn quad gets a
@@ -173,14 +177,14 @@ def with_strips(
 
 
 def with_thin(
-    mesh: Mesh,
+    mesh: QuadMesh,
     stretched: Bools,
     drawn: Bools,
     flow_px: NDArray[np.float32],
     depth_m: Floats,
-    window: Window,
+    window: TargetWindow,
     settings: WarpSettings,
-) -> tuple[Mesh, Bools, Bools]:
+) -> tuple[QuadMesh, Bools, Bools]:
     """Let what is one pixel thin in the source show, though all quads around it are torn.
 
     Two neighbouring pixels whose side is whole, while both of its quads are torn, are joined by
@@ -293,28 +297,28 @@ def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
     return [line for line in (*plane, *plane.T, *diagonals) if len(line) >= 3]
 
 
-def within_reach(at: Ints, window: Window) -> Bools:
+def within_reach(at: Ints, window: TargetWindow) -> Bools:
     """Tell which torn quads are looked at for the surfaces that reach into them."""
     low, high = pixel_box(at, window, REACH)
     near: Bools = np.asarray((low <= high).all(axis=1))
     return near
 
 
-def surface(at: Ints, pixel: Ints, depth_m: Floats) -> Mesh:
+def surface(at: Ints, pixel: Ints, depth_m: Floats) -> QuadMesh:
     """Make quads that are drawn beside the mesh's own."""
     none = np.zeros(len(at), np.bool_)
-    return Mesh(at=at, pixel=pixel, depth_m=depth_m, drawable=~none, ring_0=none)
+    return QuadMesh(at=at, pixel=pixel, depth_m=depth_m, drawable=~none, ring_0=none)
 
 
 def with_surfaces(
-    mesh: Mesh, stretched: Bools, drawn: Bools, parts: list[Mesh]
-) -> tuple[Mesh, Bools, Bools]:
+    mesh: QuadMesh, stretched: Bools, drawn: Bools, parts: list[QuadMesh]
+) -> tuple[QuadMesh, Bools, Bools]:
     """Append whole quads to `mesh`."""
     added = sum(len(part.at) for part in parts)
-    joined = Mesh(
+    joined = QuadMesh(
         *(
             np.concatenate([getattr(part, field.name) for part in (mesh, *parts)])
-            for field in fields(Mesh)
+            for field in fields(QuadMesh)
         )
     )
     return (
@@ -408,7 +412,7 @@ def torn_sides(moved: Ints, line: Ints, stretch: int, surface_px: int) -> Bools:
     return torn
 
 
-def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
+def coverage(mesh: QuadMesh, drawn: Bools, window: TargetWindow) -> Hits:
     """Find every pixel centre that each drawn quad covers.
 
     Quads fall into the triangles abc and acd. A centre on a shared edge belongs to the
@@ -435,7 +439,7 @@ def coverage(mesh: Mesh, drawn: Bools, window: Window) -> Hits:
     return Hits(quads[which[hit]], (y * window.width_px + x)[hit], weight[hit])
 
 
-def pixel_box(at: Ints, window: Window, reach: int = 0) -> tuple[Ints, Ints]:
+def pixel_box(at: Ints, window: TargetWindow, reach: int = 0) -> tuple[Ints, Ints]:
     """Give the first and last pixel (x, y) of each quad's bounding box, grown by `reach`.
 
     Centres on the box's right or lower edge belong to the next quad.
@@ -458,7 +462,7 @@ def inside(corner: Ints) -> tuple[Bools, Floats]:
     return found, opposite / opposite.sum(axis=1, keepdims=True)
 
 
-def partitioned_depth(mesh: Mesh, stretched: Bools, hits: Hits) -> Floats:
+def partitioned_depth(mesh: QuadMesh, stretched: Bools, hits: Hits) -> Floats:
     """Partition depth so that one test serves surfaces and holes ([MI] eq. 1).
 
     With d in [0, 1] growing with distance, a surface gets ``0.5 d`` and a stretched quad
@@ -493,10 +497,10 @@ def resolve(
     frame: SourceFrame,
     depth_m: Floats,
     flow_px: NDArray[np.float32],
-    mesh: Mesh,
+    mesh: QuadMesh,
     stretched: Bools,
     shown: Hits,
-    window: Window,
+    window: TargetWindow,
     settings: WarpSettings,
 ) -> WarpedFrame:
     """Give each pixel what its quad carries: interpolated, or the background's depth."""

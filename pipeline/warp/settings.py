@@ -21,7 +21,7 @@ MOST_RIM_PX = 4
 
 
 @dataclass(frozen=True)
-class Window:
+class TargetWindow:
     """The target view, in the source's pixel grid.
 
     A source rendered with a margin is larger than the window that is shown.
@@ -51,12 +51,12 @@ class Window:
             )
 
     @classmethod
-    def of(cls, source_size: tuple[int, int]) -> "Window":
+    def of(cls, source_size: tuple[int, int]) -> "TargetWindow":
         """All of a source of `source_size` (height, width)."""
         return cls(0, 0, source_size[1], source_size[0])
 
     @classmethod
-    def inside_margin(cls, source_size: tuple[int, int], margin_px: int) -> "Window":
+    def inside_margin(cls, source_size: tuple[int, int], margin_px: int) -> "TargetWindow":
         """A source of `source_size` (height, width) without `margin_px` on every side."""
         height, width = source_size
         return cls(margin_px, margin_px, width - 2 * margin_px, height - 2 * margin_px)
@@ -118,11 +118,11 @@ class WarpSettings:
                 f" what lies behind (got {self.rim_px})"
             )
 
-    def alike_px(self, window: Window) -> float:
+    def alike_px(self, window: TargetWindow) -> float:
         """Motions that differ by no more do not tear two neighbours apart: they are one surface."""
         return self.stretch_subpixels(window) / SUBPIXELS - 1
 
-    def stretch_subpixels(self, window: Window) -> int:
+    def stretch_subpixels(self, window: TargetWindow) -> int:
         """The threshold in the unit of positions."""
         stretch_px = self.stretch_px
         if stretch_px is None:

@@ -10,7 +10,7 @@ from pictures import DOCS
 from PIL import Image
 
 from pipeline.gl.context import lent_context
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
 
 WIDTH_PX, HEIGHT_PX = 370, 250
@@ -24,7 +24,7 @@ def main() -> None:
     fine = SAMPLES
     with lent_context() as ctx:
         world = build_scene("colonnade", seed=1)
-        renderer = Renderer(ctx, world)
+        renderer = WorldRenderer(ctx, world)
         left = world.viewpoint.camera(fine * WIDTH_PX, fine * HEIGHT_PX)
         for name, camera in (("left", left), ("right", left.moved((BASELINE_M, 0, 0)))):
             frame = renderer.render(camera)

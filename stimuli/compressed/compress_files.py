@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compression import compressed_file, image_codecs
-from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.compression.compressed_file import Compressed, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
@@ -40,7 +40,7 @@ def compress_file(
     gaze: str | None = None,
     display: str | None = None,
     fov_deg: float | None = None,
-    settings: Settings | None = None,
+    settings: CompressionSettings | None = None,
     compare: Path | None = None,
     steps: Path | None = None,
     say: Say | None = None,
@@ -66,7 +66,7 @@ def compress_file(
     InputError, StudyError, OSError
         Before anything is written.
     """
-    tell, settings = say or (lambda _: None), settings or Settings()
+    tell, settings = say or (lambda _: None), settings or CompressionSettings()
     if compare is not None and (source.is_dir() or is_video(source)):
         raise InputError("--compare takes one picture, not frames or a video; give it a frame")
     with folder_of_frames(source, tell) as folder:

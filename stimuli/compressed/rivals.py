@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compression import compressed_file, image_codecs
-from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
 from pipeline.quality import psnr_db
@@ -57,7 +57,7 @@ class Missed:
 
 
 @dataclass(frozen=True)
-class Measured:
+class RivalQuality:
     """Measures of a rival.
 
     Attributes
@@ -76,7 +76,7 @@ def rivals(
     picture: NDArray[np.float32],
     gaze_px: tuple[float, float],
     size_bytes: int,
-    settings: Settings,
+    settings: CompressionSettings,
     *,
     kinds: Iterable[str] = ("plain", "foveated", "metameric"),
 ) -> list[Rival | Missed]:
@@ -91,7 +91,10 @@ def rivals(
 
 
 def _rival(
-    kind: str, picture: NDArray[np.float32], gaze_px: tuple[float, float], asked: Settings
+    kind: str,
+    picture: NDArray[np.float32],
+    gaze_px: tuple[float, float],
+    asked: CompressionSettings,
 ) -> Rival:
     if kind == "plain":
         assert asked.size_bytes is not None
@@ -120,18 +123,18 @@ def plain(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
 
 def measured(
     rival: Rival, picture: NDArray[np.float32], geometry: Geometry, gaze_px: tuple[float, float]
-) -> Measured:
+) -> RivalQuality:
     """Compare what is shown with the picture."""
     away_deg = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
     near = away_deg <= FOVEA_DEG
     psnr = psnr_db(rival.shown, picture, near) if near.any() else float("nan")
-    return Measured(statistics_distance(rival.shown, picture, gaze_px=gaze_px), psnr)
+    return RivalQuality(statistics_distance(rival.shown, picture, gaze_px=gaze_px), psnr)
 
 
 def sheet_of(
     picture: NDArray[np.float32],
     found: Sequence[Rival | Missed],
-    measure: Callable[[Rival], Measured],
+    measure: Callable[[Rival], RivalQuality],
     columns: int | None = None,
 ) -> pictures.Picture:
     """Lay the picture and its rivals out on one labelled sheet; what there is not is grey."""

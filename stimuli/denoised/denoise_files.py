@@ -21,9 +21,9 @@ from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from stimuli import pictures
 from stimuli.denoised.path_traced import PathTracer
-from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, View, render_pair
+from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, SceneView, render_pair
 from stimuli.exr import save_colour
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
 from stimuli.scenes.builtin_scenes import build_scene
@@ -152,7 +152,7 @@ def denoise_file(
             raise InputError(f"{path}: is what is to be denoised; write somewhere else")
     if compare is not None and compare.absolute() == out.absolute():
         raise InputError(f"{out}: OUT and --compare must be different files")
-    first = read_any(sources[0], Reading(clip=True), "denoise")
+    first = read_any(sources[0], PictureReading(clip=True), "denoise")
     for note in first.notes:
         tell(f"note: {note}")
     height, width = first.colour.shape[:2]
@@ -170,7 +170,7 @@ def denoise_file(
         with frames_folder(out) if clip else nullcontext(out.parent) as folder:
             for index, (path, name) in enumerate(zip(sources, names, strict=True)):
                 noisy = (
-                    first if index == 0 else read_any(path, Reading(clip=True), "denoise")
+                    first if index == 0 else read_any(path, PictureReading(clip=True), "denoise")
                 ).colour
                 if noisy.shape != first.colour.shape:
                     raise InputError(
@@ -228,7 +228,7 @@ def render_scene(
     Parameters
     ----------
     view : int
-        Which camera; see `View`.
+        Which camera; see `SceneView`.
     clean : Path, optional
         The same view with `Rendering.clean_samples` a pixel.
 
@@ -242,7 +242,7 @@ def render_scene(
     for path in (out, clean):
         if path is not None and path.suffix.lower() not in ENDINGS:
             raise InputError(f"{path}: must end in {' or '.join(ENDINGS)}")
-    seen = View(scene, view)
+    seen = SceneView(scene, view)
     edge = rendering.edge_px
     looking = look_at((edge, edge))
     gaze_px = read_gaze(gaze, looking.geometry)

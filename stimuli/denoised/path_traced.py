@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import MissingExtraError
-from stimuli.world import Light, Part, World
+from stimuli.world import Light, MeshPart, World
 
 INSTALL = (
     "install it with: pip install 'metamerlab[denoise]' (in a checkout: script/setup --denoise)"
@@ -132,7 +132,7 @@ class PathTracer:
         radiance = np.roll(linear * (np.asarray(light.sky) / mean), linear.shape[1] // 2, axis=1)
         return {"type": "envmap", "bitmap": mitsuba.Bitmap(radiance.astype(np.float32))}
 
-    def _mesh(self, name: str, part: Part) -> Any:
+    def _mesh(self, name: str, part: MeshPart) -> Any:
         mitsuba, mesh = self._mitsuba, part.mesh
         properties = mitsuba.Properties()
         properties["bsdf"] = mitsuba.load_dict(self._surface(part))
@@ -152,7 +152,7 @@ class PathTracer:
         held.update()
         return made
 
-    def _surface(self, part: Part) -> dict[str, Any]:
+    def _surface(self, part: MeshPart) -> dict[str, Any]:
         mitsuba, material = self._mitsuba, part.material
         colour = decode_srgb(material.texture[..., :3].astype(np.float64) / 255)
         tinted = np.clip(colour * part.mesh.colour.mean(axis=0), 0, 0.99).astype(np.float32)

@@ -36,9 +36,9 @@ from stimuli.denoised.path_traced import need
 from stimuli.denoised.training_pictures import (
     MOST_VIEWS,
     WIDTH_DEG,
-    Pair,
     Rendering,
-    View,
+    SceneView,
+    TrainingPair,
     pairs_of,
     seconds_for,
 )
@@ -125,9 +125,9 @@ class Training:
             )
 
     @property
-    def all_views(self) -> list[View]:
+    def all_views(self) -> list[SceneView]:
         """In the order in which they are rendered."""
-        return [View(scene, number) for scene in self.scenes for number in range(self.views)]
+        return [SceneView(scene, number) for scene in self.scenes for number in range(self.views)]
 
     def facts(self, kind: Kind, made: Mapping[str, Any] | None = None) -> Facts:
         """Facts of a network of this training."""
@@ -141,7 +141,7 @@ class Training:
 
 
 @dataclass(frozen=True, eq=False)
-class Example:
+class TrainingExample:
     """One view for one gaze: what a network sees, and the corrections that it should give.
 
     Parameters
@@ -157,7 +157,7 @@ class Example:
     base: Pictures
     maps: Pictures
 
-    def crop(self, row: int, column: int, edge: int, flips: tuple[bool, bool]) -> Example:
+    def crop(self, row: int, column: int, edge: int, flips: tuple[bool, bool]) -> TrainingExample:
         """A part, turned over; variances of bands stay what they are then."""
         found = []
         for values, scale in ((self.fed, 1), (self.base, 1), (self.maps, BLOCK_PX)):
@@ -166,12 +166,12 @@ class Example:
             part = values[:, rows, columns]
             part = part[:, ::-1] if flips[0] else part
             found.append(part[:, :, ::-1] if flips[1] else part)
-        return Example(*found)
+        return TrainingExample(*found)
 
 
 def examples_of(
-    pairs: Sequence[Pair], training: Training, kind: Kind, progress: Progress | None = None
-) -> list[Example]:
+    pairs: Sequence[TrainingPair], training: Training, kind: Kind, progress: Progress | None = None
+) -> list[TrainingExample]:
     """Noisy pictures for several gazes each, and what moments or colour lack."""
     found = []
     for index, pair in enumerate(pairs):
@@ -193,11 +193,11 @@ def examples_of(
                 base = wanted.base - seen.own.base
                 maps = wanted.packed() - seen.own.packed()
             lacking = (_single(part.transpose(2, 0, 1)) for part in (base, maps))
-            found.append(Example(seen.planes[0], *lacking))
+            found.append(TrainingExample(seen.planes[0], *lacking))
     return found
 
 
-def scale_of(examples: Sequence[Example]) -> tuple[Pictures, Pictures]:
+def scale_of(examples: Sequence[TrainingExample]) -> tuple[Pictures, Pictures]:
     """Deviation and mean of every output channel over all examples."""
     means, squares = [], []
     for part in ("base", "maps"):
@@ -209,7 +209,7 @@ def scale_of(examples: Sequence[Example]) -> tuple[Pictures, Pictures]:
     return _single(deviation), _single(mean)
 
 
-def batch_of(examples: Sequence[Example], training: Training, step: int) -> Example:
+def batch_of(examples: Sequence[TrainingExample], training: Training, step: int) -> TrainingExample:
     """The crops of one step, stacked: fed (N, C, h, w), base, maps."""
     rng = np.random.default_rng((training.seed, 1 << 32, step))
     edge = training.crop_px
@@ -220,7 +220,9 @@ def batch_of(examples: Sequence[Example], training: Training, step: int) -> Exam
         row, column = (8 * int(rng.integers((size - edge) // 8 + 1)) for size in (height, width))
         flips = bool(rng.integers(2)), bool(rng.integers(2))
         crops.append(one.crop(row, column, edge, flips))
-    return Example(*(np.stack(parts) for parts in zip(*(_parts(c) for c in crops), strict=True)))
+    return TrainingExample(
+        *(np.stack(parts) for parts in zip(*(_parts(c) for c in crops), strict=True))
+    )
 
 
 class Trainer:
@@ -238,7 +240,7 @@ class Trainer:
     """
 
     def __init__(
-        self, kind: Kind, training: Training, examples: Sequence[Example], checkpoint: Path
+        self, kind: Kind, training: Training, examples: Sequence[TrainingExample], checkpoint: Path
     ) -> None:
         need("torch", "training")
         import torch
@@ -436,7 +438,7 @@ def train(
     return written
 
 
-def estimated_s(training: Training, missing: Sequence[View]) -> dict[str, float]:
+def estimated_s(training: Training, missing: Sequence[SceneView]) -> dict[str, float]:
     """Seconds of rendering the missing views and of training, from a few paths and two steps."""
     import torch
 
@@ -500,5 +502,5 @@ def _single(values: NDArray[np.floating]) -> Pictures:
     return np.ascontiguousarray(values, np.float32)
 
 
-def _parts(one: Example) -> tuple[Pictures, Pictures, Pictures]:
+def _parts(one: TrainingExample) -> tuple[Pictures, Pictures, Pictures]:
     return one.fed, one.base, one.maps

@@ -38,7 +38,7 @@ Pictures = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class View:
+class SceneView:
     """One camera in one built-in scene.
 
     Parameters
@@ -86,7 +86,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class TrainingPair:
     """One view, noisy and clean.
 
     Parameters
@@ -96,7 +96,7 @@ class Pair:
     clean : ndarray of float32, shape (H, W, 3)
     """
 
-    view: View
+    view: SceneView
     renders: Pictures
     clean: Pictures
 
@@ -146,8 +146,8 @@ class Rendering:
 
 
 def pairs_of(
-    views: Sequence[View], rendering: Rendering, folder: Path, progress: Progress | None = None
-) -> list[Pair]:
+    views: Sequence[SceneView], rendering: Rendering, folder: Path, progress: Progress | None = None
+) -> list[TrainingPair]:
     """Return the pairs of views; what the folder holds already is not rendered again.
 
     Raises
@@ -157,7 +157,7 @@ def pairs_of(
     InputError
         If a file in the folder is damaged.
     """
-    found: list[Pair] = []
+    found: list[TrainingPair] = []
     tracer: tuple[str, World, PathTracer] | None = None
     for done, view in enumerate(views):
         path = view.path(folder, rendering)
@@ -175,7 +175,9 @@ def pairs_of(
     return found
 
 
-def render_pair(tracer: PathTracer, world: World, view: View, rendering: Rendering) -> Pair:
+def render_pair(
+    tracer: PathTracer, world: World, view: SceneView, rendering: Rendering
+) -> TrainingPair:
     """Trace one view."""
     camera = view.camera(world, rendering.edge_px)
     seeds = np.random.default_rng((SCENE_SEED, view.number, 7)).integers(0, 2**31, 16)
@@ -188,7 +190,7 @@ def render_pair(tracer: PathTracer, world: World, view: View, rendering: Renderi
         so_far = wanted
         renders.append(tracer.shown(total / wanted))
     clean = tracer.shown(tracer.render(camera, rendering.clean_samples, int(seeds[-1])))
-    return Pair(view, np.stack(renders), clean)
+    return TrainingPair(view, np.stack(renders), clean)
 
 
 def seconds_for(scene: str, rendering: Rendering) -> float:
@@ -197,7 +199,7 @@ def seconds_for(scene: str, rendering: Rendering) -> float:
 
     world = build_scene(scene, SCENE_SEED)
     tracer = PathTracer(world)
-    camera = View(scene, 0).camera(world, 64)
+    camera = SceneView(scene, 0).camera(world, 64)
     started = time.perf_counter()
     tracer.render(camera, 8, 0)
     return (time.perf_counter() - started) * rendering.paths / (64 * 64 * 8)
@@ -208,13 +210,13 @@ def _vector(values: NDArray[np.floating]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _write(path: Path, pair: Pair) -> None:
+def _write(path: Path, pair: TrainingPair) -> None:
     held = io.BytesIO()
     np.savez(held, renders=pair.renders.astype(np.float16), clean=pair.clean.astype(np.float16))
     write_whole(path, held.getvalue())
 
 
-def _read(path: Path, view: View, rendering: Rendering) -> Pair:
+def _read(path: Path, view: SceneView, rendering: Rendering) -> TrainingPair:
     edge = rendering.edge_px
     again = "delete it, and it is made again"
     # numpy would leave a damaged file open if it opened it itself.
@@ -232,4 +234,4 @@ def _read(path: Path, view: View, rendering: Rendering) -> Pair:
         )
     if not (np.isfinite(renders).all() and np.isfinite(clean).all()):
         raise InputError(f"{path}: must hold finite numbers; {again}")
-    return Pair(view, renders, clean)
+    return TrainingPair(view, renders, clean)

@@ -20,7 +20,7 @@ from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.foveation.picture_fixation import as_floats
 from pipeline.image_file import (
-    Pixels,
+    StoredPixels,
     check_fits,
     check_picture,
     count_pictures,
@@ -37,7 +37,7 @@ _GREY = ("Y", "L", "I")
 
 
 @dataclass(frozen=True)
-class Reading:
+class PictureReading:
     """Options for reading a file.
 
     Parameters
@@ -97,7 +97,9 @@ class AnyPicture:
         return self.stored.shape[0], self.stored.shape[1]
 
 
-def read_any(path: Path, reading: Reading | None = None, command: str = "read") -> AnyPicture:
+def read_any(
+    path: Path, reading: PictureReading | None = None, command: str = "read"
+) -> AnyPicture:
     """Read a picture of whatever kind, for a command of `pipeline.limits.NEEDS`.
 
     Raises
@@ -109,7 +111,7 @@ def read_any(path: Path, reading: Reading | None = None, command: str = "read") 
         is so large that the command takes too much memory.
     """
     options = reading is not None
-    reading = reading or Reading()
+    reading = reading or PictureReading()
     check_fits(path, command)
     pixels = read_pixels(path)
     integers = pixels.data.dtype.kind == "u"
@@ -166,12 +168,12 @@ def check_drawable(path: Path, ctx: moderngl.Context | None) -> None:
         )
 
 
-def _transparent(reading: Reading) -> str:
+def _transparent(reading: PictureReading) -> str:
     return f"transparent: put on a grey of {reading.background:g}"
 
 
 def _colour_and_alpha(
-    path: Path, pixels: Pixels, notes: list[str]
+    path: Path, pixels: StoredPixels, notes: list[str]
 ) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
     """Red, green and blue as stored, and alpha in [0, 1] unless it is 1 everywhere."""
     data, names = pixels.data, pixels.channels
@@ -215,7 +217,7 @@ def _alpha(path: Path, plane: NDArray[Any] | None) -> NDArray[np.float32] | None
 def _shown(
     path: Path,
     stored: NDArray[Any],
-    reading: Reading,
+    reading: PictureReading,
     notes: list[str],
     *,
     encoded: bool,
@@ -259,7 +261,7 @@ def _shown(
     return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
 
 
-def _upright(colour: NDArray[Any], pixels: Pixels, notes: list[str]) -> NDArray[Any]:
+def _upright(colour: NDArray[Any], pixels: StoredPixels, notes: list[str]) -> NDArray[Any]:
     """Turn a photograph as its camera was held: the eight orientations of Exif."""
     orientation = int(pixels.attributes.get("Orientation", 1))
     if orientation in range(2, 9):

@@ -19,7 +19,7 @@ from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.view import turn
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import SCENES, build_scene, scene_names
 from stimuli.world import look_at_pose
 
@@ -101,7 +101,7 @@ def builtin_picture(
     world = build_scene(name, SEED)
     pose = look_at_pose(world.viewpoint.position_m, world.viewpoint.look_at_m).copy()
     pose[:3, :3] = pose[:3, :3] @ turn(right_deg, down_deg)
-    renderer = Renderer(ctx, world)
+    renderer = WorldRenderer(ctx, world)
     total = np.zeros((geometry.height_px, geometry.width_px, 3), np.float32)
     try:
         for down in (-0.25, 0.25):

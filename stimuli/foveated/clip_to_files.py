@@ -17,7 +17,7 @@ from protocols.prose import count_of
 from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
-from stimuli.foveated.any_picture import Reading, check_drawable, read_any
+from stimuli.foveated.any_picture import PictureReading, check_drawable, read_any
 from stimuli.foveated.condition_sheet import check_choices
 from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
@@ -39,7 +39,7 @@ def foveate_clip(
     panorama: bool = False,
     choice: Choice | None = None,
     seed: int = 0,
-    reading: Reading | None = None,
+    reading: PictureReading | None = None,
     video: Path | None = None,
     fps: float = 30.0,
     ctx: moderngl.Context | None = None,
@@ -80,7 +80,7 @@ def foveate_clip(
     InputError, StudyError, OSError
         Where a frame or its flow is not what it must be; nothing is written then.
     """
-    tell, reading = say or (lambda _: None), reading or Reading()
+    tell, reading = say or (lambda _: None), reading or PictureReading()
     chosen = choice or Choice("metamer")
     check_choices([chosen])
     check_seed(seed)

@@ -19,7 +19,7 @@ from pipeline.foveation.conditions import (
 )
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
-from pipeline.foveation.picture_fixation import Look, as_floats, check_held
+from pipeline.foveation.picture_fixation import PictureFixation, as_floats, check_held
 from pipeline.foveation.pooling import Pooling
 from stimuli import pictures
 from stimuli.choice import Choice
@@ -33,7 +33,7 @@ TILE_PX = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ConditionPicture:
     """Picture that a condition made, and whether the GPU did."""
 
     choice: Choice
@@ -60,7 +60,7 @@ def look_through(
     ctx: moderngl.Context | None = None,
     state: Path | None = None,
     report: Callable[[str], None] | None = None,
-) -> list[Seen]:
+) -> list[ConditionPicture]:
     """Show one picture by every choice.
 
     Parameters
@@ -90,7 +90,7 @@ def look_through(
                 kept = state if choice is choices[0] else None
                 shown = foveator.condition.descend(
                     as_floats(check_held(colour)),
-                    Look(foveator.geometry, gaze_px, seed),
+                    PictureFixation(foveator.geometry, gaze_px, seed),
                     state=kept,
                     progress=lambda done, total, loss: say(
                         f"energy-metamer: step {done} of {total}, loss {loss:.3f} of the blur's"
@@ -101,7 +101,7 @@ def look_through(
             else:
                 foveator.hold(colour)
                 shown = foveator.show(gaze_px, seed=seed, last=True)
-            seen.append(Seen(choice, shown, on_gpu))
+            seen.append(ConditionPicture(choice, shown, on_gpu))
         finally:
             foveator.release()
     return seen
@@ -111,7 +111,7 @@ def sheet_of(
     colour: NDArray[np.float32],
     gaze_px: tuple[float, float],
     viewing: Viewing,
-    seen: Sequence[Seen],
+    seen: Sequence[ConditionPicture],
     pooling: Pooling | None = None,
 ) -> Picture:
     """Lay the picture with its pools, and every condition, out on one labelled sheet."""

@@ -19,10 +19,10 @@ from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated import metamer_page as pages
 from stimuli.foveated import moving
-from stimuli.foveated.any_picture import AnyPicture, Reading, check_drawable, read_any
-from stimuli.foveated.condition_sheet import Seen, check_choices, look_through, sheet_of
+from stimuli.foveated.any_picture import AnyPicture, PictureReading, check_drawable, read_any
+from stimuli.foveated.condition_sheet import ConditionPicture, check_choices, look_through, sheet_of
 from stimuli.foveated.foveation_steps import write_steps
-from stimuli.foveated.gaze_and_display import Looking, gaze_words, look_at, read_gaze, width_deg
+from stimuli.foveated.gaze_and_display import ViewedAs, gaze_words, look_at, read_gaze, width_deg
 
 LEAST_SCORED_PX = 32
 METAMER = Choice("metamer")
@@ -66,7 +66,7 @@ class _Work:
 
     name: str
     opened: AnyPicture
-    looking: Looking
+    looking: ViewedAs
     gaze_px: tuple[float, float]
     choices: tuple[Choice, ...]
     seed: int
@@ -85,11 +85,11 @@ def foveate_file(
     panorama: bool = False,
     choices: Sequence[Choice] = (METAMER,),
     seed: int = 0,
-    reading: Reading | None = None,
+    reading: PictureReading | None = None,
     ctx: moderngl.Context | None = None,
     say: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> list[Seen]:
+) -> list[ConditionPicture]:
     """Show a picture file to a gaze by every choice, and write what is asked for.
 
     Parameters
@@ -118,7 +118,7 @@ def foveate_file(
     Returns
     -------
     list of Seen
-        What each choice shows: `Seen.colour` is encoded R'G'B' of shape (H, W, 3).
+        What each choice shows: `ConditionPicture.colour` is encoded R'G'B' of shape (H, W, 3).
 
     Raises
     ------
@@ -169,7 +169,7 @@ def _check_scorable(work: _Work) -> None:
         )
 
 
-def _write(work: _Work, outputs: Outputs) -> list[Seen]:
+def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
     viewing = work.looking.viewing
     outputs.out.parent.mkdir(parents=True, exist_ok=True)
     state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
@@ -205,7 +205,7 @@ def _write(work: _Work, outputs: Outputs) -> list[Seen]:
     return seen
 
 
-def _say_where(work: _Work, seen: Sequence[Seen]) -> None:
+def _say_where(work: _Work, seen: Sequence[ConditionPicture]) -> None:
     if work.ctx is not None and any(one.on_gpu for one in seen):
         work.say(f"renderer: {describe(work.ctx)}")
     by_numpy = [one.choice.name for one in seen if not one.on_gpu]
@@ -213,14 +213,14 @@ def _say_where(work: _Work, seen: Sequence[Seen]) -> None:
         work.say(f"worked out by numpy: {', '.join(by_numpy)}")
 
 
-def _save(path: Path, one: Seen, bits: int) -> None:
+def _save(path: Path, one: ConditionPicture, bits: int) -> None:
     if path.suffix.lower() == ".exr":
         save_colour(path, one.colour, bits=32 if bits == 16 else 16)
     else:
         save_colour(path, one.colour, bits=bits)
 
 
-def _score(work: _Work, seen: Sequence[Seen], out: Path) -> Path:
+def _score(work: _Work, seen: Sequence[ConditionPicture], out: Path) -> Path:
     """Score what was seen; a panorama in the flat view around the gaze."""
     from stimuli.score.foveated import (
         PANORAMA_NOTE,

@@ -28,7 +28,7 @@ from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
 from stimuli import pictures
-from stimuli.foveated.condition_sheet import Seen, pooling_of
+from stimuli.foveated.condition_sheet import ConditionPicture, pooling_of
 from stimuli.foveated.rings import draw_gaze, draw_pools
 from stimuli.pictures import Step
 
@@ -38,7 +38,7 @@ def write_steps(
     colour: NDArray[np.float32],
     gaze_px: tuple[float, float],
     viewing: Viewing,
-    seen: Sequence[Seen],
+    seen: Sequence[ConditionPicture],
     *,
     seed: int,
 ) -> list[Path]:

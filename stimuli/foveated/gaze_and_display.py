@@ -26,7 +26,7 @@ ASSUMED_DEG = 40.0
 
 
 @dataclass(frozen=True)
-class Looking:
+class ViewedAs:
     """A picture before an eye, and in words where that comes from."""
 
     viewing: Viewing
@@ -41,7 +41,7 @@ def look_at(
     display: str | None = None,
     fov_deg: float | None = None,
     panorama: bool = False,
-) -> Looking:
+) -> ViewedAs:
     """Say how a picture is looked at.
 
     Parameters
@@ -67,7 +67,7 @@ def look_at(
             raise InputError(f"a panorama is 360 degrees wide: leave {given} out")
         around = Equirectangular()
         geometry: Geometry = around.of(width, height)
-        return Looking(around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}")
+        return ViewedAs(around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}")
     if display is not None and fov_deg is not None:
         raise InputError("give --display or --fov, not both: each says how wide the picture is")
     notes: list[str] = []
@@ -95,7 +95,7 @@ def look_at(
         f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
         f" ({where}), {_density(shown)}"
     )
-    return Looking(flat, shown, words, tuple(notes))
+    return ViewedAs(flat, shown, words, tuple(notes))
 
 
 def width_deg(geometry: FlatGeometry) -> float:

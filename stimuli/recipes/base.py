@@ -10,10 +10,10 @@ from typing import Any
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.schema import StudyProtocol
-from stimuli.batch_folder import Outcome, Report
-from stimuli.estimate import Estimate
+from stimuli.batch_folder import BuildOutcome, Report
+from stimuli.estimate import BuildEstimate
 
-__all__ = ["Builder", "Estimate", "Outcome", "Report", "Where"]
+__all__ = ["BuildEstimate", "BuildOutcome", "Builder", "Report", "Where"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Builder:
         """Return what may be a mistake and may be meant."""
         return []
 
-    def estimate(self, out: Path, workers: int) -> Estimate:
+    def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Say what a build would cost.
 
         Raises
@@ -69,7 +69,7 @@ class Builder:
         """
         raise NotImplementedError
 
-    def build(self, out: Path, where: Where, report: Report) -> Outcome[Any]:
+    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[Any]:
         """Build what is missing in `out`; write the manifest last.
 
         Raises
@@ -80,6 +80,6 @@ class Builder:
         """
         raise NotImplementedError
 
-    def summary(self, outcome: Outcome[Any]) -> tuple[Sequence[str], list[Sequence[str]]]:
+    def summary(self, outcome: BuildOutcome[Any]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return a table of what was made: its header, its rows; empty where there is nothing."""
         raise NotImplementedError

@@ -15,7 +15,7 @@ from protocols.recipes.files import FileEntry, Files
 from protocols.schema import StudyProtocol
 from stimuli.png import encode_bytes
 from stimuli.read_stimulus import Stated, file_sha256, read_frames, stated, wrong_size
-from stimuli.recipes.base import Estimate
+from stimuli.recipes.base import BuildEstimate
 from stimuli.recipes.taken import RESERVED, TakingBuilder
 from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
@@ -101,7 +101,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
         shown = set(self.protocol.shown())
         return tuple(entry for entry in self.recipe.entries if entry.name in shown)
 
-    def estimate(self, out: Path, workers: int) -> Estimate:
+    def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Read the first file, time it, and multiply; every other file must be there."""
         from time import perf_counter
 
@@ -110,7 +110,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
         sizes = [len(data) for data in self.encoded(self.wanted[0])]
         time_s = (perf_counter() - started) * len(self.wanted)
         there = next(place for place in (out, *out.absolute().parents) if place.exists())
-        return Estimate(
+        return BuildEstimate(
             clips=len(self.wanted),
             frames=len(self.wanted) * self.recipe.frames,
             size_px=(self.recipe.width_px, self.recipe.height_px),

@@ -38,10 +38,10 @@ from protocols.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
 from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.read_stimulus import file_sha256
-from stimuli.recipes.base import Estimate, Where
+from stimuli.recipes.base import BuildEstimate, Where
 from stimuli.recipes.foveated_work import (
     STILLS,
-    Order,
+    StillsPlan,
     colour_job,
     describe_job,
     still_job,
@@ -76,7 +76,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         super().__init__(protocol, display, folder)
         assert isinstance(protocol.stimuli, FoveatedImages)
         self.recipe = protocol.stimuli
-        self.order = Order(self.recipe, display.distance_mm / display.pitch_x_mm, folder)
+        self.order = StillsPlan(self.recipe, display.distance_mm / display.pitch_x_mm, folder)
 
     @property
     def geometry(self) -> FlatGeometry:
@@ -201,7 +201,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         shown = set(self.protocol.shown())
         return tuple(one for one in self.recipe.stimuli() if one.name in shown)
 
-    def estimate(self, out: Path, workers: int) -> Estimate:  # noqa: ARG002
+    def estimate(self, out: Path, workers: int) -> BuildEstimate:  # noqa: ARG002
         """Make the first stimulus of every method twice, time the second, and multiply."""
         self.check_inputs()
         try:
@@ -223,7 +223,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         there = next(place for place in (out, *out.absolute().parents) if place.exists())
         left_out = {one.shown.name for one in self.wanted if one.shown.condition in _SLOW}
         tried = " and ".join(name for name in times if name not in left_out)
-        return Estimate(
+        return BuildEstimate(
             clips=len(self.wanted),
             frames=len(self.wanted),
             size_px=(self.recipe.width_px, self.recipe.height_px),

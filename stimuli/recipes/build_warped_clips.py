@@ -11,9 +11,9 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, Method
-from stimuli.build_plan import Orders
-from stimuli.recipes.base import Builder, Estimate, Outcome, Report, Where
-from stimuli.recipes.warped_checks import Findings, look_at_fills, look_at_scenes
+from stimuli.build_plan import BuildPlan
+from stimuli.recipes.base import Builder, BuildEstimate, BuildOutcome, Report, Where
+from stimuli.recipes.warped_checks import SceneFindings, look_at_fills, look_at_scenes
 from stimuli.scenes.builtin_scenes import scene_entry
 
 
@@ -21,9 +21,9 @@ class WarpedClipBuilder(Builder):
     """Renders, warps and fills in processes of its own, or on a cluster."""
 
     @cached_property
-    def orders(self) -> Orders:
+    def orders(self) -> BuildPlan:
         """Clips to make."""
-        return Orders(self.protocol, self.display, self.folder)
+        return BuildPlan(self.protocol, self.display, self.folder)
 
     def problems(self) -> list[Problem]:
         """Return methods and scenes that are not known, and files that cannot be used."""
@@ -63,25 +63,25 @@ class WarpedClipBuilder(Builder):
         return self._fills.missing
 
     @cached_property
-    def _scenes(self) -> Findings:
+    def _scenes(self) -> SceneFindings:
         return look_at_scenes(self.orders)
 
     @cached_property
-    def _fills(self) -> Findings:
+    def _fills(self) -> SceneFindings:
         return look_at_fills(self.orders)
 
     def _need_all(self) -> None:
         if self.lacking():
             raise StudyError("\n".join(map(str, self.lacking())))
 
-    def estimate(self, out: Path, workers: int) -> Estimate:
+    def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Make one frame of the first scene by every method, and multiply."""
         from stimuli.estimate import estimate
 
         self._need_all()
         return estimate(self.orders, out, workers)
 
-    def build(self, out: Path, where: Where, report: Report) -> Outcome[ClipName]:
+    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""
         from stimuli.build import build
         from stimuli.executors import cores, dask_cluster, local_processes
@@ -95,7 +95,7 @@ class WarpedClipBuilder(Builder):
                 executor = stack.enter_context(local_processes(parallel))
             return build(self.orders, out, executor, parallel=parallel, report=report)
 
-    def summary(self, outcome: Outcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
+    def summary(self, outcome: BuildOutcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""
         from stimuli.contact import extent_text
 

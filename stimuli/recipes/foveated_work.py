@@ -23,7 +23,7 @@ from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.drawn import before_background, bisected, direction_at, draw_ring
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Flat, FlatGeometry
-from pipeline.foveation.picture_fixation import Look
+from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.view import flat_view
 from pipeline.gl.context import release_context
 from protocols.recipes.foveated_images import (
@@ -45,7 +45,7 @@ Colour = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Order:
+class StillsPlan:
     """Stills to make; small, and the same on every machine that reads the same files.
 
     Parameters
@@ -149,7 +149,7 @@ def _covering(colour: Colour, size: tuple[int, int], kept: tuple[float, float]) 
 class StillMaker:
     """Makes stills of one order; use it from one thread, which its context belongs to."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: StillsPlan) -> None:
         self.order = order
         self._ctx, self.renderer = context_or_numpy()
         self._foveators: dict[str, Foveator] = {}
@@ -225,7 +225,7 @@ class StillMaker:
         gaze_px = self.order.gaze_px(entry)
         condition = foveator.condition
         if isinstance(condition, EnergyMetamer):
-            look = Look(self.order.geometry, gaze_px, entry.seed)
+            look = PictureFixation(self.order.geometry, gaze_px, entry.seed)
             made = condition.descend(picture, look, state=state)
             if state is not None:
                 state.unlink(missing_ok=True)
@@ -251,18 +251,18 @@ class StillMaker:
 STILLS = GpuThread(StillMaker)
 
 
-def describe_job(order: Order) -> RendererInfo:
+def describe_job(order: StillsPlan) -> RendererInfo:
     """Name what draws in this worker."""
     return STILLS.do(order, lambda maker: maker.renderer)
 
 
-def colour_job(order: Order, entry: FoveatedStimulus) -> Colour:
+def colour_job(order: StillsPlan, entry: FoveatedStimulus) -> Colour:
     """Make a still and keep it in memory."""
     return STILLS.do(order, lambda maker: maker.colour(entry))
 
 
 def still_job(
-    order: Order, entry: FoveatedStimulus, state: Path | None
+    order: StillsPlan, entry: FoveatedStimulus, state: Path | None
 ) -> tuple[list[bytes | str], RendererInfo]:
     """Make a still; return it as a PNG file, and what drew it.
 

@@ -23,7 +23,7 @@ from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores
 from stimuli.preview_video import PREVIEW_FOLDER
-from stimuli.recipes.base import Builder, Outcome, Report, Where
+from stimuli.recipes.base import Builder, BuildOutcome, Report, Where
 from stimuli.records import ManifestDraft, is_whole
 from stimuli.worker import RendererInfo
 
@@ -31,7 +31,7 @@ _LISTED = 12
 RESERVED = (HOLES_FOLDER, PREVIEW_FOLDER)
 
 
-class Entry(Protocol):
+class WantedStimulus(Protocol):
     """A stimulus that is wanted."""
 
     @property
@@ -41,7 +41,7 @@ class Entry(Protocol):
     def condition(self) -> Mapping[str, Scalar]: ...
 
 
-E = TypeVar("E", bound=Entry)
+E = TypeVar("E", bound=WantedStimulus)
 Made: TypeAlias = "tuple[list[bytes | str], RendererInfo]"
 """Result of a job: of each frame the PNG file itself, or the hash of the one that it wrote; and
 what drew them."""
@@ -107,7 +107,7 @@ class TakingBuilder(Builder, Generic[E]):
     def close(self) -> None:
         """Free what the work held."""
 
-    def build(self, out: Path, where: Where, report: Report) -> Outcome[str]:
+    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[str]:
         """Take in what is missing or changed.
 
         Raises
@@ -127,7 +127,7 @@ class TakingBuilder(Builder, Generic[E]):
                 finally:
                     self.close()
 
-    def summary(self, outcome: Outcome[str]) -> tuple[Sequence[str], list[Sequence[str]]]:
+    def summary(self, outcome: BuildOutcome[str]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return how many stimuli each value of each column has."""
         rows: list[Sequence[str]] = []
         for column in self.recipe_of_all.columns():

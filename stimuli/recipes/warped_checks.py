@@ -17,7 +17,7 @@ from pipeline.methods.onnx import OnnxNetwork
 from pipeline.methods.registry import create_method
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import ClipName, ExrScene, MeshScene, StereoScene
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.exr_parts import frame_files
 from stimuli.open_scene import open_world
 from stimuli.scenes.pair_check import judge_pair
@@ -26,7 +26,7 @@ from stimuli.scenes.sequence import too_small
 
 
 @dataclass(frozen=True)
-class Findings:
+class SceneFindings:
     """Mistakes that must change, and what may be one."""
 
     wrong: list[Problem] = field(default_factory=list)
@@ -35,9 +35,9 @@ class Findings:
     """Files that only a build needs."""
 
 
-def look_at_scenes(orders: Orders) -> Findings:
+def look_at_scenes(orders: BuildPlan) -> SceneFindings:
     """Open what scenes name, as far as it is here."""
-    found = Findings()
+    found = SceneFindings()
     for index, scene in enumerate(orders.protocol.warped.scenes):
         place = f"stimuli.scenes[{index}]"
         try:
@@ -55,9 +55,9 @@ def look_at_scenes(orders: Orders) -> Findings:
     return found
 
 
-def look_at_fills(orders: Orders) -> Findings:
+def look_at_fills(orders: BuildPlan) -> SceneFindings:
     """Open the networks and count the frames that methods name, as far as they are here."""
-    found = Findings()
+    found = SceneFindings()
     seen: set[str] = set()
     if not any(":" in method.registry_name for method in orders.protocol.warped.methods):
         return found
@@ -86,7 +86,7 @@ def look_at_fills(orders: Orders) -> Findings:
     return found
 
 
-def _check_frames(orders: Orders, clip: ClipName) -> list[str]:
+def _check_frames(orders: BuildPlan, clip: ClipName) -> list[str]:
     """Return what the header of a video of frames says besides, or refuse the frames."""
     path = orders.method(clip).registry_name.partition(":")[2]
     unknown = set(re.findall(r"\{(.*?)\}", path)) - {"scene", "size", "frame"}
@@ -121,7 +121,7 @@ def _check_frames(orders: Orders, clip: ClipName) -> list[str]:
     return [f"{frames.path}: {note}" for note in frames.video.notes]
 
 
-def _check_network(orders: Orders, clip: ClipName) -> None:
+def _check_network(orders: BuildPlan, clip: ClipName) -> None:
     if importlib.util.find_spec("onnxruntime") is None:
         raise ModuleNotFoundError(
             "ONNX Runtime is not installed; 'metamerlab stimuli build' needs it: pip install"
@@ -132,7 +132,7 @@ def _check_network(orders: Orders, clip: ClipName) -> None:
     network.check_size((orders.render_px[1], orders.render_px[0]))
 
 
-def _pair(found: Findings, place: str, orders: Orders, scene: StereoScene) -> None:
+def _pair(found: SceneFindings, place: str, orders: BuildPlan, scene: StereoScene) -> None:
     if is_built_in(scene, orders.folder):
         return
     pair = read_pair(scene, orders.folder)
@@ -142,7 +142,7 @@ def _pair(found: Findings, place: str, orders: Orders, scene: StereoScene) -> No
         (found.wrong if verdict.refused else found.doubtful).append(Problem(place, said))
 
 
-def _sequence(found: Findings, place: str, orders: Orders, scene: ExrScene) -> None:
+def _sequence(found: SceneFindings, place: str, orders: BuildPlan, scene: ExrScene) -> None:
     files = frame_files(scene.file, orders.folder)
     wanted = orders.protocol.warped.clips.frames
     if len(files) < wanted:

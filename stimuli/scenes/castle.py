@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 GREY = [(148, 140, 126), (166, 156, 138), (132, 126, 116), (178, 168, 148)]
 
@@ -18,11 +18,11 @@ def build(rng: np.random.Generator) -> World:
         colours=[(34, 56, 30), (48, 72, 36), (62, 86, 44), (78, 98, 54)],
     )  # fmt: skip
     parts = [
-        Part(
+        MeshPart(
             shapes.ground((-60, -80), (60, 2), 0.9, 2.6, _hill),
             Material(textures.lawn(rng, dry=0.3)),
         ),
-        Part(_road(), Material(textures.pebbles(rng))),
+        MeshPart(_road(), Material(textures.pebbles(rng))),
     ]
     parts += _castle(rng, blocks)
     parts += _parapet(blocks)
@@ -37,7 +37,7 @@ def build(rng: np.random.Generator) -> World:
             radius = rng.uniform(0.2, 0.6)
             height = float(_hill(np.array(x), np.array(z)))
             rocks.append(shapes.boulder(rng, radius, 1.2).moved(x, height + 0.1 * radius, z))
-    parts.append(Part(Mesh.joined(rocks), rock))
+    parts.append(MeshPart(Mesh.joined(rocks), rock))
     places = plants.scattered(rng, 150, (-9, -16), (9, -3.2))
     places = places[np.abs(places[:, 0] - 0.6) > 1.5]
     places[:, 1] = _hill(places[:, 0], places[:, 2]) - 0.02
@@ -68,7 +68,7 @@ def _road() -> Mesh:
     return shapes.surface(position, np.stack([x, np.broadcast_to(z, x.shape)], -1) / 1.3)
 
 
-def _castle(rng: np.random.Generator, blocks: Material) -> list[Part]:
+def _castle(rng: np.random.Generator, blocks: Material) -> list[MeshPart]:
     z, base = -24.0, 1.5
     roof = Material(textures.roof_tiles(rng))
     dark = Material(textures.plaster(rng, (34, 30, 28)))
@@ -108,9 +108,9 @@ def _castle(rng: np.random.Generator, blocks: Material) -> list[Part]:
         bodies.append(shapes.box((x, base + 10.6, z - 5.2), (0.7, 0.8, 0.5), 3.2, offset=(x, 0)))
     slits += [shapes.box((x, base + 8.0, z - 4.98), (0.5, 1.1, 0.1), 1.0) for x in (-0.5, 1.5, 3.5)]
     return [
-        Part(Mesh.joined(bodies), blocks),
-        Part(Mesh.joined(roofs), roof),
-        Part(Mesh.joined(slits), dark),
+        MeshPart(Mesh.joined(bodies), blocks),
+        MeshPart(Mesh.joined(roofs), roof),
+        MeshPart(Mesh.joined(slits), dark),
     ]
 
 
@@ -140,7 +140,7 @@ def _wall_with_gate(z: float, base: float, height: float) -> list[Mesh]:
     return walls
 
 
-def _parapet(blocks: Material) -> list[Part]:
+def _parapet(blocks: Material) -> list[MeshPart]:
     """The low wall of the bridge one stands on."""
     pieces = []
     for side in (-1.75, 2.05):
@@ -150,7 +150,7 @@ def _parapet(blocks: Material) -> list[Part]:
                 shapes.box((side, 0.42, z), (0.34, 1.0, 0.62), 2.4, step_m=0.2, offset=(z, 0.1))
             )
         pieces.append(shapes.box((side, 0.1, -4.3), (0.32, 0.5, 4.6), 2.4, step_m=0.3))
-    return [Part(Mesh.joined(pieces), blocks)]
+    return [MeshPart(Mesh.joined(pieces), blocks)]
 
 
 def _pine(
@@ -158,7 +158,7 @@ def _pine(
     foliage: plants.Foliage,
     foot: tuple[float, float, float],
     height: float,
-) -> list[Part]:
+) -> list[MeshPart]:
     base = np.asarray(foot)
     stem = shapes.branch_path(rng, base - [0, 0.3, 0], (0, 1, 0), height, wander=0.02, points=14)
     radius = 0.022 * height * np.linspace(1.25, 0.2, len(stem))
@@ -175,4 +175,4 @@ def _pine(
             crowns.append(
                 shapes.crown(rng, path[3], (0.5 * reach, 0.22, 0.5 * reach), 5, 0.85, shell=0.2)
             )
-    return [Part(Mesh.joined(wood), foliage.bark), Part(Mesh.joined(crowns), foliage.leaf)]
+    return [MeshPart(Mesh.joined(wood), foliage.bark), MeshPart(Mesh.joined(crowns), foliage.leaf)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 PALE = [(196, 182, 154), (208, 196, 170), (184, 170, 146), (200, 190, 168)]
 OCHRE = [(182, 150, 108), (198, 166, 122), (170, 140, 104), (188, 160, 124)]
@@ -17,14 +17,14 @@ def build(rng: np.random.Generator) -> World:
     floor = Material(textures.masonry(rng, 6, 4, PALE, (120, 112, 98), joint=0.03, rough=0.6))
     ashlar = Material(textures.masonry(rng, 7, 4, OCHRE, (150, 134, 110), joint=0.03, rough=0.9))
     parts = [
-        Part(shapes.ground((-14, -16), (14, 3), 0.3, 2.6), floor),
-        Part(shapes.wall((-14, -11), (14, -11), 0, 6.2, 2.8), ashlar),
-        Part(shapes.wall((-14, 3), (-14, -11), 0, 6.2, 2.8), ashlar),
-        Part(shapes.box((0, 0.12, -5.6), (28, 0.24, 1.5), 2.0), stone),
+        MeshPart(shapes.ground((-14, -16), (14, 3), 0.3, 2.6), floor),
+        MeshPart(shapes.wall((-14, -11), (14, -11), 0, 6.2, 2.8), ashlar),
+        MeshPart(shapes.wall((-14, 3), (-14, -11), 0, 6.2, 2.8), ashlar),
+        MeshPart(shapes.box((0, 0.12, -5.6), (28, 0.24, 1.5), 2.0), stone),
     ]
     parts += _row(rng, stone, -5.6, 2.3, 0.34, 4.3, shift=0.5)
     parts += _row(rng, stone, -2.9, 3.1, 0.24, 4.3, shift=-0.15, beam=False)
-    parts.append(Part(shapes.box((0, 4.95, -5.6), (28, 0.75, 1.1), 2.2), stone))
+    parts.append(MeshPart(shapes.box((0, 4.95, -5.6), (28, 0.75, 1.1), 2.2), stone))
     for x in (-6.9, -2.3, 2.3, 6.9):
         parts += _niche(rng, x)
     pot = Material(textures.plaster(rng, (176, 104, 72)))
@@ -40,7 +40,7 @@ def build(rng: np.random.Generator) -> World:
         (-4.6, -8.2, 1.3),
     ):
         body = shapes.lathe(np.asarray(profile) * scale, 1.0)
-        parts.append(Part(body.moved(x, 0, z), pot))
+        parts.append(MeshPart(body.moved(x, 0, z), pot))
         parts += plants.bush(rng, foliage, (x, 0.45 * scale, z), 0.5 * scale, cards=80)
     return World(
         tuple(parts),
@@ -56,7 +56,7 @@ def build(rng: np.random.Generator) -> World:
 def _row(
     rng: np.random.Generator, stone: Material, z: float, gap: float, radius: float, height: float,
     *, shift: float, beam: bool = True,
-) -> list[Part]:  # fmt: skip
+) -> list[MeshPart]:  # fmt: skip
     foot = 0.24 if beam else 0.0
     bodies = []
     for index in range(-5, 6):
@@ -80,10 +80,10 @@ def _row(
         bodies[-5] = bodies[-5].tinted((tone,) * 3)
     if not beam:
         bodies.append(shapes.box((0, height + 0.6, z), (30, 0.5, 0.7), 2.0))
-    return [Part(Mesh.joined(bodies), stone)]
+    return [MeshPart(Mesh.joined(bodies), stone)]
 
 
-def _niche(rng: np.random.Generator, x: float) -> list[Part]:
+def _niche(rng: np.random.Generator, x: float) -> list[MeshPart]:
     """A blind arch with a frame, on the wall."""
     dark = Material(textures.plaster(rng, (150, 104, 82)))
     frame = Material(textures.stone(rng, (214, 206, 188)))
@@ -100,4 +100,4 @@ def _niche(rng: np.random.Generator, x: float) -> list[Part]:
     line = np.concatenate([[[half, 0.35]], outline, [[-half, 0.35]]])
     path = np.concatenate([np.add(line, (x, 0)), np.full((len(line), 1), z + 0.05)], -1)
     rim = shapes.tube(path, 0.12, (0.8, 0.8), sides=10)
-    return [Part(panel, dark), Part(rim, frame)]
+    return [MeshPart(panel, dark), MeshPart(rim, frame)]

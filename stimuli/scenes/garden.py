@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 RED_BRICK = [(128, 70, 52), (150, 84, 60), (164, 102, 74), (138, 78, 64)]
 
@@ -19,13 +19,15 @@ def build(rng: np.random.Generator) -> World:
     )  # fmt: skip
     hedge = plants.Foliage(foliage.bark, light_leaf, foliage.tuft)
     parts = [
-        Part(shapes.ground((-22, -30), (22, 4), 0.3, 2.2, _rolling), Material(textures.lawn(rng))),
-        Part(_path(), Material(textures.pebbles(rng))),
-        Part(
+        MeshPart(
+            shapes.ground((-22, -30), (22, 4), 0.3, 2.2, _rolling), Material(textures.lawn(rng))
+        ),
+        MeshPart(_path(), Material(textures.pebbles(rng))),
+        MeshPart(
             shapes.wall((-22, -15), (22, -15), -0.3, 2.6, 2.4),
             Material(textures.masonry(rng, 16, 6, RED_BRICK)),
         ),
-        Part(shapes.box((0, 2.68, -15), (44, 0.16, 0.55), 1.6), Material(textures.stone(rng))),
+        MeshPart(shapes.box((0, 2.68, -15), (44, 0.16, 0.55), 1.6), Material(textures.stone(rng))),
     ]
     parts += _fence(rng)
     for x, z, height in ((-6.0, -12.5, 6.5), (5.6, -11.5, 5.6), (-1.6, -19.0, 9.5),
@@ -67,7 +69,7 @@ def _path() -> Mesh:
     return shapes.surface(position, np.stack([x, np.broadcast_to(z, x.shape)], -1) / 1.1)
 
 
-def _fence(rng: np.random.Generator) -> list[Part]:
+def _fence(rng: np.random.Generator) -> list[MeshPart]:
     wood = Material(textures.planks(rng, 5, (196, 188, 172)))
     parts = []
     for index in range(64):
@@ -92,7 +94,7 @@ def _fence(rng: np.random.Generator) -> list[Part]:
             )  # fmt: skip
     for x in (0.33, 1.52):
         parts.append(shapes.box((x, 0.55, -3.95), (0.11, 1.1, 0.11), 0.9))
-    return [Part(Mesh.joined(parts), wood)]
+    return [MeshPart(Mesh.joined(parts), wood)]
 
 
 def _tip(x: float, height: float) -> Mesh:

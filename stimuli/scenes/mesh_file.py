@@ -22,7 +22,7 @@ from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
 from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
 from stimuli.scenes.mesh_surface import Shape, laid_uv, material_of, with_alpha
 from stimuli.scenes.wavefront import read_obj
-from stimuli.world import Light, Material, Mesh, Part, Vector, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Vector, Viewpoint, World
 
 SUN = Light(
     sun_direction=(-0.65, 0.7, 0.35),
@@ -128,7 +128,7 @@ def _material(
     return known[key]
 
 
-def _parts(path: Path, shape: Shape, material: Material, scale: float) -> Iterator[Part]:
+def _parts(path: Path, shape: Shape, material: Material, scale: float) -> Iterator[MeshPart]:
     count = len(shape.position)
     uv = np.zeros((count, 2)) if shape.uv is None else laid_uv(shape.surface, shape.uv)
     colour = np.ones((count, 3)) if shape.colour is None else shape.colour[:, :3]
@@ -146,7 +146,7 @@ def _parts(path: Path, shape: Shape, material: Material, scale: float) -> Iterat
         for place in shape.places:
             matrix = place.copy()
             matrix[:3] *= scale
-            yield Part(_placed(mesh, matrix, flat), material)
+            yield MeshPart(_placed(mesh, matrix, flat), material)
     except InputError as error:
         raise InputError(f"{path}: {error}; export it again") from None
 
@@ -163,7 +163,7 @@ def _placed(mesh: Mesh, matrix: NDArray[np.float64], flat: bool) -> Mesh:
     return moved.faceted() if flat else moved
 
 
-def _outside(parts: list[Part]) -> Viewpoint:
+def _outside(parts: list[MeshPart]) -> Viewpoint:
     low = np.min([part.mesh.position_m.min(axis=0) for part in parts], axis=0).astype(float)
     high = np.max([part.mesh.position_m.max(axis=0) for part in parts], axis=0).astype(float)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)

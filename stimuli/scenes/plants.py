@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stimuli.scenes import shapes, textures
-from stimuli.world import Material, Mesh, Part
+from stimuli.world import Material, Mesh, MeshPart
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ def tree(
     cards: int = 150,
     card_m: float | None = None,
     branches: int = 9,
-) -> list[Part]:
+) -> list[MeshPart]:
     """A broad-leaved tree; `trunk_m` is the radius at its foot."""
     base = np.asarray(foot, np.float64)
     radius = trunk_m or 0.028 * height_m
@@ -63,18 +63,18 @@ def tree(
                                 sides=7))  # fmt: skip
     size = card_m or 0.16 * height_m
     crown = shapes.crown(rng, middle, (spread, 0.5 * crown_share * height_m, spread), cards, size)
-    return [Part(Mesh.joined(wood), foliage.bark), Part(crown, foliage.leaf)]
+    return [MeshPart(Mesh.joined(wood), foliage.bark), MeshPart(crown, foliage.leaf)]
 
 
 def bush(
     rng: np.random.Generator, foliage: Foliage, foot: ArrayLike, radius_m: float, *, cards: int = 70
-) -> list[Part]:
+) -> list[MeshPart]:
     """A round bush that sits on the ground."""
     centre = np.add(foot, (0, 0.7 * radius_m, 0))
     leaves = shapes.crown(
         rng, centre, (radius_m, 0.75 * radius_m, radius_m), cards, 0.7 * radius_m, shell=0.3
     )
-    return [Part(leaves, foliage.leaf)]
+    return [MeshPart(leaves, foliage.leaf)]
 
 
 def tufts(
@@ -84,7 +84,7 @@ def tufts(
     height_m: tuple[float, float],
     *,
     crossed: int = 2,
-) -> Part:
+) -> MeshPart:
     """Tufts at `places` (N, 3), each of `crossed` cards."""
     cards = []
     for place in np.asarray(places, np.float64):
@@ -96,7 +96,7 @@ def tufts(
                 place, height, height, turn + 180 * index / crossed, lean=rng.normal(0, 0.08)
             )
             cards.append(card.tinted((tone, tone, tone)))
-    return Part(Mesh.joined(cards), material)
+    return MeshPart(Mesh.joined(cards), material)
 
 
 def scattered(

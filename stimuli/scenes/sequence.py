@@ -37,7 +37,7 @@ KEPT_PICTURES = 3  # of a sequence at a time
 
 
 @dataclass(frozen=True)
-class Picture:
+class SequenceFrame:
     """One file: encoded colour, depth, and motion where there is one."""
 
     frame: SourceFrame
@@ -49,7 +49,7 @@ class SequenceScenery(Scenery):
 
     def __init__(self, scene: ExrScene, files: list[Path]) -> None:
         self._scene, self._files, self.rim_px = scene, files, scene.rim_px
-        self._kept: dict[int, Picture] = {}
+        self._kept: dict[int, SequenceFrame] = {}
 
     def source(
         self, size_px: tuple[int, int], margin_px: int, pose: Pose, extent_m: float, frame: int
@@ -122,7 +122,7 @@ class SequenceScenery(Scenery):
             ends.append(slice(start, start + shown + 2 * margin_px))
         return ends[0], ends[1]
 
-    def _picture(self, frame: int) -> Picture:
+    def _picture(self, frame: int) -> SequenceFrame:
         if frame >= len(self._files):
             raise InputError(
                 f"{self._scene.name}: the clip needs frame {frame}, and the sequence has"
@@ -172,7 +172,7 @@ def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScene
     )
 
 
-def load_picture(path: Path, scene: ExrScene) -> Picture:
+def load_picture(path: Path, scene: ExrScene) -> SequenceFrame:
     """Read one file.
 
     Raises
@@ -207,7 +207,7 @@ def load_picture(path: Path, scene: ExrScene) -> Picture:
     names = _motion_names(scene)
     if find_motion(path, planes, names, style=scene.motion, layer=layer) is not None:
         motion = motion_of(path, planes, scene, layer)
-    return Picture(
+    return SequenceFrame(
         SourceFrame(_encoded(light.clip(0, 1).astype(np.float64), scene.transfer), depth), motion
     )
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 FIELD_STONE = [(128, 120, 108), (150, 140, 124), (110, 104, 96), (162, 152, 134)]
 
@@ -18,12 +18,12 @@ def build(rng: np.random.Generator) -> World:
     boards = Material(textures.planks(rng, 7, (122, 92, 64)))
     beams = Material(textures.planks(rng, 3, (92, 70, 50)))
     parts = [
-        Part(shapes.ground((-14, -14), (14, 3), 0.3, 1.5), Material(textures.pebbles(rng))),
-        Part(
+        MeshPart(shapes.ground((-14, -14), (14, 3), 0.3, 1.5), Material(textures.pebbles(rng))),
+        MeshPart(
             shapes.ground((-60, -70), (60, -11.0), 1.5, 2.4, _meadow),
             Material(textures.lawn(rng, dry=0.15)),
         ),
-        Part(
+        MeshPart(
             Mesh.joined([shapes.box((x, 0.45, -11.2), (9, 1.0, 0.6), 1.9) for x in (-9.5, 9.6)]),
             Material(textures.masonry(rng, 8, 5, FIELD_STONE, (104, 98, 88), rough=2.0)),
         ),
@@ -52,7 +52,7 @@ def _meadow(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(0.045 * (-11.0 - z) + 0.5 * np.sin(0.11 * x) * np.clip((-11 - z) / 30, 0, 1))
 
 
-def _shed(rng: np.random.Generator, boards: Material, beams: Material) -> list[Part]:
+def _shed(rng: np.random.Generator, boards: Material, beams: Material) -> list[MeshPart]:
     x0, x1, front, back, eaves = -1.9, 3.1, -6.4, -9.4, 2.35
     walls = [
         shapes.wall((x0, front), (x1, front), 0, eaves, 1.5),
@@ -92,17 +92,17 @@ def _shed(rng: np.random.Generator, boards: Material, beams: Material) -> list[P
     )  # fmt: skip
     metal = Material(textures.iron(rng))
     return [
-        Part(Mesh.joined(walls), boards),
-        Part(Mesh.joined([*posts, *frame]), beams),
-        Part(Mesh.joined(bars).tinted((2.0, 1.9, 1.8)), metal),
-        Part(door.tinted((0.8, 0.9, 0.85)), boards),
-        Part(glass, pane),
-        Part(roof, Material(textures.roof_tiles(rng))),
-        Part(gutter, metal),
+        MeshPart(Mesh.joined(walls), boards),
+        MeshPart(Mesh.joined([*posts, *frame]), beams),
+        MeshPart(Mesh.joined(bars).tinted((2.0, 1.9, 1.8)), metal),
+        MeshPart(door.tinted((0.8, 0.9, 0.85)), boards),
+        MeshPart(glass, pane),
+        MeshPart(roof, Material(textures.roof_tiles(rng))),
+        MeshPart(gutter, metal),
     ]
 
 
-def _barrels(rng: np.random.Generator) -> list[Part]:
+def _barrels(rng: np.random.Generator) -> list[MeshPart]:
     staves = Material(textures.planks(rng, 8, (134, 96, 60)))
     metal = Material(textures.iron(rng))
     y = np.linspace(0, 0.92, 15)
@@ -110,11 +110,11 @@ def _barrels(rng: np.random.Generator) -> list[Part]:
     profile = [(0.0, 0.0), *zip(radius, y, strict=True), (0.27, 0.9), (0.0, 0.9)]
     parts = []
     for x, z in ((-2.6, -5.6), (-3.3, -6.1), (-1.0, -3.4), (3.9, -5.7)):
-        parts.append(Part(shapes.lathe(profile, 0.55).moved(x, 0, z), staves))
+        parts.append(MeshPart(shapes.lathe(profile, 0.55).moved(x, 0, z), staves))
         for height in (0.1, 0.26, 0.66, 0.82):
             r = 0.29 + 0.075 * np.sin(np.pi * height / 0.92) + 0.006
             ring = shapes.lathe([(r, height - 0.02), (r, height + 0.02)], 0.4, sides=32)
-            parts.append(Part(ring.moved(x, 0, z), metal))
+            parts.append(MeshPart(ring.moved(x, 0, z), metal))
     stack = Material(textures.bark(rng, (112, 86, 62)))
     ends = []
     for row in range(4):
@@ -124,11 +124,11 @@ def _barrels(rng: np.random.Generator) -> list[Part]:
                 (x, 0.13 + 0.225 * row, z) for z in (-8.6, -8.0, -7.4 + rng.uniform(-0.06, 0.06))
             ]
             ends.append(shapes.tube(line, 0.125, (0.6, 1.2), sides=10))
-    parts.append(Part(Mesh.joined(ends), stack))
+    parts.append(MeshPart(Mesh.joined(ends), stack))
     return parts
 
 
-def _ladder(beams: Material) -> list[Part]:
+def _ladder(beams: Material) -> list[MeshPart]:
     foot, top = np.array([0.35, 0.0, -5.3]), np.array([0.35, 2.9, -6.0])
     rails = [
         shapes.tube(np.add(np.linspace(foot, top, 8), (dx, 0, 0)), 0.035, (0.4, 1.2), sides=8)
@@ -142,10 +142,10 @@ def _ladder(beams: Material) -> list[Part]:
                 [np.add(middle, (dx, 0, 0)) for dx in (-0.22, 0, 0.22)], 0.022, (0.3, 0.8), sides=7
             )
         )
-    return [Part(Mesh.joined(rails + rungs), beams)]
+    return [MeshPart(Mesh.joined(rails + rungs), beams)]
 
 
-def _rope_fence(rng: np.random.Generator, beams: Material) -> list[Part]:
+def _rope_fence(rng: np.random.Generator, beams: Material) -> list[MeshPart]:
     posts, ropes = [], []
     xs = np.array([-3.4, -1.95, -0.35, 1.2, 2.7])
     z = -2.75
@@ -162,4 +162,4 @@ def _rope_fence(rng: np.random.Generator, beams: Material) -> list[Part]:
             line = np.stack([x0 + t * (x1 - x0), sag, np.full(12, z)], -1)
             ropes.append(shapes.tube(line, 0.014, (0.1, 0.25), sides=6))
     cord = Material(textures.bark(rng, (170, 146, 108)))
-    return [Part(Mesh.joined(posts), beams), Part(Mesh.joined(ropes), cord)]
+    return [MeshPart(Mesh.joined(posts), beams), MeshPart(Mesh.joined(ropes), cord)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 HALF_ROAD_M, HALF_STREET_M = 2.7, 5.4
 AHEAD_M, BEHIND_M = -27.0, 15.0  # z of the facades that close the street
@@ -46,9 +46,11 @@ class _Built:
         for material, meshes in other.meshes.values():
             self.add(material, Mesh.joined(meshes).moved(x_m, 0, z_m, turn_deg=turn_deg))
 
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[MeshPart]:
         """Return a part for each material."""
-        return [Part(Mesh.joined(meshes), material) for material, meshes in self.meshes.values()]
+        return [
+            MeshPart(Mesh.joined(meshes), material) for material, meshes in self.meshes.values()
+        ]
 
 
 @dataclass(frozen=True)
@@ -520,10 +522,10 @@ def _loft(
     return shapes.surface(position, uv, closed=True)
 
 
-def _trees(rng: np.random.Generator) -> list[Part]:
+def _trees(rng: np.random.Generator) -> list[MeshPart]:
     """Street trees in the pavement."""
     foliage = plants.Foliage.grow(rng)
-    parts: list[Part] = []
+    parts: list[MeshPart] = []
     for x, z, height in ((-3.75, -7.2, 5.2), (3.8, -16.6, 5.8), (-3.8, -21.5, 5.6),
                          (3.75, 9.3, 5.2)):  # fmt: skip
         parts += plants.tree(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 
 def build(rng: np.random.Generator) -> World:
@@ -20,7 +20,9 @@ def build(rng: np.random.Generator) -> World:
         cutout=True, translucency=0.6,
     )  # fmt: skip
     parts = [
-        Part(shapes.ground((-30, -44), (30, 3), 0.45, 2.0, _floor), Material(textures.earth(rng))),
+        MeshPart(
+            shapes.ground((-30, -44), (30, 3), 0.45, 2.0, _floor), Material(textures.earth(rng))
+        ),
     ]
     parts += _trunks(rng, foliage)
     parts += _twigs(rng, foliage.bark, sprays)
@@ -31,7 +33,7 @@ def build(rng: np.random.Generator) -> World:
         x, z, radius = rng.uniform(-7, 7), rng.uniform(-15, -5), rng.uniform(0.2, 0.65)
         height = float(_floor(np.array(x), np.array(z)))
         rocks.append(shapes.boulder(rng, radius, 1.1).moved(x, height + 0.15 * radius, z))
-    parts.append(Part(Mesh.joined(rocks), rock))
+    parts.append(MeshPart(Mesh.joined(rocks), rock))
     places = plants.scattered(rng, 170, (-9, -20), (9, -3.4))
     places[:, 1] = _floor(places[:, 0], places[:, 2]) - 0.03
     parts.append(plants.tufts(rng, ferns, places, (0.3, 0.8)))
@@ -55,8 +57,8 @@ def _floor(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(bumps + 0.045 * np.clip(-z - 6, 0, None))
 
 
-def _trunks(rng: np.random.Generator, foliage: plants.Foliage) -> list[Part]:
-    parts: list[Part] = []
+def _trunks(rng: np.random.Generator, foliage: plants.Foliage) -> list[MeshPart]:
+    parts: list[MeshPart] = []
     near = ((-1.9, -5.2, 0.15), (2.1, -6.2, 0.19), (0.75, -8.6, 0.13), (-3.6, -9.0, 0.22),
             (4.3, -10.0, 0.2), (-0.9, -11.5, 0.16))  # fmt: skip
     wood, crowns = [], []
@@ -76,12 +78,12 @@ def _trunks(rng: np.random.Generator, foliage: plants.Foliage) -> list[Part]:
             wood.append(shapes.tube(path, np.linspace(0.3 * radius, 0.012, len(path)), (0.4, 0.9),
                                     sides=7))  # fmt: skip
             crowns.append(shapes.crown(rng, path[-2], (0.9, 0.6, 0.9), 9, 0.95, shell=0.2))
-    parts.append(Part(Mesh.joined(wood), foliage.bark))
-    parts.append(Part(Mesh.joined(crowns), foliage.leaf))
+    parts.append(MeshPart(Mesh.joined(wood), foliage.bark))
+    parts.append(MeshPart(Mesh.joined(crowns), foliage.leaf))
     return parts
 
 
-def _twigs(rng: np.random.Generator, bark: Material, sprays: Material) -> list[Part]:
+def _twigs(rng: np.random.Generator, bark: Material, sprays: Material) -> list[MeshPart]:
     """Thin branches that cross the picture near the eye."""
     wood, leaves = [], []
     starts = [
@@ -104,10 +106,10 @@ def _twigs(rng: np.random.Generator, bark: Material, sprays: Material) -> list[P
                 shapes.crown(rng, point, (0.06, 0.06, 0.06), 1, 0.34, shell=0.1)
                 for point in twig[3::3]
             ]
-    return [Part(Mesh.joined(wood), bark), Part(Mesh.joined(leaves), sprays)]
+    return [MeshPart(Mesh.joined(wood), bark), MeshPart(Mesh.joined(leaves), sprays)]
 
 
-def _fallen(rng: np.random.Generator, bark: Material) -> list[Part]:
+def _fallen(rng: np.random.Generator, bark: Material) -> list[MeshPart]:
     """A trunk on the ground, with stubs."""
     line = np.stack(
         [np.linspace(-3.4, 2.2, 14), 0.3 + 0.04 * np.sin(np.linspace(0, 5, 14)),
@@ -118,4 +120,4 @@ def _fallen(rng: np.random.Generator, bark: Material) -> list[Part]:
         way = (rng.normal(0, 0.4), 1, rng.normal(0, 0.4))
         path = shapes.branch_path(rng, line[index], way, 0.7, points=6)
         body.append(shapes.tube(path, np.linspace(0.06, 0.03, 6), (0.4, 0.8), sides=8))
-    return [Part(Mesh.joined(body), bark)]
+    return [MeshPart(Mesh.joined(body), bark)]

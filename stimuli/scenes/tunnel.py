@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 SOOTY = [(104, 66, 52), (124, 78, 58), (92, 62, 54), (136, 90, 68)]
 HALF_M = 2.3
@@ -23,9 +23,9 @@ def build(rng: np.random.Generator) -> World:
     )
     foliage = plants.Foliage.grow(rng)
     parts = [
-        Part(shapes.ground((-2.6, -LENGTH_M), (2.6, 3), 0.25, 1.1), ballast),
-        Part(_vault(), brick),
-        Part(
+        MeshPart(shapes.ground((-2.6, -LENGTH_M), (2.6, 3), 0.25, 1.1), ballast),
+        MeshPart(_vault(), brick),
+        MeshPart(
             shapes.ground((-30, -60), (30, -LENGTH_M), 1.0, 2.2, _valley),
             Material(textures.lawn(rng, dry=0.1)),
         ),
@@ -92,7 +92,7 @@ def _vault() -> Mesh:
     )  # fmt: skip
 
 
-def _rails(metal: Material, wood: Material) -> list[Part]:
+def _rails(metal: Material, wood: Material) -> list[MeshPart]:
     rails, sleepers = [], []
     for x in (-0.72, 0.72):
         rails.append(shapes.box((x, 0.17, -14), (0.07, 0.14, 34), 0.8, step_m=0.6))
@@ -105,11 +105,11 @@ def _rails(metal: Material, wood: Material) -> list[Part]:
                 offset=(0.31 * index, 0.17 * index),
             )
         )  # fmt: skip
-    return [Part(Mesh.joined(rails).tinted((1.5, 1.5, 1.55)), metal),
-            Part(Mesh.joined(sleepers), wood)]  # fmt: skip
+    return [MeshPart(Mesh.joined(rails).tinted((1.5, 1.5, 1.55)), metal),
+            MeshPart(Mesh.joined(sleepers), wood)]  # fmt: skip
 
 
-def _props(rng: np.random.Generator, metal: Material) -> list[Part]:
+def _props(rng: np.random.Generator, metal: Material) -> list[MeshPart]:
     """Frames of posts and a beam, some near the eye."""
     pieces = []
     for z in (-2.2, -6.8, -11.4):
@@ -125,10 +125,10 @@ def _props(rng: np.random.Generator, metal: Material) -> list[Part]:
     pieces.append(
         shapes.tube([(0.62, y, -3.1) for y in np.linspace(0, 3.7, 8)], 0.05, (0.4, 0.9), sides=14)
     )
-    return [Part(Mesh.joined(pieces).tinted((1.6, 1.5, 1.4)), metal)]
+    return [MeshPart(Mesh.joined(pieces).tinted((1.6, 1.5, 1.4)), metal)]
 
 
-def _clutter(rng: np.random.Generator, metal: Material, wood: Material) -> list[Part]:
+def _clutter(rng: np.random.Generator, metal: Material, wood: Material) -> list[MeshPart]:
     crates = [
         shapes.box((-1.5, 0.3, -5.2), (0.6, 0.6, 0.6), 0.75, turn_deg=12),
         shapes.box((-1.42, 0.84, -5.25), (0.46, 0.46, 0.46), 0.75, turn_deg=31, offset=(0.4, 0.2)),
@@ -147,7 +147,7 @@ def _clutter(rng: np.random.Generator, metal: Material, wood: Material) -> list[
               shapes.box((-1.9, 0.8, -8.2), (0.1, 1.6, 0.14), 1.1, offset=(0.4, 0))]  # fmt: skip
     del rng
     return [
-        Part(Mesh.joined(crates + tilted), wood),
-        Part(Mesh.joined(cables), metal),
-        Part(drum.tinted((1.3, 1.9, 2.4)), metal),
+        MeshPart(Mesh.joined(crates + tilted), wood),
+        MeshPart(Mesh.joined(cables), metal),
+        MeshPart(drum.tinted((1.3, 1.9, 2.4)), metal),
     ]

@@ -19,8 +19,8 @@ from pipeline.features.reference import analyse
 from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
 from stimuli.score.measured import Curve, Measured
 from stimuli.score.metrics import FRAME
-from stimuli.score.pair import Image, Pair
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import Image, ScoredPair
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ LEAST_DEVIATION = 0.5 / 255
 """Of the reference's band: below half a step of 255 there is nothing to have a ratio to."""
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:
     """Measure a clip or picture with its gaze, frame by frame."""
     geometry = Flat(distance_px=viewing.distance_m / viewing.pitch_m).of(
         pair.width_px, pair.height_px

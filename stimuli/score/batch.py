@@ -13,7 +13,7 @@ from protocols.outside import visible
 from protocols.recipes.warped_clips import ClipName
 from stimuli.build import HOLES_FOLDER, survey_name
 from stimuli.score.metrics import HOLES, Metric
-from stimuli.score.pair import Pair, read_colour
+from stimuli.score.pair import ScoredPair, read_colour
 
 _PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
@@ -25,7 +25,7 @@ class Subject:
     scene: str
     size: str
     method: str
-    pair: Pair
+    pair: ScoredPair
 
     @property
     def name(self) -> str:
@@ -151,7 +151,7 @@ def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> S
         )
     width_px, height_px = _size(ours[0])
     name, rival = visible(test.name), visible(truth.name)  # nobody vouches for them
-    pair = Pair(name, ours, theirs, masks, width_px, height_px, 0.0 if pictures else fps)
+    pair = ScoredPair(name, ours, theirs, masks, width_px, height_px, 0.0 if pictures else fps)
     items = (Subject(rival, "", name, pair),)
     return Subjects(items, {"test": name, "reference": rival}, ())
 
@@ -211,14 +211,14 @@ def check_subjects(subjects: Subjects, metrics: Sequence[Metric]) -> None:
             )
 
 
-def usable_regions(metric: Metric, pair: Pair) -> tuple[str, ...]:
+def usable_regions(metric: Metric, pair: ScoredPair) -> tuple[str, ...]:
     """Return where a metric can measure a pair; nowhere if it needs time and there is none."""
     if metric.over_time and pair.is_picture:
         return ()
     return tuple(region for region in metric.regions if region in pair.regions)
 
 
-def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> Pair:
+def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> ScoredPair:
     name, frames = clip.name, len(clip.frames_sha256)
     _check_lengths(name, frames, len(truth.frames_sha256), 0)
     if frames == 1:
@@ -244,7 +244,7 @@ def _batch_pair(folder: Path, clip: Clip, truth: Clip) -> Pair:
                 f"{path}: must be there, as the manifest says (it is missing); 'metamerlab"
                 f" stimuli check {folder}' names all that is missing, 'stimuli build' makes it"
             )
-    return Pair(name, test, true, masks, clip.width_px, clip.height_px, clip.fps)
+    return ScoredPair(name, test, true, masks, clip.width_px, clip.height_px, clip.fps)
 
 
 def _check_lengths(name: str, ours: int, theirs: int, masks: int) -> None:

@@ -15,11 +15,11 @@ from protocols.whole_file import write_whole
 from stimuli.score.available import family_versions
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import Family
-from stimuli.score.pair import Pair
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import ScoredPair
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def hash_files(pairs: Iterable[Pair]) -> dict[Path, str]:
+def hash_files(pairs: Iterable[ScoredPair]) -> dict[Path, str]:
     """Return the SHA-256 of every frame and mask."""
     paths = sorted({path for pair in pairs for path in (*pair.test, *pair.truth, *pair.masks)})
     with ThreadPoolExecutor(2) as pool:
@@ -27,7 +27,11 @@ def hash_files(pairs: Iterable[Pair]) -> dict[Path, str]:
 
 
 def measurement_key(
-    pair: Pair, family: Family, viewing: Viewing, gaze: Gaze, hashes: dict[Path, str]
+    pair: ScoredPair,
+    family: Family,
+    viewing: ViewingConditions,
+    gaze: ViewerGaze,
+    hashes: dict[Path, str],
 ) -> str:
     """Hash frames, masks, the family's version, its packages' versions, and its settings."""
     inputs: dict[str, Json] = {

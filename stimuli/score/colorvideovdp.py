@@ -10,12 +10,12 @@ from typing import Any
 
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, Pair
-from stimuli.score.torch_parts import Frames, load_torchvision, one_thread, quiet_libraries
-from stimuli.score.viewing_conditions import STANDARD_FHD, Gaze, Viewing
+from stimuli.score.pair import Image, ScoredPair
+from stimuli.score.torch_parts import VideoSource, load_torchvision, one_thread, quiet_libraries
+from stimuli.score.viewing_conditions import STANDARD_FHD, ViewerGaze, ViewingConditions
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
     """Compare the whole clip."""
     values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
@@ -29,7 +29,7 @@ def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG0
 
 
 @lru_cache(maxsize=1)
-def open_metric(viewing: Viewing) -> Any:
+def open_metric(viewing: ViewingConditions) -> Any:
     """Return a configured `pycvvdp.cvvdp`."""
     with quiet_libraries():
         load_torchvision()
@@ -60,7 +60,7 @@ def open_metric(viewing: Viewing) -> Any:
         )
 
 
-class _Frames(Frames):
+class _Frames(VideoSource):
     """A video source of the package."""
 
     def get_batch_size(self) -> int:

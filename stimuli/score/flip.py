@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, Pair, composed
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import Image, ScoredPair, composed
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
     """Average the map of every frame: inside the holes, or everywhere."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("flip", region): [] for region in pair.regions

@@ -18,11 +18,11 @@ from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
 from stimuli.score.available import Missing
 from stimuli.score.batch import Subject, Subjects
-from stimuli.score.measure_clips import Report, Settings, score
+from stimuli.score.measure_clips import Report, ScoreSettings, score
 from stimuli.score.measured import Curve
 from stimuli.score.metrics import FRAME, choose_metrics
-from stimuli.score.pair import Pair, read_colour
-from stimuli.score.viewing_conditions import Gaze, Viewing, standard_fhd
+from stimuli.score.pair import ScoredPair, read_colour
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions, standard_fhd
 
 METRICS_OF_FOVEATION = ("statistics", "band-ratio", "fvvdp", "cvvdp")
 PANORAMA_NOTE = (
@@ -57,7 +57,7 @@ def score_foveated(
     test: NDArray[np.float32],
     truth: NDArray[np.float32],
     gaze_px: Sequence[tuple[float, float]],
-    viewing: Viewing | None = None,
+    viewing: ViewingConditions | None = None,
     *,
     fps: float = 60.0,
     metrics: Sequence[str] = METRICS_OF_FOVEATION,
@@ -94,9 +94,11 @@ def score_foveated(
             for what, frames in (("test", test), ("truth", truth))
         ]  # fmt: skip
         height, width = test.shape[1:3]
-        pair = Pair("test", files[0], files[1], (), width, height, 0.0 if len(test) == 1 else fps)
-        settings = Settings(
-            choose_metrics(metrics), viewing or standard_fhd(), Gaze(tuple(gaze_px))
+        pair = ScoredPair(
+            "test", files[0], files[1], (), width, height, 0.0 if len(test) == 1 else fps
+        )
+        settings = ScoreSettings(
+            choose_metrics(metrics), viewing or standard_fhd(), ViewerGaze(tuple(gaze_px))
         )
         results = score(Subjects((Subject("truth", "", "test", pair),), {}, ()), settings)
     return FoveatedScores(
@@ -110,11 +112,11 @@ def score_foveated(
     )
 
 
-def seen_wide(width_px: int, height_px: int, fov_deg: float) -> Viewing:
+def seen_wide(width_px: int, height_px: int, fov_deg: float) -> ViewingConditions:
     """A standard display on which so many pixels span `fov_deg` degrees across."""
     plain = standard_fhd()
     width_m = 2 * plain.distance_m * math.tan(math.radians(fov_deg / 2))
-    return Viewing(
+    return ViewingConditions(
         f"{fov_deg:g} degrees wide", width_px, height_px, width_m,
         width_m * height_px / width_px, plain.distance_m,
         plain.peak_cd_m2, plain.contrast, plain.ambient_lux, plain.gamma,
@@ -140,7 +142,7 @@ def subjects_of_conditions(
     """
     height, width = size
     items = tuple(
-        Subject(name, "", condition, Pair(
+        Subject(name, "", condition, ScoredPair(
             f"{name}__{condition}", (path,), (truth,), (), width, height, 0.0))
         for condition, path in tests.items()
     )  # fmt: skip
@@ -148,8 +150,8 @@ def subjects_of_conditions(
 
 
 def subjects_of_panoramas(
-    subjects: Subjects, gaze: Gaze, folder: Path
-) -> tuple[Subjects, Gaze, Viewing]:
+    subjects: Subjects, gaze: ViewerGaze, folder: Path
+) -> tuple[Subjects, ViewerGaze, ViewingConditions]:
     """Return panoramas as the flat views around the gaze, which metrics can measure.
 
     Parameters
@@ -186,12 +188,16 @@ def subjects_of_panoramas(
                 )
             )
         edge = scored_view((pair.width_px, pair.height_px)).width_px
-        seen = Pair(pair.name, views[0], views[1], (), edge, edge, pair.fps)
+        seen = ScoredPair(pair.name, views[0], views[1], (), edge, edge, pair.fps)
         items.append(Subject(subject.scene, subject.size, subject.method, seen))
     edge = items[0].pair.width_px
     notes = (*subjects.notes, PANORAMA_NOTE)
     viewing = seen_wide(edge, edge, SCORED_DEG)
-    return Subjects(tuple(items), subjects.origin, notes), Gaze(((edge / 2, edge / 2),)), viewing
+    return (
+        Subjects(tuple(items), subjects.origin, notes),
+        ViewerGaze(((edge / 2, edge / 2),)),
+        viewing,
+    )
 
 
 def is_foveated(manifest: Manifest) -> bool:
@@ -200,8 +206,8 @@ def is_foveated(manifest: Manifest) -> bool:
 
 
 def subjects_of_stills(
-    folder: Path, manifest: Manifest, gaze: Gaze
-) -> tuple[Subjects, Gaze, Viewing]:
+    folder: Path, manifest: Manifest, gaze: ViewerGaze
+) -> tuple[Subjects, ViewerGaze, ViewingConditions]:
     """Return the stills of a batch of `foveated-images` around one gaze, each with its reference.
 
     Parameters
@@ -234,7 +240,7 @@ def subjects_of_stills(
         more = ", ".join(value for name, value in _rest(clip) if name not in ("scene", "gaze"))
         scene = clip.column("scene") + (f", {more}" if more else "")
         files = [(folder / one.frame_path(0),) for one in (clip, truth)]
-        pair = Pair(clip.name, files[0], files[1], (), clip.width_px, clip.height_px, 0.0)
+        pair = ScoredPair(clip.name, files[0], files[1], (), clip.width_px, clip.height_px, 0.0)
         items.append(Subject(scene, "", clip.column("method"), pair))
     if not items:
         raise StudyError(
@@ -251,7 +257,7 @@ def subjects_of_stills(
         "stills made by": manifest.revision,
         "manifest": manifest.sha256,
     }
-    return Subjects(tuple(items), origin, tuple(sorted(without))), Gaze((chosen,)), viewing
+    return Subjects(tuple(items), origin, tuple(sorted(without))), ViewerGaze((chosen,)), viewing
 
 
 def _gaze_of(clip: Clip) -> tuple[float, float]:
@@ -266,7 +272,7 @@ def _rest(clip: Clip) -> tuple[tuple[str, str], ...]:
 
 def score_conditions(
     subjects: Subjects,
-    viewing: Viewing,
+    viewing: ViewingConditions,
     gaze_px: tuple[float, float],
     out: Path,
     cache: Path,
@@ -283,7 +289,7 @@ def score_conditions(
     fit = [metric for metric in choose_metrics(METRICS_OF_FOVEATION) if metric.least_px <= least]
     if not fit:
         raise InputError(f"a picture to score must have at least 4 px an edge (has {least})")
-    settings = Settings(tuple(fit), viewing, Gaze((gaze_px,)))
+    settings = ScoreSettings(tuple(fit), viewing, ViewerGaze((gaze_px,)))
     results = score(subjects, settings, cache=cache, workers=1, report=report)
     return write_report(results, out)
 

@@ -20,16 +20,16 @@ import numpy as np
 
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, Pair
-from stimuli.score.torch_parts import Frames, one_thread, quiet_libraries
-from stimuli.score.viewing_conditions import STANDARD_FHD, Gaze, Viewing
+from stimuli.score.pair import Image, ScoredPair
+from stimuli.score.torch_parts import VideoSource, one_thread, quiet_libraries
+from stimuli.score.viewing_conditions import STANDARD_FHD, ViewerGaze, ViewingConditions
 
 CURRENT = "fvvdp_parameters.json"
 VERSION_1_0 = "fvvdp_parameters_1_0.json"
 NAMES = {"fvvdp": None, "fvvdp-1.0": VERSION_1_0}
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:
     """Compare the whole clip; foveated where the gaze is known."""
     values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
@@ -47,7 +47,7 @@ def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
 
 
 @lru_cache(maxsize=4)
-def open_metric(viewing: Viewing, parameters: str | None, *, foveated: bool) -> Any:
+def open_metric(viewing: ViewingConditions, parameters: str | None, *, foveated: bool) -> Any:
     """Return a configured `pyfvvdp.fvvdp`.
 
     Parameters
@@ -99,14 +99,14 @@ def open_metric(viewing: Viewing, parameters: str | None, *, foveated: bool) -> 
                 utils.config_files.set_config_dir(None)
 
 
-def _points(gaze: Gaze) -> Any:
+def _points(gaze: ViewerGaze) -> Any:
     if not gaze.points_px:
         return None
     points = np.asarray(gaze.points_px, np.float32)
     return points[0] if len(points) == 1 else points
 
 
-class _Frames(Frames):
+class _Frames(VideoSource):
     """A video source of the package."""
 
     def get_test_frame(self, frame: int, device: Any) -> Any:

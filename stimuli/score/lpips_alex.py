@@ -16,9 +16,9 @@ import numpy as np
 
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, Pair, composed
+from stimuli.score.pair import Image, ScoredPair, composed
 from stimuli.score.torch_parts import load_torchvision, one_thread, quiet_libraries
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 WEIGHTS_NAME = "alexnet-owt-7be5be79.pth"
 WEIGHTS_URL = f"https://download.pytorch.org/models/{WEIGHTS_NAME}"
@@ -32,7 +32,7 @@ def weights_path() -> Path:
     return Path(home, "hub", "checkpoints", WEIGHTS_NAME).expanduser()
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
     """Compare every frame, whole; for `holes` with all other pixels set to the reference."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("lpips", region): [] for region in pair.regions

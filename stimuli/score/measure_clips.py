@@ -20,8 +20,8 @@ from stimuli.score.batch import Subject, Subjects, check_subjects, usable_region
 from stimuli.score.cache import Cache, hash_files, measurement_key
 from stimuli.score.measured import Curve, Measured
 from stimuli.score.metrics import FAMILIES, Family, Metric
-from stimuli.score.pair import Pair
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import ScoredPair
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 Report = Callable[[int, int, str], None]
 """Called with measurements done, measurements in all, and what is going on."""
@@ -31,16 +31,16 @@ TOGETHER = ("pixels", "statistics", "band-ratios", "flip")
 
 
 @dataclass(frozen=True)
-class Settings:
+class ScoreSettings:
     """Metrics that are wanted, and the display and gaze that they assume."""
 
     metrics: tuple[Metric, ...]
-    viewing: Viewing
-    gaze: Gaze = field(default_factory=Gaze)
+    viewing: ViewingConditions
+    gaze: ViewerGaze = field(default_factory=ViewerGaze)
 
 
 @dataclass(frozen=True)
-class Results:
+class ScoreResults:
     """Every number, and what it depends on.
 
     Attributes
@@ -58,7 +58,7 @@ class Results:
     """
 
     subjects: Subjects
-    settings: Settings
+    settings: ScoreSettings
     metrics: tuple[Metric, ...]
     missing: tuple[Missing, ...]
     notes: tuple[str, ...]
@@ -82,12 +82,12 @@ class _Job:
 
 def score(
     subjects: Subjects,
-    settings: Settings,
+    settings: ScoreSettings,
     *,
     cache: Path | None = None,
     workers: int = 1,
     report: Report | None = None,
-) -> Results:
+) -> ScoreResults:
     """Measure all `subjects`; what `cache` knows is not measured again.
 
     Parameters
@@ -125,20 +125,22 @@ def score(
     return _collected(subjects, settings, metrics, missing, notes, jobs, found)
 
 
-def measure_job(family: str, pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:
+def measure_job(
+    family: str, pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze
+) -> Measured:
     """Run one family on one pair; what a worker process does."""
     import cv2
 
     cv2.setNumThreads(1)
     measure = cast(
-        Callable[[Pair, Viewing, Gaze], Measured],
+        Callable[[ScoredPair, ViewingConditions, ViewerGaze], Measured],
         importlib.import_module(FAMILIES[family].module).measure,
     )
     return measure(pair, viewing, gaze)
 
 
 def _measurable(
-    metrics: tuple[Metric, ...], missing: tuple[Missing, ...], subjects: Subjects, gaze: Gaze
+    metrics: tuple[Metric, ...], missing: tuple[Missing, ...], subjects: Subjects, gaze: ViewerGaze
 ) -> tuple[tuple[Metric, ...], tuple[str, ...]]:
     """Leave out what nothing here can be measured by; say so."""
     pairs = [subject.pair for subject in subjects.items]
@@ -169,7 +171,7 @@ def _measurable(
 
 
 def _measure_all(
-    jobs: Sequence[_Job], settings: Settings, cache: Cache, workers: int, say: Report
+    jobs: Sequence[_Job], settings: ScoreSettings, cache: Cache, workers: int, say: Report
 ) -> dict[str, Measured]:
     found: dict[str, Measured] = {}
     open_jobs: dict[str, _Job] = {}
@@ -202,7 +204,7 @@ def _measure_all(
 
 def _in_processes(
     jobs: Sequence[_Job],
-    settings: Settings,
+    settings: ScoreSettings,
     workers: int,
     finish: Callable[[_Job, Measured], None],
 ) -> None:
@@ -224,19 +226,21 @@ def _in_processes(
             raise
 
 
-def _arguments(job: _Job, settings: Settings) -> tuple[str, Pair, Viewing, Gaze]:
+def _arguments(
+    job: _Job, settings: ScoreSettings
+) -> tuple[str, ScoredPair, ViewingConditions, ViewerGaze]:
     return job.family.name, job.subject.pair, settings.viewing, settings.gaze
 
 
 def _collected(
     subjects: Subjects,
-    settings: Settings,
+    settings: ScoreSettings,
     metrics: tuple[Metric, ...],
     missing: tuple[Missing, ...],
     notes: tuple[str, ...],
     jobs: Sequence[_Job],
     found: dict[str, Measured],
-) -> Results:
+) -> ScoreResults:
     names = {metric.name for metric in metrics}
     values: dict[tuple[str, str, str], float | None] = {}
     per_frame: dict[tuple[str, str, str], list[float | None]] = {}
@@ -255,7 +259,7 @@ def _collected(
         if measured.error_map is not None:
             maps.setdefault(job.family.name, {})[clip] = measured.error_map
     kind = "flip" if "flip" in maps else "pixels"
-    return Results(
+    return ScoreResults(
         subjects=subjects,
         settings=settings,
         metrics=metrics,

@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Pair:
+class ScoredPair:
     """Pair of clips that one job measures; small, since it is sent to other processes.
 
     Attributes

@@ -8,11 +8,11 @@ from pipeline.errors import InputError
 from pipeline.quality import SSIM_LEAST_PX, high_frequency_ratio, psnr_db, ssim
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, Mask, Pair
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import Image, Mask, ScoredPair
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
     """Measure every frame; the clip's PSNR is that of the mean squared error of all frames."""
     per_frame: dict[tuple[str, str], list[float | None]] = {}
     changes: list[float | None] = []

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from protocols.outside import inline_svg
-from stimuli.score.measure_clips import Results
+from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import FRAME, Metric
-from stimuli.score.tables import Table, method_order
+from stimuli.score.tables import ScoreTable, method_order
 
 # Okabe and Ito's colours, told apart by every kind of colour vision; markers for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
@@ -34,7 +34,7 @@ _STYLE: dict[Any, Any] = {  # matplotlib's keys are a type of 300 words
 }  # fmt: skip
 
 
-def dots(table: Table) -> Figure:
+def dots(table: ScoreTable) -> Figure:
     """Draw a row of dots per scene: the farther to the right the better.
 
     Where 1 is right, as for a ratio, a line stands there, and the nearer to it the better.
@@ -70,7 +70,7 @@ def dots(table: Table) -> Figure:
 
 
 def trade_off(
-    results: Results, metric: Metric, region: str, times_ms: dict[str, float]
+    results: ScoreResults, metric: Metric, region: str, times_ms: dict[str, float]
 ) -> Figure | None:
     """Draw the mean quality of each method against its time; None if nothing can be drawn."""
     points = []
@@ -108,7 +108,7 @@ def trade_off(
     return figure
 
 
-def by_eccentricity(results: Results, scene: str) -> Figure | None:
+def by_eccentricity(results: ScoreResults, scene: str) -> Figure | None:
     """Draw the ratio of every level's bands against the distance from the gaze, a panel a method.
 
     None where nothing was measured around a gaze.
@@ -149,7 +149,7 @@ def by_eccentricity(results: Results, scene: str) -> Figure | None:
     return figure
 
 
-def middle_frames(results: Results) -> list[tuple[str, list[tuple[str, str]]]]:
+def middle_frames(results: ScoreResults) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return the pictures of each scene as they are seen, with a mark at the gaze.
 
     Returns
@@ -190,7 +190,7 @@ def _marked(colour: NDArray[np.float32], gaze_px: tuple[float, float]) -> NDArra
     return picture
 
 
-def error_maps(results: Results) -> tuple[float, list[tuple[str, str, list[tuple[str, str]]]]]:
+def error_maps(results: ScoreResults) -> tuple[float, list[tuple[str, str, list[tuple[str, str]]]]]:
     """Paint where each method errs.
 
     Returns
@@ -274,7 +274,7 @@ def _saved(
     return buffer.getvalue()
 
 
-def pictured(table: Table) -> bool:
+def pictured(table: ScoreTable) -> bool:
     """True if a table is worth a figure: those over the whole frame say less about the fill."""
     finite = [
         value

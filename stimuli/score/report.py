@@ -16,9 +16,9 @@ from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.score import plots
 from stimuli.score.available import versions
-from stimuli.score.measure_clips import Results
+from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import HOLES, METRICS
-from stimuli.score.tables import Duel, Table, all_duels, all_tables, tables_csv, tables_latex
+from stimuli.score.tables import Duel, ScoreTable, all_duels, all_tables, tables_csv, tables_latex
 from stimuli.score.write_scores import (
     BANDS_NAME,
     CSV_NAME,
@@ -42,7 +42,7 @@ _AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
 
 
 def write_report(
-    results: Results,
+    results: ScoreResults,
     out: Path,
     *,
     times_ms: dict[str, float] | None = None,
@@ -73,7 +73,7 @@ def write_report(
     return out / HTML_NAME
 
 
-def tables_markdown(tables: tuple[Table, ...], found: tuple[Duel, ...]) -> str:
+def tables_markdown(tables: tuple[ScoreTable, ...], found: tuple[Duel, ...]) -> str:
     """Return all tables and what they say, for a document."""
     parts = [f"**{table.title}**\n\n{table.markdown()}\n" for table in tables]
     if found:
@@ -91,7 +91,7 @@ def duels_markdown(found: tuple[Duel, ...]) -> str:
 
 
 def _draw(
-    results: Results, tables: tuple[Table, ...], times_ms: dict[str, float], out: Path
+    results: ScoreResults, tables: tuple[ScoreTable, ...], times_ms: dict[str, float], out: Path
 ) -> dict[str, dict[str, Figure]]:
     """Draw all figures into `out`, and return them by group and name."""
     drawn: dict[str, dict[str, Figure]] = {name: {} for name in _WIDTHS_REM}
@@ -138,8 +138,8 @@ def _draw(
 
 
 def _page(
-    results: Results,
-    tables: tuple[Table, ...],
+    results: ScoreResults,
+    tables: tuple[ScoreTable, ...],
     found: tuple[Duel, ...],
     drawn: dict[str, dict[str, Figure]],
     times_ms: dict[str, float],
@@ -215,7 +215,7 @@ def _verdict(duel: Duel) -> str:
     return Markup(said).format(duel.sentence) + more
 
 
-def _rows(table: Table) -> Rows:
+def _rows(table: ScoreTable) -> Rows:
     """Return the table of a page; the best of a row, as it is printed, bears a star."""
     rows = []
     for scene, values in table.rows:
@@ -232,7 +232,7 @@ def _rows(table: Table) -> Rows:
     return Rows.of(table.title, heads, rows, totals=totals)
 
 
-def _pictures(results: Results) -> Iterator[Block]:
+def _pictures(results: ScoreResults) -> Iterator[Block]:
     shown = plots.middle_frames(results)
     if shown:
         yield (
@@ -250,7 +250,7 @@ def _shots(scene: str, pictures: list[tuple[str, str]], least_rem: float) -> Sho
     )
 
 
-def _maps(results: Results, drawn: dict[str, dict[str, Figure]]) -> Iterator[Block]:
+def _maps(results: ScoreResults, drawn: dict[str, dict[str, Figure]]) -> Iterator[Block]:
     maps = plots.error_maps(results)[1]
     inside = bool(results.subjects.items[0].pair.masks) and results.map_metric == "FLIP"
     if maps:
@@ -265,7 +265,7 @@ def _maps(results: Results, drawn: dict[str, dict[str, Figure]]) -> Iterator[Blo
         yield _shots(scene, [(f"{truth}, middle frame", address), *others], 11.0)
 
 
-def _metrics(results: Results, *, masks: bool) -> Iterator[Block]:
+def _metrics(results: ScoreResults, *, masks: bool) -> Iterator[Block]:
     yield Rows.each(
         "",
         results.metrics,
@@ -285,7 +285,7 @@ def _metrics(results: Results, *, masks: bool) -> Iterator[Block]:
         )
 
 
-def _provenance(results: Results, times_ms: dict[str, float]) -> Rows:
+def _provenance(results: ScoreResults, times_ms: dict[str, float]) -> Rows:
     labels = results.subjects.labels
     rows = [
         ("scored with", f"metamerlab {package_version()}, revision {code_revision()}"),

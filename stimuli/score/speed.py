@@ -14,13 +14,13 @@ from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import create_method
 from protocols.manifest import Clip
-from stimuli.score.pair import Pair
+from stimuli.score.pair import ScoredPair
 
 REPEATS = 5
 
 
 def time_methods(
-    clips: tuple[Clip, ...], pair: Pair, protocol_folder: Path
+    clips: tuple[Clip, ...], pair: ScoredPair, protocol_folder: Path
 ) -> tuple[dict[str, float], str]:
     """Return milliseconds per fill by method, and the renderer's name.
 
@@ -71,7 +71,7 @@ def time_methods(
         release_context(ctx)
 
 
-def _frame(pair: Pair) -> WarpedFrame:
+def _frame(pair: ScoredPair) -> WarpedFrame:
     middle = pair.frames // 2
     hole = pair.mask(middle)
     if hole.all() or not hole.any():

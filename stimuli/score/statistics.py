@@ -35,8 +35,8 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from stimuli.score.measured import Measured, mean_of
 from stimuli.score.metrics import FRAME, HOLES
-from stimuli.score.pair import Image, Mask, Pair, composed
-from stimuli.score.viewing_conditions import Gaze, Viewing
+from stimuli.score.pair import Image, Mask, ScoredPair, composed
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ _FWHM = 2.354820045  # of a Gaussian, in deviations
 _FIRST = 2  # halvings before moments are looked at: their Gaussian is narrower than any pool
 
 
-def measure(pair: Pair, viewing: Viewing, gaze: Gaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
     """Measure every frame; where the gaze is unknown, it rests on the middle."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("statistics", region): [] for region in pair.regions

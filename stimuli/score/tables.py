@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from protocols.errors import StudyError
 from protocols.outside import markdown, safe_cell
 from protocols.suggest import did_you_mean
-from stimuli.score.measure_clips import Results
+from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import FRAME, HOLES, Metric
 
 OURS, RIVAL = "metameric", "push-pull"
@@ -29,7 +29,7 @@ REGION_TEXT = {
 
 
 @dataclass(frozen=True)
-class Table:
+class ScoreTable:
     """One metric in one region, for one size.
 
     Attributes
@@ -101,12 +101,12 @@ class Table:
         return "\n".join(lines)
 
 
-def tables_latex(tables: tuple[Table, ...]) -> str:
+def tables_latex(tables: tuple[ScoreTable, ...]) -> str:
     """Return all tables for a paper, the best of each row in bold; needs the package booktabs."""
     return "\n".join(map(_latex, tables))
 
 
-def _latex(table: Table) -> str:
+def _latex(table: ScoreTable) -> str:
     lines = [
         r"\begin{table}",
         rf"\caption{{{_escaped(table.title)}}}",
@@ -134,7 +134,7 @@ def _escaped(text: str) -> str:
     return "".join(special.get(char, rf"\{char}" if char in "&%$#_{}" else char) for char in text)
 
 
-def tables_csv(tables: tuple[Table, ...]) -> str:
+def tables_csv(tables: tuple[ScoreTable, ...]) -> str:
     """Return all tables with the digits printed: a line per row, a column per method, by name."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
@@ -158,14 +158,14 @@ def tables_csv(tables: tuple[Table, ...]) -> str:
     return buffer.getvalue()
 
 
-def method_order(results: Results) -> tuple[str, ...]:
+def method_order(results: ScoreResults) -> tuple[str, ...]:
     """Ours, push-pull, then the others as the study names them."""
     names = list(dict.fromkeys(subject.method for subject in results.subjects.items))
     names.sort(key=lambda name: (name != OURS, name != RIVAL))
     return tuple(names)
 
 
-def all_tables(results: Results) -> tuple[Table, ...]:
+def all_tables(results: ScoreResults) -> tuple[ScoreTable, ...]:
     """Return every table that has a number: the paper's first, then by metric and region."""
     methods = method_order(results)
     sizes = tuple(dict.fromkeys(subject.size for subject in results.subjects.items))
@@ -183,8 +183,8 @@ def all_tables(results: Results) -> tuple[Table, ...]:
 
 
 def _table(
-    results: Results, metric: Metric, region: str, size: str, methods: tuple[str, ...]
-) -> Table:
+    results: ScoreResults, metric: Metric, region: str, size: str, methods: tuple[str, ...]
+) -> ScoreTable:
     places = {(item.scene, item.method): item for item in results.subjects.items
               if item.size == size}  # fmt: skip
     rows: list[tuple[str, tuple[float | None, ...]]] = []
@@ -199,7 +199,7 @@ def _table(
     if len(rows) > 1:
         rows.append(("mean", tuple(_mean([values[k] for _, values in rows])
                                    for k in range(len(methods)))))  # fmt: skip
-    return Table(metric, region, size, methods, tuple(rows), results.subjects.labels)
+    return ScoreTable(metric, region, size, methods, tuple(rows), results.subjects.labels)
 
 
 def _mean(column: list[float | None]) -> float | None:
@@ -218,7 +218,7 @@ class Duel:
         Scenes in which `method` is worse, and those in which it is as good, by the digits printed.
     """
 
-    table: Table
+    table: ScoreTable
     method: str
     against: str
     means: tuple[float, float]
@@ -250,7 +250,9 @@ class Duel:
         )
 
 
-def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -> tuple[Duel, ...]:
+def duels(
+    tables: tuple[ScoreTable, ...], method: str = OURS, against: str = RIVAL
+) -> tuple[Duel, ...]:
     """Compare two methods by every table that has both."""
     found = []
     for table in tables:
@@ -278,7 +280,7 @@ def duels(tables: tuple[Table, ...], method: str = OURS, against: str = RIVAL) -
     return tuple(found)
 
 
-def all_duels(tables: tuple[Table, ...], focus: str | None = None) -> tuple[Duel, ...]:
+def all_duels(tables: tuple[ScoreTable, ...], focus: str | None = None) -> tuple[Duel, ...]:
     """Compare `focus` with every other method; left out: ours with each of `RIVALS` that is there.
 
     Raises
@@ -310,7 +312,9 @@ def check_focus(focus: str, methods: Sequence[str]) -> None:
         )
 
 
-def summary(results: Results, region: str) -> tuple[tuple[str, ...], list[tuple[str, list[str]]]]:
+def summary(
+    results: ScoreResults, region: str
+) -> tuple[tuple[str, ...], list[tuple[str, list[str]]]]:
     """Return heads and rows of one table for a terminal: a line per method, a mean per metric."""
     metrics = [metric for metric in results.metrics if region in metric.regions]
     rows = []

@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from stimuli.score.pair import Pair
+from stimuli.score.pair import ScoredPair
 
 
 @dataclass(frozen=True)
-class Frames:
+class VideoSource:
     """Video source as the packages of visual difference predictors ask for it."""
 
-    pair: Pair
+    pair: ScoredPair
     region: str
     metric: Any
 

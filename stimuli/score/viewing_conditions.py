@@ -21,7 +21,7 @@ _FARTHEST_PX = 1e6  # no clip is as wide
 
 
 @dataclass(frozen=True)
-class Viewing:
+class ViewingConditions:
     """Display, as metrics need to know it.
 
     Attributes
@@ -63,13 +63,13 @@ class Viewing:
         return {**asdict(self), "px_per_deg": self.px_per_deg}
 
 
-def standard_fhd() -> Viewing:
+def standard_fhd() -> ViewingConditions:
     """Return FovVideoVDP's display of that name: 24-inch full HD from 0.6 m, as in [MI]."""
     height_m = 24 * _INCH_M / math.hypot(1920, 1080) * 1080
-    return Viewing(STANDARD_FHD, 1920, 1080, height_m * 1920 / 1080, height_m, 0.6)
+    return ViewingConditions(STANDARD_FHD, 1920, 1080, height_m * 1920 / 1080, height_m, 0.6)
 
 
-def open_viewing(name_or_path: str) -> Viewing:
+def open_viewing(name_or_path: str) -> ViewingConditions:
     """Return `standard_fhd`, or a display of ours with its measured light where it has any.
 
     Raises
@@ -88,7 +88,7 @@ def open_viewing(name_or_path: str) -> Viewing:
     plain = standard_fhd()
     peak = display.peak_cd_m2 or plain.peak_cd_m2
     measured_black = display.black_cd_m2 is not None and display.black_cd_m2 > 0
-    return Viewing(
+    return ViewingConditions(
         display.name,
         display.width_px,
         display.height_px,
@@ -103,7 +103,7 @@ def open_viewing(name_or_path: str) -> Viewing:
 
 
 @dataclass(frozen=True)
-class Gaze:
+class ViewerGaze:
     """Points at which the viewer looks, in pixels of the clip from its upper left corner.
 
     Attributes
@@ -141,7 +141,7 @@ class Gaze:
                 )
 
 
-def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
+def read_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGaze:
     """Read ``X,Y`` in pixels of the clip, or a CSV file with columns x_px and y_px.
 
     Where the eye `may_be_lost`, a line may have two empty cells, or nan: both numbers are nan then.
@@ -152,10 +152,10 @@ def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
         Saying what is wrong with it.
     """
     if text is None:
-        return Gaze()
+        return ViewerGaze()
     parts = text.split(",")
     if len(parts) == 2:
-        return Gaze((_point(parts, "--gaze"),))
+        return ViewerGaze((_point(parts, "--gaze"),))
     path = Path(text)
     points: tuple[tuple[float, float], ...] = ()
     try:
@@ -181,7 +181,7 @@ def read_gaze(text: str | None, *, may_be_lost: bool = False) -> Gaze:
             f"{path}: must have the columns x_px and y_px, each once, and one line per frame"
             f" (got {found})"
         )
-    return Gaze(points)
+    return ViewerGaze(points)
 
 
 def _point(

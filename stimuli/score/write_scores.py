@@ -16,7 +16,7 @@ from protocols.result_folder import check_result
 from protocols.revision import code_revision, package_version
 from protocols.whole_file import write_whole
 from stimuli.score.available import versions
-from stimuli.score.measure_clips import Results
+from stimuli.score.measure_clips import ScoreResults
 
 CACHE_FOLDER = ".cache"
 CSV_NAME, FRAMES_NAME, TABLES_NAME = "scores.csv", "frames.csv", "tables.md"
@@ -36,7 +36,7 @@ def check_out(out: Path, reads: Iterable[Path] = ()) -> None:
     check_result(out, replace=True, reads=reads, keeps=CACHE_FOLDER)
 
 
-def scores_csv(results: Results) -> str:
+def scores_csv(results: ScoreResults) -> str:
     """One line per clip, region and metric; `inf` is a perfect PSNR, empty is nothing there."""
     rows = [
         [item.scene, item.size, item.method, region, metric.name,
@@ -48,7 +48,7 @@ def scores_csv(results: Results) -> str:
     return _csv(("scene", "size", "method", "region", "metric", "value", "unit", "better"), rows)
 
 
-def frames_csv(results: Results) -> str:
+def frames_csv(results: ScoreResults) -> str:
     """One line per frame, for metrics that are measured frame by frame."""
     rows = []
     for item in results.subjects.items:
@@ -64,7 +64,7 @@ def frames_csv(results: Results) -> str:
     return _csv(("scene", "size", "method", "region", "metric", "frame", "value"), rows)
 
 
-def bands_csv(results: Results) -> str:
+def bands_csv(results: ScoreResults) -> str:
     """One line per clip, level of the pyramid and ring around the gaze."""
     rows = [
         [item.scene, item.size, item.method, name, _number(x), _number(y)]
@@ -75,7 +75,9 @@ def bands_csv(results: Results) -> str:
     return _csv(("scene", "size", "method", "level", "eccentricity_deg", "ratio"), rows)
 
 
-def scores_json(results: Results, times_ms: dict[str, float], renderer: str) -> dict[str, Json]:
+def scores_json(
+    results: ScoreResults, times_ms: dict[str, float], renderer: str
+) -> dict[str, Json]:
     """Return every number and all that it depends on; an infinite one as the text "inf"."""
     settings = results.settings
     return {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.picture_pass import Pooled
+from pipeline.foveation.picture_pass import PoolUniforms
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import check_size
 from pipeline.textures.bake import Baked
@@ -53,7 +53,7 @@ class TexturedRenderer:
         size = geometry.width_px, geometry.height_px
         check_size(ctx, size)
         self._layout = baked.layout
-        self._pooled = Pooled(geometry, settings.pooling)
+        self._pooled = PoolUniforms(geometry, settings.pooling)
         self._texture = TexturePass(
             ctx, baked, self._pooled, shader_text("globe.vert.glsl"),
             levels=settings.levels, seed=seed,

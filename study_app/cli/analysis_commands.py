@@ -34,7 +34,7 @@ from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     import pandas as pd
 
-    from analysis.parts import Plan
+    from analysis.parts import AnalysisPlan
     from analysis.power import Power
     from analysis.report.report_source import Progress
     from analysis.report.write_report import ReportPaths
@@ -456,7 +456,9 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
     return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
-def _pilot(path: Path, study: StudyProtocol, progress: Progress) -> tuple[pd.DataFrame, Plan]:
+def _pilot(
+    path: Path, study: StudyProtocol, progress: Progress
+) -> tuple[pd.DataFrame, AnalysisPlan]:
     """Return decisions and settings of a pilot: of sessions, or of a table."""
     from analysis.report.report_source import from_sessions, from_table
 

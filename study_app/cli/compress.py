@@ -100,7 +100,7 @@ def compress(
 
         metamerlab compress walk.mp4 --out walk.metamer
     """
-    from pipeline.compression.codec import DEFAULT_QUALITY, Settings
+    from pipeline.compression.codec import DEFAULT_QUALITY, CompressionSettings
     from pipeline.errors import InputError
     from pipeline.video_file import is_video
     from stimuli.compressed.compress_files import ENDING, compress_file
@@ -115,13 +115,13 @@ def compress(
         )
         if steps is not None:
             check_result(steps, replace=True)
-        settings = Settings(
+        settings = CompressionSettings(
             codec,
             angles,
             DEFAULT_QUALITY if quality is None else quality,
             None if size_kb is None else round(1000 * size_kb),
             statistics,
-            Settings.hold if hold is None else hold,
+            CompressionSettings.hold if hold is None else hold,
         )
         console = PlainConsole(soft_wrap=True)
         with Teller(console) as teller:

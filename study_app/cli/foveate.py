@@ -218,7 +218,7 @@ def foveate(
         metamerlab foveate clip.mp4 shown/ --gaze replay:eye.asc --display fhd27-60hz
     """
     from pipeline.video_file import is_video
-    from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.any_picture import PictureReading
     from stimuli.foveated.clip_to_files import foveate_clip
     from stimuli.foveated.foveate_files import Outputs, foveate_file
 
@@ -242,7 +242,7 @@ def foveate(
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             exposed = panorama and stops is None and not clip
-            reading = Reading(background, clip, stops or 0.0, encoded, exposed)
+            reading = PictureReading(background, clip, stops or 0.0, encoded, exposed)
             common: dict[str, Any] = {
                 "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
                 "seed": seed, "reading": reading, "ctx": ctx,

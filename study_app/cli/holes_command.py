@@ -28,13 +28,13 @@ def export_holes(
     Example: metamerlab stimuli export-holes my-study.toml --out holes
     """
     from protocols.load import load_study
-    from stimuli.build_plan import Orders
+    from stimuli.build_plan import BuildPlan
     from stimuli.export_holes import export_holes as write
     from stimuli.recipes.warped_checks import look_at_scenes
 
     with user_errors():
         study, screen = load_study(protocol, display)
-        orders = Orders(study, screen, protocol.absolute().parent)
+        orders = BuildPlan(study, screen, protocol.absolute().parent)
         found = look_at_scenes(orders)
         if found.wrong:
             raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
     from protocols.recipes.base import Change
     from stimuli.choice import Choice
-    from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.live_renderer import FoveatingRenderer
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
@@ -131,11 +131,11 @@ def live(
         metamerlab live around.exr --panorama -m warped-metamer --set law=v2
     """
     from protocols.recipes.base import Change
-    from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.any_picture import PictureReading
 
     with user_errors():
         exposed = panorama and stops is None and not clip
-        reading = Reading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
+        reading = PictureReading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
         if verify is not None:
             if any((methods, settings, display, fov, panorama, fps, record, seconds, stops, clip,
                     encoded, overlay, seed, head, gaze != "mouse",
@@ -165,7 +165,7 @@ class _Show:
     change: Change
     choices: list[Choice]
     seed: int
-    reading: Reading
+    reading: PictureReading
     panorama: bool
     display: str | None
     fov_deg: float | None
@@ -468,7 +468,7 @@ def _verify(source: str, path: Path) -> None:
     from pipeline.gl.context import describe, lent_context
     from pipeline.limits import check_need
     from stimuli.choice import Choice
-    from stimuli.foveated.any_picture import Reading
+    from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
     from study_app.live.log import LiveChoice, read_log
     from study_app.live.redraw import redraw
@@ -490,7 +490,7 @@ def _verify(source: str, path: Path) -> None:
         else:
             with frames_of(Path(source), None, say) as (folder, _):
                 read = read_source(
-                    folder, Reading(**log.start.reading.model_dump()), panorama=said.panorama
+                    folder, PictureReading(**log.start.reading.model_dump()), panorama=said.panorama
                 )
         if read.sha256 != said.source_sha256:
             raise StudyError(

@@ -23,7 +23,7 @@ from pipeline.gl.texture import create_texture, texture_bytes, upload
 from protocols.outside import check_within
 from protocols.recipes.base import Cut
 from stimuli.choice import Choice
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
 from stimuli.frames_folder import frames_in
 from study_app.live.renderer import Described, Look, Place, View
@@ -56,7 +56,7 @@ class Source:
         return height, width
 
 
-def read_source(path: Path, reading: Reading, *, panorama: bool) -> Source:
+def read_source(path: Path, reading: PictureReading, *, panorama: bool) -> Source:
     """Read a picture, or a folder of frames.
 
     Raises

@@ -21,7 +21,7 @@ from study_app.cli.terminal import PlainConsole, say, table_of
 if TYPE_CHECKING:
     from protocols.manifest import Manifest
     from stimuli.score.batch import Subjects
-    from stimuli.score.measure_clips import Results
+    from stimuli.score.measure_clips import ScoreResults
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         subjects_of_panoramas,
         subjects_of_stills,
     )
-    from stimuli.score.measure_clips import Settings
+    from stimuli.score.measure_clips import ScoreSettings
     from stimuli.score.measure_clips import score as run
     from stimuli.score.metrics import choose_metrics
     from stimuli.score.tables import check_focus
@@ -226,7 +226,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
 
     second, mask, names, focus = options.second, options.mask, options.metrics, options.focus
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
-    settings = Settings(chosen, open_viewing(options.display), read_gaze(options.gaze))
+    settings = ScoreSettings(chosen, open_viewing(options.display), read_gaze(options.gaze))
     if second is None:
         if mask is not None:
             raise StudyError("--mask is for two clips or pictures: a batch has masks of its own")
@@ -239,7 +239,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         if is_foveated(manifest):
             subjects, at, viewing = subjects_of_stills(first, manifest, settings.gaze)
             chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
-            settings = Settings(chosen, viewing, at)
+            settings = ScoreSettings(chosen, viewing, at)
         else:
             subjects = subjects_of_batch(first)
         subjects = replace(subjects, labels=_labels(options.protocol, manifest))
@@ -252,7 +252,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         if views is not None:
             subjects, at, viewing = subjects_of_panoramas(subjects, settings.gaze, views)
             chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
-            settings = Settings(chosen, viewing, at)
+            settings = ScoreSettings(chosen, viewing, at)
     if focus is not None:
         check_focus(focus, list(dict.fromkeys(item.method for item in subjects.items)))
     reads = [path for path in (first, second, mask) if path is not None]
@@ -286,7 +286,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
 
 
 def _write(
-    results: Results,
+    results: ScoreResults,
     subjects: Subjects,
     out: Path,
     source: Path,
@@ -305,7 +305,7 @@ def _write(
     return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
 
 
-def _print_results(console: Console, results: Results, focus: str | None) -> None:
+def _print_results(console: Console, results: ScoreResults, focus: str | None) -> None:
     from stimuli.score.metrics import FRAME, HOLES
     from stimuli.score.tables import all_duels, all_tables, summary
 

@@ -33,7 +33,7 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
-    from analysis.report.content import Content
+    from analysis.report.content import ReportContent
     from analysis.tables.counts import Counted
     from analysis.tables.table import Table as AnyTable
     from protocols.blocks import Block
@@ -349,7 +349,7 @@ def _as_option(key: re.Match[str]) -> str:
     return f"--{key[1].replace('_', '-')}{' ' * bool(key[2])}"
 
 
-def print_content(content: Content, *, simulated: bool) -> None:
+def print_content(content: ReportContent, *, simulated: bool) -> None:
     """Print what a page says, without its figures."""
     print_blocks(
         content.counted + " (SIMULATED)" * simulated,

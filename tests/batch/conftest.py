@@ -9,7 +9,7 @@ import pytest
 from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
-from stimuli.build_plan import Orders
+from stimuli.build_plan import BuildPlan
 from stimuli.worker import SCENES
 
 
@@ -50,15 +50,15 @@ def small_study(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def orders(small_study) -> Orders:
+def orders(small_study) -> BuildPlan:
     """Return the small study as orders."""
     return orders_of(small_study)
 
 
-def orders_of(path: Path) -> Orders:
+def orders_of(path: Path) -> BuildPlan:
     """Read a protocol as orders."""
     protocol = load_protocol(path)
-    return Orders(protocol, load_display(protocol.display.display), path.parent)
+    return BuildPlan(protocol, load_display(protocol.display.display), path.parent)
 
 
 @pytest.fixture(scope="session", autouse=True)

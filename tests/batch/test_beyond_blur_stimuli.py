@@ -16,19 +16,19 @@ from pipeline.foveation.geometry import Equirectangular, Flat, eccentricity_deg,
 from protocols.load import load_study
 from protocols.recipes.foveated_images import FoveatedImages, Shown
 from stimuli.foveated.builtin_pictures import builtin_picture, notices, picture_names
-from stimuli.recipes.foveated_work import Order, StillMaker
+from stimuli.recipes.foveated_work import StillMaker, StillsPlan
 
 TALL, WIDE = 108, 192
 
 
-def small(name: str, **more: object) -> Order:
+def small(name: str, **more: object) -> StillsPlan:
     """A shipped study at a tenth or less of its pixels, its angles kept."""
     study, display = load_study(Path(name), None)
     recipe = study.stimuli
     assert isinstance(recipe, FoveatedImages)
     shrunk = recipe.width_px / WIDE
     changed = {"width_px": WIDE, "height_px": TALL, **more}
-    return Order(
+    return StillsPlan(
         recipe.model_copy(update=changed),
         display.distance_mm / display.pitch_x_mm / shrunk,
         Path(),
@@ -237,7 +237,7 @@ def test_across_the_cut_a_consistent_picture_differs_as_across_any_line(rng):
     tall, wide = 3 * TALL, 3 * WIDE
     base = small("beyond-blur-detection")
     methods = [one for one in base.recipe.methods if one.condition in ("blur", "metamer")]
-    order = Order(
+    order = StillsPlan(
         base.recipe.model_copy(
             update={"methods": tuple(methods), "width_px": wide, "height_px": tall}
         ),

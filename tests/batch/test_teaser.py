@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from stimuli.score.plots import png_bytes, vector_bytes
-from stimuli.teaser import WIDTHS_IN, Crop, Row, auto_crops, difference, teaser
+from stimuli.teaser import WIDTHS_IN, Crop, FigureRow, auto_crops, difference, teaser
 
 
-def row(methods: int = 3, title: str = "") -> Row:
+def row(methods: int = 3, title: str = "") -> FigureRow:
     made = np.random.default_rng(1)
     frames = tuple(made.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(methods))
-    return Row(title, frames[0], frames, (Crop(10, 10, 20, 15), Crop(60, 40, 20, 15)), 0)
+    return FigureRow(title, frames[0], frames, (Crop(10, 10, 20, 15), Crop(60, 40, 20, 15)), 0)
 
 
 def test_the_difference_is_the_mean_over_pairs_by_hand():

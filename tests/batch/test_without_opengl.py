@@ -121,7 +121,7 @@ def test_a_plug_in_without_a_twin_says_that_it_needs_opengl(monkeypatch):
         def release(self) -> None:
             pass
 
-    monkeypatch.setattr("pipeline.named_classes.Entry.load", lambda _self: Drawn)
+    monkeypatch.setattr("pipeline.named_classes.NamedClass.load", lambda _self: Drawn)
     with pytest.raises(GLUnavailableError, match="needs an OpenGL context"):
         create_method("telea", None)
 

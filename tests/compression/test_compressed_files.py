@@ -10,7 +10,7 @@ from skimage import data
 from typer.testing import CliRunner
 
 from pipeline.compression import compressed_file
-from pipeline.compression.codec import Settings, compress, decompress
+from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
 from stimuli.video import unpacked_video, write_video
 from study_app.cli import app
@@ -28,7 +28,9 @@ def picture():
 
 @pytest.fixture(scope="module")
 def whole(picture):
-    return compressed_file.to_bytes(compress([picture], (48.0, 48.0), Settings(angles=64)))
+    return compressed_file.to_bytes(
+        compress([picture], (48.0, 48.0), CompressionSettings(angles=64))
+    )
 
 
 @pytest.fixture
@@ -102,7 +104,7 @@ def test_bytes_behind_the_end_are_refused(whole):
 
 
 def test_a_picture_of_another_size_inside_is_refused(whole, picture):
-    other = compress([picture[:50, :50]], (25.0, 25.0), Settings(angles=64))
+    other = compress([picture[:50, :50]], (25.0, 25.0), CompressionSettings(angles=64))
     mine = compressed_file.from_bytes(whole)
     mixed = compressed_file.Compressed(
         mine.grid, mine.codec, mine.quality, mine.levels, other.bases, mine.statistics
@@ -241,7 +243,7 @@ def test_a_video_is_compressed_as_its_frames_are_and_comes_back_as_one(tmp_path,
 def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, message):
     monkeypatch.chdir(tmp_path)
     for name, count in (("one.metamer", 1), ("clip.metamer", 2)):
-        made = compress([picture] * count, (48.0, 48.0), Settings(angles=32))
+        made = compress([picture] * count, (48.0, 48.0), CompressionSettings(angles=32))
         (tmp_path / name).write_bytes(compressed_file.to_bytes(made))
     before = sorted(tmp_path.iterdir())
     named = {"PNG": png, "CLIP": "clip.metamer", "ONE": "one.metamer"}

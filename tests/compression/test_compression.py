@@ -9,14 +9,14 @@ from benchmarks.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, unpack
-from pipeline.compression.codec import Settings, compress, decoded_base, decompress
+from pipeline.compression.codec import CompressionSettings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import LostMap, lost_maps, map_grids, wanted_of
 from pipeline.errors import InputError
 from pipeline.features.reference import analyse
 
-SMALL = Settings(angles=96)
+SMALL = CompressionSettings(angles=96)
 # Odd sizes; gaze inside, at a corner, at an edge and outside.
 VIEWS = [((96, 120), (50.0, 40.0)), ((75, 61), (0.0, 0.0)), ((64, 90), (90.0, 30.0)),
          ((81, 64), (-40.0, 120.5)), ((33, 17), (8.0, 8.0)), ((1, 1), (0.5, 0.5))]  # fmt: skip
@@ -58,7 +58,7 @@ def test_the_gpu_makes_the_same_picture(gl_context, size, gaze_px):
 @pytest.mark.parametrize("codec", image_codecs.CODECS)
 def test_statistics_give_the_periphery_its_bands_back(rng, codec):
     picture, gaze_px = noise_picture(rng, (160, 160)), (80.0, 80.0)
-    made = compress([picture], gaze_px, Settings(codec=codec, angles=64, quality=90))
+    made = compress([picture], gaze_px, CompressionSettings(codec=codec, angles=64, quality=90))
     base = decoded_base(made.bases[0], made.grid, codec)
     shown = decompress(made, seed=1)
     y, x = np.mgrid[:160, :160] + 0.5
@@ -74,7 +74,7 @@ def test_statistics_give_the_periphery_its_bands_back(rng, codec):
 
 def test_near_the_gaze_no_noise_is_added(rng):
     picture, gaze_px = noise_picture(rng, (128, 128)), (64.0, 64.0)
-    made = compress([picture], gaze_px, Settings(angles=200, quality=95))
+    made = compress([picture], gaze_px, CompressionSettings(angles=200, quality=95))
     knee_px = made.grid.density.knee_px
     y, x = np.mgrid[:128, :128] + 0.5
     near = np.hypot(x - 64, y - 64) < knee_px - 4
@@ -86,7 +86,7 @@ def test_seeds_differ_and_colour_stays():
     made = compress([photograph((120, 160))], (60.0, 60.0), SMALL)
     one, other = decompress(made, seed=1), decompress(made, seed=2)
     assert np.abs(one - other).mean() > 0.01
-    plain = Settings(angles=96, statistics=False)
+    plain = CompressionSettings(angles=96, statistics=False)
     blurred = compress([photograph((120, 160))], (60.0, 60.0), plain)
     assert blurred.levels == 0
     assert not blurred.statistics
@@ -142,7 +142,7 @@ def test_maps_are_read_at_blocks():
 @pytest.mark.parametrize("size_bytes", [2000, 3000])
 @pytest.mark.parametrize("statistics", [True, False])
 def test_a_file_is_as_large_as_asked_and_no_larger(size_bytes, statistics):
-    settings = Settings(angles=96, size_bytes=size_bytes, statistics=statistics)
+    settings = CompressionSettings(angles=96, size_bytes=size_bytes, statistics=statistics)
     made = compress([photograph((160, 160))], (80.0, 80.0), settings)
     size = len(compressed_file.to_bytes(made))
     assert 0.8 * size_bytes < size <= size_bytes
@@ -150,15 +150,17 @@ def test_a_file_is_as_large_as_asked_and_no_larger(size_bytes, statistics):
 
 def test_a_size_that_cannot_be_reached_is_refused():
     with pytest.raises(InputError, match=r"800 bytes are too few.*the least"):
-        compress([photograph((160, 160))], (80.0, 80.0), Settings(angles=512, size_bytes=800))
+        compress(
+            [photograph((160, 160))], (80.0, 80.0), CompressionSettings(angles=512, size_bytes=800)
+        )
     with pytest.raises(InputError, match=r"16 angles reach are \d+; ask for a larger file"):
-        compress([photograph((160, 160))], (80.0, 80.0), Settings(size_bytes=100))
+        compress([photograph((160, 160))], (80.0, 80.0), CompressionSettings(size_bytes=100))
 
 
 @pytest.mark.parametrize(("size_bytes", "angles"), [(1500, 32), (4000, 128), (60_000, 1024)])
 def test_a_size_chooses_how_many_angles_fit_well(size_bytes, angles):
     picture = photograph((160, 160))
-    made = compress([picture], (80.0, 80.0), Settings(size_bytes=size_bytes))
+    made = compress([picture], (80.0, 80.0), CompressionSettings(size_bytes=size_bytes))
     assert len(compressed_file.to_bytes(made)) <= size_bytes
     assert made.grid.rows_per_turn == angles
     assert made.quality >= 40  # maps took more than was thought
@@ -166,7 +168,7 @@ def test_a_size_chooses_how_many_angles_fit_well(size_bytes, angles):
 
 def test_frames_of_a_clip_share_statistics():
     frames = [np.roll(photograph((96, 96)), shift, axis=1) for shift in range(5)]
-    made = compress(frames, (48.0, 48.0), Settings(angles=64, hold=2))
+    made = compress(frames, (48.0, 48.0), CompressionSettings(angles=64, hold=2))
     assert len(made.bases) == 5
     assert len(made.statistics) == 3
     read = compressed_file.from_bytes(compressed_file.to_bytes(made))
@@ -178,7 +180,7 @@ def test_frames_of_a_clip_share_statistics():
     # Noise of frames that share statistics stands still, but for what is clipped.
     assert np.abs(noise[0] - noise[1]).mean() < 0.1 * np.abs(noise[0]).mean()
     # One frame's file is a part of the clip's.
-    alone = compress(frames[:1], (48.0, 48.0), Settings(angles=64, hold=2))
+    alone = compress(frames[:1], (48.0, 48.0), CompressionSettings(angles=64, hold=2))
     assert alone.bases[0] == made.bases[0]
 
 
@@ -187,7 +189,7 @@ def test_frames_of_a_clip_share_statistics():
     [
         ({"gaze_px": (1e9, 0.0)}, "gaze must lie within"),
         ({"gaze_px": (float("nan"), 0.0)}, "gaze must lie within"),
-        ({"settings": Settings(angles=8)}, "angles must lie in 16..4096"),
+        ({"settings": CompressionSettings(angles=8)}, "angles must lie in 16..4096"),
         ({"pictures": []}, "at least one picture"),
         ({"pictures": [np.zeros((8, 8, 3), np.float32), np.zeros((8, 9, 3), np.float32)]},
          "all be of one size"),
@@ -205,7 +207,7 @@ def test_impossible_requests_are_refused(change, message):
 )
 def test_impossible_settings_are_refused(change):
     with pytest.raises(InputError):
-        Settings(**change)
+        CompressionSettings(**change)
 
 
 def test_the_benchmarks_table_holds_means_and_a_dash_where_a_picture_has_no_such_file():

@@ -17,16 +17,16 @@ from stimuli.denoised import training_pictures as kept
 from stimuli.denoised import unet
 from stimuli.denoised.path_traced import PathTracer, encoded
 from stimuli.denoised.train import (
-    Example,
     Trainer,
     Training,
+    TrainingExample,
     batch_of,
     examples_of,
     rgb_path,
     scale_of,
 )
-from stimuli.denoised.training_pictures import Pair, Rendering, View
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.denoised.training_pictures import Rendering, SceneView, TrainingPair
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 EDGE = 136  # the least that has five levels
 TRAINING = Training(
@@ -52,7 +52,9 @@ def pair():
     y, x = np.indices((EDGE, EDGE))
     clean = 0.5 + 0.2 * np.sin(0.7 * x + 0.2 * y)[..., None] * np.array([1.0, 0.8, 0.6])
     noise = rng.uniform(-0.2, 0.2, (6, EDGE, EDGE, 3)) / np.arange(1, 7)[:, None, None, None]
-    return Pair(View("shed", 0), (clean + noise).astype(np.float32), clean.astype(np.float32))
+    return TrainingPair(
+        SceneView("shed", 0), (clean + noise).astype(np.float32), clean.astype(np.float32)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +87,7 @@ def test_a_flipped_example_is_the_example_of_the_flipped_picture(pair):
     pools = Pools(geometry, (20.0, 44.0), Pooling())
     maps = maps_of(clean, pools)
     noisy = seen_by(clean, pools).planes[0]
-    one = Example(noisy, maps.base.transpose(2, 0, 1), maps.packed().transpose(2, 0, 1))
+    one = TrainingExample(noisy, maps.base.transpose(2, 0, 1), maps.packed().transpose(2, 0, 1))
 
     turned = one.crop(0, 0, edge, (True, True))
 
@@ -287,18 +289,18 @@ def test_the_network_for_colour_lies_beside_the_one_for_moments(tmp_path):
 
 def test_views_differ_and_the_first_is_the_scenes_own():
     world = World((_floor(),), Viewpoint((0, 2, 0), (0, 1, -6)), Light())
-    poses = [View("shed", n).camera(world, 64).world_from_camera for n in (0, 1, 2, 3)]
+    poses = [SceneView("shed", n).camera(world, 64).world_from_camera for n in (0, 1, 2, 3)]
 
     assert np.allclose(poses[0][:3, 3], (0, 2, 0))
     assert len({pose.tobytes() for pose in poses}) == 4
     assert all(np.linalg.norm(pose[:3, 3] - (0, 2, 0)) < 2 for pose in poses)
     with pytest.raises(InputError, match="must be one of"):
-        View("moon", 0)
+        SceneView("moon", 0)
 
 
 def test_pairs_on_disk_are_used_and_damaged_ones_refused(pair, tmp_path):
     rendering = Rendering(EDGE, 4)
-    view = View("shed", 0)
+    view = SceneView("shed", 0)
     kept._write(view.path(tmp_path, rendering), pair)
 
     (found,) = kept.pairs_of([view], rendering, tmp_path)
@@ -306,11 +308,13 @@ def test_pairs_on_disk_are_used_and_damaged_ones_refused(pair, tmp_path):
     view.path(tmp_path, rendering).write_bytes(b"PK\x03\x04 no pictures")
     with pytest.raises(InputError, match="delete it, and it is made again"):
         kept.pairs_of([view], rendering, tmp_path)
-    wrong = Pair(view, pair.renders[:3], pair.clean)
+    wrong = TrainingPair(view, pair.renders[:3], pair.clean)
     kept._write(view.path(tmp_path, rendering), wrong)
     with pytest.raises(InputError, match="must hold pictures of shape"):
         kept.pairs_of([view], rendering, tmp_path)
-    kept._write(view.path(tmp_path, rendering), Pair(view, pair.renders * np.nan, pair.clean))
+    kept._write(
+        view.path(tmp_path, rendering), TrainingPair(view, pair.renders * np.nan, pair.clean)
+    )
     with pytest.raises(InputError, match="must hold finite numbers"):
         kept.pairs_of([view], rendering, tmp_path)
 
@@ -320,7 +324,7 @@ def _floor():
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
     tint = np.tile(np.array([1.0, 0.5, 0.25], np.float32), (4, 1))
     mesh = Mesh(corners, up, corners[:, [0, 2]], tint, np.array([[0, 1, 2], [0, 2, 3]]))
-    return Part(mesh, Material(np.full((2, 2, 4), 188, np.uint8)))
+    return MeshPart(mesh, Material(np.full((2, 2, 4), 188, np.uint8)))
 
 
 @pytest.fixture(scope="module")
@@ -346,7 +350,9 @@ def test_light_on_a_floor_is_that_of_sun_and_sky(floor):
 def test_more_samples_are_less_noisy_and_seeds_decide(floor):
     world, tracer = floor
     rendering = Rendering(64, 4)
-    pair, again = (kept.render_pair(tracer, world, View("shed", 1), rendering) for _ in range(2))
+    pair, again = (
+        kept.render_pair(tracer, world, SceneView("shed", 1), rendering) for _ in range(2)
+    )
 
     assert (pair.renders == again.renders).all()
     deviation = pair.renders[:, 40:, :, 0].std(axis=(1, 2))

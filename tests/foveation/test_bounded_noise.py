@@ -18,7 +18,7 @@ from benchmarks.hard_pictures import (
     text_page,
 )
 from pipeline.colour import ycbcr_from_rgb
-from pipeline.compression.codec import Settings, compress, decoded_base, decompress
+from pipeline.compression.codec import CompressionSettings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import maps_of, metamer_of
@@ -200,7 +200,7 @@ def test_bound_noise_on_gpu_matches_reference(gl_context, name):
 @pytest.mark.parametrize("name", ["text", "night"])
 def test_compressed_pictures_and_maps_keep_the_mean_on_both_twins(gl_context, name):
     picture, gaze_px = PICTURES[name](EDGE), (EDGE / 2, EDGE / 2)
-    compressed = compress([picture], gaze_px, Settings(angles=96))
+    compressed = compress([picture], gaze_px, CompressionSettings(angles=96))
     made = DecompressPass(gl_context, compressed)
     pools = pools_of(EDGE)
     maps = maps_of(picture, pools)

@@ -14,7 +14,7 @@ from pipeline.foveation.conditions import condition_parameters, create_condition
 from pipeline.foveation.energy import EnergyMetamer, PooledEnergies, quadrature_pairs
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.lod import Pools
-from pipeline.foveation.picture_fixation import Look
+from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import blurred
 
@@ -42,7 +42,7 @@ def picture(rng):
 
 @pytest.fixture
 def look():
-    return Look(Flat(width_deg=40).of(WIDTH, HEIGHT), (WIDTH / 2, HEIGHT / 2), seed=5)
+    return PictureFixation(Flat(width_deg=40).of(WIDTH, HEIGHT), (WIDTH / 2, HEIGHT / 2), seed=5)
 
 
 def test_quadrature_pairs_give_gratings_one_magnitude_at_every_phase():
@@ -151,7 +151,7 @@ def test_an_interrupted_descent_goes_on_to_the_same_picture(picture, look, tmp_p
 def test_a_state_of_something_else_is_refused(picture, look, tmp_path):
     state = tmp_path / "state.npz"
     EnergyMetamer(steps=1).descend(picture, look, state=state)
-    other = Look(look.geometry, look.gaze_px, seed=6)
+    other = PictureFixation(look.geometry, look.gaze_px, seed=6)
 
     with pytest.raises(InputError, match="it is another's"):
         EnergyMetamer(steps=1).descend(picture, other, state=state)

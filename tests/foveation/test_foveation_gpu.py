@@ -17,7 +17,7 @@ from pipeline.foveation.displacement import DisplacementSettings, eidolon, warpe
 from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
-from pipeline.foveation.picture_fixation import Look
+from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.pooling import Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.foveation.settings import MetamerSettings
@@ -60,7 +60,7 @@ def run(gl_context):
 
     def apply(make, geometry, picture, gaze_px, **look):
         made = make(gl_context, geometry)
-        result = made.apply(picture, Look(geometry, gaze_px, **look))
+        result = made.apply(picture, PictureFixation(geometry, gaze_px, **look))
         made.release()
         return result
 
@@ -72,7 +72,7 @@ def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
     geometry, pooling = viewing.of(size[1], size[0]), make_pooling("authors")
     picture = photograph(size)
     found = run(lambda ctx, g: BlurPass(ctx, g, pooling), geometry, picture, gaze_px)
-    wanted = blur(picture, Look(geometry, gaze_px).pools(pooling))
+    wanted = blur(picture, PictureFixation(geometry, gaze_px).pools(pooling))
     np.testing.assert_allclose(found, wanted, atol=PLAIN_TOLERANCE)
 
 
@@ -80,7 +80,7 @@ def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
 def test_metamer_on_gpu_matches_reference(run, size, viewing, gaze_px):
     geometry, settings = viewing.of(size[1], size[0]), MetamerSettings()
     picture = photograph(size)
-    look = Look(geometry, gaze_px, seed=4)
+    look = PictureFixation(geometry, gaze_px, seed=4)
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=4)
     wanted = metamer(picture, look.pools(settings.pooling), settings, 4)
     np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
@@ -101,7 +101,7 @@ def test_every_switch_on_gpu_matches_reference(run, switches):
     size, gaze_px = (150, 170), (20.0, 140.0)
     geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings(**switches)
     picture = photograph(size)
-    look = Look(geometry, gaze_px, seed=1)
+    look = PictureFixation(geometry, gaze_px, seed=1)
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=1)
     wanted = metamer(picture, look.pools(settings.pooling), settings, 1)
     np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
@@ -113,7 +113,7 @@ def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, matc
     geometry, settings = viewing.of(size[1], size[0]), DisplacementSettings()
     picture = photograph(size)
     field_gaze_px = (gaze_px[0] + 3, gaze_px[1])
-    look = Look(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
+    look = PictureFixation(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
     found = run(
         lambda ctx, g: DisplacementPass(ctx, g, settings, match=match),
         geometry,
@@ -168,7 +168,7 @@ def test_carried_noise_on_gpu_matches_reference(run, rng):
     geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings()
     shift = rng.uniform(-300, 300, (*size, 2)).astype(np.float32)
     picture = photograph(size)
-    look = Look(geometry, gaze_px, seed=1, noise_shift_px=shift)
+    look = PictureFixation(geometry, gaze_px, seed=1, noise_shift_px=shift)
     found = run(
         lambda ctx, g: MetamerPass(ctx, g, settings),
         geometry,
@@ -191,7 +191,7 @@ def test_fovea_bits_are_the_pictures_on_gpu(run, carried):
     picture = photograph(size)
     shift = {"noise_shift_px": np.ones((*size, 2))} if carried else {}
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, **shift)
-    inside = Look(geometry, gaze_px).pools(settings.pooling).eccentricity_deg() < 2.999
+    inside = PictureFixation(geometry, gaze_px).pools(settings.pooling).eccentricity_deg() < 2.999
     assert inside.sum() > 200
     assert (found[inside] == picture[inside]).all()
 

@@ -22,7 +22,7 @@ from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panor
 from pipeline.foveation.pooled_moments import (
     LEAST_TIGHTNESS,
     PARTNER_SHARE,
-    Wanted,
+    WantedMoments,
     colour_shape,
     wanted_by_blocks,
 )
@@ -297,7 +297,7 @@ def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
     levels, blocks = FIRST_SMOOTH + 2, 16
     variances = np.zeros((blocks, blocks, 3 * levels))
     variances[..., 3 * level] = np.square(0.01 + 0.004 * np.arange(blocks))
-    wanted = Wanted(
+    wanted = WantedMoments(
         variances, np.zeros((blocks, blocks, levels, 2)), np.zeros((*variances.shape, 2))
     )
     plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))

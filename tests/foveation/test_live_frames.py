@@ -21,7 +21,7 @@ from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.load import load_display
 from stimuli.choice import Choice
-from stimuli.foveated.any_picture import Reading
+from stimuli.foveated.any_picture import PictureReading
 from stimuli.foveated.clip_to_files import foveate_clip
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
@@ -96,7 +96,7 @@ def test_a_replayed_recording_shows_the_frames_that_foveate_writes(
         frames, tmp_path / "out", gaze=track_of(f"replay:{tape}", None, HZ, print), seed=5,
         choice=Choice(method), fps=HZ, ctx=gl_context,
     )  # fmt: skip
-    source = read_source(frames, Reading(), panorama=False)
+    source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice(method))
     renderer.prepare(5)
 
@@ -145,7 +145,7 @@ def shown_to(frames, tmp_path, gl_context, tape, monkeypatch):
     made = []
 
     def show(fault, method="warped-metamer", of=None):
-        source = read_source(of or frames, Reading(), panorama=False)
+        source = read_source(of or frames, PictureReading(), panorama=False)
         renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice(method))
         made.append(renderer)
         path = tmp_path / f"{len(made)}.jsonl"
@@ -162,7 +162,7 @@ def shown_to(frames, tmp_path, gl_context, tape, monkeypatch):
 
 
 START = {
-    "at": "2026-01-01T00:00:00.000000Z", "source": "frames", "reading": vars(Reading()),
+    "at": "2026-01-01T00:00:00.000000Z", "source": "frames", "reading": vars(PictureReading()),
     "gaze": "replay", "display": load_display("fhd27-60hz").model_dump(mode="json"),
     "renderer": "r", "driver": "1", "revision": "0", "refresh_hz": HZ,
 }  # fmt: skip
@@ -284,7 +284,7 @@ def test_a_view_of_a_panorama_is_drawn_again_where_it_was_turned_to(
 ):
     monkeypatch.setattr("study_app.live.log.EVERY", 1)
     Image.fromarray(np.ascontiguousarray(data.astronaut()[:64, :128])).save(tmp_path / "p.png")
-    source = read_source(tmp_path / "p.png", Reading(), panorama=True)
+    source = read_source(tmp_path / "p.png", PictureReading(), panorama=True)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("metamer"))
     renderer.prepare(5)
     path = tmp_path / "log.jsonl"
@@ -305,7 +305,7 @@ def test_a_view_of_a_panorama_is_drawn_again_where_it_was_turned_to(
 
 
 def test_after_the_second_frame_no_opengl_object_is_made(gl_context, frames, tape):
-    source = read_source(frames, Reading(), panorama=False)
+    source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
     renderer.prepare(5)
     shown = run(renderer, tape)
@@ -336,13 +336,13 @@ def test_gaze_is_rounded_to_a_sixteenth_of_a_pixel_and_stays_lost():
 
 
 def test_only_what_the_gpu_draws_can_be_live(gl_context, frames):
-    source = read_source(frames, Reading(), panorama=False)
+    source = read_source(frames, PictureReading(), panorama=False)
     with pytest.raises(InputError, match="must be one that the GPU draws"):
         FoveatingRenderer(gl_context, source, GEOMETRY, Choice("metamer", {"chroma": "full"}))
 
 
 def test_a_look_is_all_that_a_frame_depends_on(gl_context, frames):
-    source = read_source(frames, Reading(), panorama=False)
+    source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
     look = Look((30.0, 20.0), (31.0, 22.0), 3)
 
@@ -390,7 +390,7 @@ def shown(gl_context, tmp_path, monkeypatch, rng):
     monkeypatch.setattr("study_app.live.log.EVERY", 10)
     picture = np.ascontiguousarray(data.astronaut()[:HEIGHT, 128 : 128 + WIDTH])
     Image.fromarray(picture).save(tmp_path / "p.png")
-    source = read_source(tmp_path / "p.png", Reading(), panorama=False)
+    source = read_source(tmp_path / "p.png", PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("blur"))
     renderer.prepare(5)
 

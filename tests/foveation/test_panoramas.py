@@ -8,7 +8,7 @@ from pipeline.foveation.catalogue import Blur, Eidolon, Metamer, NoiseEnhanced
 from pipeline.foveation.conditions import condition_names, foveate
 from pipeline.foveation.geometry import CapGeometry, Equirectangular, Flat, pixel_centres
 from pipeline.foveation.panorama import cap_look, cap_of, cap_picture, over_poles
-from pipeline.foveation.picture_fixation import Look
+from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.sphere import (
     BELT_DEG,
     CAP_DEG,
@@ -119,7 +119,7 @@ def evenness(picture, **towards):
 
 
 def test_noise_runs_in_no_streaks_to_the_pole(geometry, texture, noisy):
-    in_pixels = Metamer().apply(texture, Look(geometry, (0, 128), seed=3))
+    in_pixels = Metamer().apply(texture, PictureFixation(geometry, (0, 128), seed=3))
     for down_deg in (-90, 90):
         even, strength = evenness(noisy, down_deg=down_deg)
         streaky, _ = evenness(in_pixels, down_deg=down_deg)
@@ -142,7 +142,7 @@ def test_noise_of_a_blur_is_made_stronger_there_too(geometry, texture, monkeypat
     """Of the finest octave; a real panorama of so few pixels gets no noise."""
     finest = lambda _, count: [np.full((256, 512), float(k == 0)) for k in range(count)]  # noqa: E731
     monkeypatch.setattr(enhancement, "octave_shares", finest)
-    look, made = Look(geometry, (0, 128), seed=1), NoiseEnhanced()
+    look, made = PictureFixation(geometry, (0, 128), seed=1), NoiseEnhanced()
     blur = Blur(rate=1.4).apply(texture, look)
     strong = made.apply(texture, look) - blur
     monkeypatch.setattr(enhancement, "noise_strength", lambda rays: np.ones(rays.shape[:2]))
@@ -157,7 +157,7 @@ def test_noise_of_a_blur_is_made_stronger_there_too(geometry, texture, monkeypat
 
 def test_belt_and_cap_displace_alike(geometry, texture):
     """Where they are mixed nothing is seen twice: both show the same picture."""
-    look, made = Look(geometry, (100, 120), seed=2), Eidolon()
+    look, made = PictureFixation(geometry, (100, 120), seed=2), Eidolon()
     belt = made.apply(texture, look)
     cap = cap_of(geometry, upper=True)
     shown = made.apply(cap_picture(texture, cap), cap_look(look, cap))
@@ -167,7 +167,7 @@ def test_belt_and_cap_displace_alike(geometry, texture):
     nearest = shown[at_y.astype(int), at_x.astype(int)]
     inside = (np.abs(at_x % 1 - 0.5) < 0.15) & (np.abs(at_y % 1 - 0.5) < 0.15)
     assert inside.sum() > 300
-    other = made.apply(texture, Look(geometry, (100, 120), seed=3))
+    other = made.apply(texture, PictureFixation(geometry, (100, 120), seed=3))
     alike, unlike = (np.abs(image[rows] - nearest)[inside].mean() for image in (belt, other))
     assert alike < 0.2 * unlike
 
@@ -208,7 +208,7 @@ def test_noise_of_directions_is_as_smooth_as_noise_pooled_so(rng, smooth):
 def test_a_fovea_at_the_pole_is_copied_bit_for_bit(texture, method):
     small = np.ascontiguousarray(texture[::2, ::2])
     shown = foveate(small, (40, 2), viewing=Equirectangular(), method=method, fovea_deg=8)
-    look = Look(Equirectangular().of(256, 128), (40, 2))
+    look = PictureFixation(Equirectangular().of(256, 128), (40, 2))
     away = look.pools(Blur(fovea_deg=8).pooling).eccentricity_deg()
     assert (shown[away <= 8] == small[away <= 8]).all()
     assert (shown[away > 20] != small[away > 20]).mean() > 0.9
@@ -219,7 +219,9 @@ def test_noise_that_turns_with_the_panorama_turns_with_its_caps(geometry):
     shift = np.broadcast_to([40.0, 0.0], (256, 512, 2))
     for upper in (True, False):
         cap = cap_of(geometry, upper=upper)
-        carried = cap_look(Look(geometry, (9, 9), noise_shift_px=shift), cap).noise_shift_px
+        carried = cap_look(
+            PictureFixation(geometry, (9, 9), noise_shift_px=shift), cap
+        ).noise_shift_px
         x, y = np.broadcast_arrays(*pixel_centres(cap))
         middle = cap.edge_px / 2
         from_x, from_y = x - carried[..., 0] - middle, y - carried[..., 1] - middle

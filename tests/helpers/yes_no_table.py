@@ -2,12 +2,12 @@
 
 import pandas as pd
 
-from analysis.models.detection import YesNo, yes_no
+from analysis.models.detection import YesNoCondition, yes_no
 
 
 def of_table(
     hits: int, misses: int, false_alarms: int, correct_rejections: int, correction: str = "none"
-) -> YesNo:
+) -> YesNoCondition:
     """Return what `yes_no` says of such a table, its trials independent."""
     counts = {
         ("yes", "yes"): hits,

@@ -20,7 +20,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study, shipped
 from protocols.manifest import write_manifest
 from protocols.plan import make_plan
-from stimuli.recipes.foveated_work import Order
+from stimuli.recipes.foveated_work import StillsPlan
 from study_app.strip import compare
 
 pytestmark = pytest.mark.slow
@@ -212,7 +212,7 @@ def test_a_study_on_a_panorama_is_drawn_built_shown_and_reported(screen, start_s
         f"{name}__{how}" for name in ("door", "corner") for how in ("reference", "ours")
     }
     whole = np.asarray(Image.open(study.folder / "room-360.png").convert("RGB"), np.float32) / 255
-    order = Order(study.protocol.stimuli, 600 / 0.3, study.folder)
+    order = StillsPlan(study.protocol.stimuli, 600 / 0.3, study.folder)
     for name, right in (("door", 20), ("corner", 195)):
         wanted = flat_view(whole, order.geometry, right_deg=right)
         stored = study.frame(f"{name}__reference", 0) / 255

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.image_file import Pixels, read_pixels, three_channels, write_pixels
+from pipeline.image_file import StoredPixels, read_pixels, three_channels, write_pixels
 
 RGBZ = ("R", "G", "B", "Z")
 
@@ -170,7 +170,7 @@ except OSError as error:
 
 def test_three_channels_takes_grey_and_opaque_and_refuses_the_rest(tmp_path):
     def channels(names: str, value: int = 255) -> tuple[int, ...]:
-        pixels = Pixels(np.full((2, 3, len(names)), value, np.uint8), tuple(names))
+        pixels = StoredPixels(np.full((2, 3, len(names)), value, np.uint8), tuple(names))
         return three_channels(tmp_path, pixels).shape
 
     assert channels("Y") == channels("RGB") == channels("RGBA") == (2, 3, 3)
@@ -181,6 +181,6 @@ def test_three_channels_takes_grey_and_opaque_and_refuses_the_rest(tmp_path):
 
 
 def test_three_channels_sorts_by_name(tmp_path):
-    pixels = Pixels(np.array([[[1, 2, 3]]], np.uint8), ("B", "G", "R"))
+    pixels = StoredPixels(np.array([[[1, 2, 3]]], np.uint8), ("B", "G", "R"))
 
     assert three_channels(tmp_path, pixels).tolist() == [[[3, 2, 1]]]

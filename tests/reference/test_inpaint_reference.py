@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from pipeline.inpaint.reference import (
     ONLY_NEARER,
     RELAXED_RESOLUTIONS,
-    Level,
+    GuidedLevel,
     guide_from_depth,
     guided_base,
     interpolate,
@@ -37,7 +37,9 @@ def level(values, validity, guide=0.5):
     """Make a level of one channel from nested lists."""
     values = np.array(values, float)[..., None]
     validity = np.array(validity, float)
-    return Level(values, validity, np.broadcast_to(np.array(guide, float), validity.shape).copy())
+    return GuidedLevel(
+        values, validity, np.broadcast_to(np.array(guide, float), validity.shape).copy()
+    )
 
 
 def alone(result):
@@ -244,7 +246,7 @@ def test_relaxations_approach_a_harmonic_fill(rng):
     """Done over and over they are Gauss and Seidel's: each pixel the mean of its neighbours."""
     hole = np.zeros((9, 11), bool)
     hole[2:7, 3:9] = True
-    found = Level(rng.random((9, 11, 1)), (~hole).astype(float), np.full((9, 11), 0.5))
+    found = GuidedLevel(rng.random((9, 11, 1)), (~hole).astype(float), np.full((9, 11), 0.5))
     for _ in range(200):
         found = relax(found, 0.5, THRESHOLD)
 
@@ -262,7 +264,9 @@ def test_a_relaxed_fill_meets_its_border_more_smoothly():
     guide = np.full((64, 64), 0.5)
 
     pushed, relaxed = (
-        pull_push(Level(smooth, known, guide), 0.5, THRESHOLD, relaxed=count)[0].values[..., 0]
+        pull_push(GuidedLevel(smooth, known, guide), 0.5, THRESHOLD, relaxed=count)[0].values[
+            ..., 0
+        ]
         for count in (0, RELAXED_RESOLUTIONS)
     )
 
@@ -322,7 +326,7 @@ def test_filled_values_stay_within_the_range_of_what_is_known(data, size, gamma,
     values = rng.normal(0, 10, (*size, 2))
     values[~known] = 1e6  # must not be seen
 
-    level = Level(values, known.astype(float), guide)
+    level = GuidedLevel(values, known.astype(float), guide)
     for filled in pull_push(level, gamma, THRESHOLD, relaxed=relaxed):
         for channel in range(2):
             inside = values[known][:, channel]
@@ -341,7 +345,7 @@ def test_partly_valid_values_fill_within_their_range_as_well(data, size, seed):
 
     inside = values[validity > 0]
     for relaxed in (0, 3):
-        level = Level(values, validity, np.full(size, 0.5))
+        level = GuidedLevel(values, validity, np.full(size, 0.5))
         filled = pull_push(level, 0.5, THRESHOLD, relaxed=relaxed)[0].values
 
         assert inside.min() - 1e-12 <= filled.min()
@@ -358,7 +362,7 @@ def test_the_foreground_never_gets_into_the_background(gamma, size, relaxed, rng
     foreground.flat[0], hole.flat[0] = False, False
     guide = np.where(foreground, 0.1, 0.6)
 
-    level = Level(foreground[..., None].astype(float), (~hole).astype(float), guide)
+    level = GuidedLevel(foreground[..., None].astype(float), (~hole).astype(float), guide)
     filled = pull_push(level, gamma, THRESHOLD, relaxed=relaxed)[0]
 
     assert filled.values[~foreground].max() == 0

@@ -8,7 +8,7 @@ import pytest
 from pipeline.camera import Camera, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level, guided_base
+from pipeline.inpaint.reference import GuidedLevel, guided_base
 from pipeline.methods.metameric import PushPullDepth
 from pipeline.statistics.lacking import known_background, noise_variances
 from pipeline.statistics.moments import luma_moments
@@ -73,7 +73,7 @@ def test_known_background_is_counted_in_a_3x3_window_but_not_what_is_nearer():
     validity = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [-1.0, 0.25, 1.0]])
     guide = np.full((3, 3), 0.5)
     guide[:, 2] = 0.4
-    base = Level(np.zeros((3, 3, 3)), validity, guide)
+    base = GuidedLevel(np.zeros((3, 3, 3)), validity, guide)
 
     behind, everything = (known_background(base, threshold) for threshold in (0.04, 0.2))
 
@@ -151,7 +151,9 @@ def test_independent_channels_have_deviations_of_their_own_and_nothing_lacks_not
 
 def test_variances_are_interpolated_and_not_deviations():
     """By hand: halfway between a variance of 1 and one of 0 the deviation is root 1/2."""
-    lacking = Level(np.repeat([[[1.0], [0.0]]], 9, axis=2), np.ones((1, 2)), np.full((1, 2), 0.5))
+    lacking = GuidedLevel(
+        np.repeat([[[1.0], [0.0]]], 9, axis=2), np.ones((1, 2)), np.full((1, 2), 0.5)
+    )
     lacking.values[..., [1, 2, 4, 5, 7, 8]] = 0.0
 
     mixed = sample(lacking, np.full((1, 4), 0.5), 1, 0.04)[0].reshape(4, 3, 3)
@@ -162,7 +164,7 @@ def test_variances_are_interpolated_and_not_deviations():
 
 def test_amplitudes_are_interpolated_between_texel_centres():
     """By hand, resolution 1: pixel 1 lies a quarter of the way from texel 0 to texel 1."""
-    coarse = Level(np.array([[[0.0], [4.0]]]), np.ones((1, 2)), np.full((1, 2), 0.5))
+    coarse = GuidedLevel(np.array([[[0.0], [4.0]]]), np.ones((1, 2)), np.full((1, 2), 0.5))
 
     found = sample(coarse, np.full((1, 4), 0.5), 1, 0.04)
 

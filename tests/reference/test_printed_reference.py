@@ -7,7 +7,7 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.errors import InputError
 from pipeline.features.reference import analyse, fitted_kernels, halve
 from pipeline.frame import WarpedFrame
-from pipeline.inpaint.reference import Level, pull
+from pipeline.inpaint.reference import GuidedLevel, pull
 from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.reference import (
     at_pixels,
@@ -36,7 +36,7 @@ def fill(frame: WarpedFrame, seed: int = 1, **settings):
 def test_push_mixes_by_validity_to_the_power_gamma():
     """By hand: a coarse pixel of 8 below four of 2, at validities 1, 1/4, 0 and "only nearer"."""
     validity = np.array([[1.0, 0.25], [0.0, -1.0]])
-    fine = Level(np.full((2, 2, 1), 2.0), validity, np.ones((2, 2)))
+    fine = GuidedLevel(np.full((2, 2, 1), 2.0), validity, np.ones((2, 2)))
     below = np.full((1, 1, 1), 8.0)
     for gamma, quarter in ((0.0, 2.0), (0.5, 5.0), (1.0, 6.5)):
         np.testing.assert_allclose(
@@ -47,7 +47,7 @@ def test_push_mixes_by_validity_to_the_power_gamma():
 def test_pull_leaves_out_what_is_nearer_than_the_farthest_by_more_than_the_threshold():
     """By hand: depth's sense is the reverse of Alg. 1's, and the mean is divided by weights."""
     guide = np.array([[0.50, 0.53], [0.20, 0.51]])
-    fine = Level(
+    fine = GuidedLevel(
         np.array([[1.0, 2.0], [100.0, 9.0]])[..., None], np.array([[1, 0.5], [1, 0]]), guide
     )
     coarse = pull(fine, 0.04)
@@ -136,7 +136,7 @@ def test_a_constant_stays_constant():
 
 def test_gamma_decides_how_far_statistics_spread():
     """A bright dot of detail beside a hole: gamma 0 keeps it near, gamma 1 spreads it."""
-    level = Level(np.zeros((16, 16, 1)), np.zeros((16, 16)), np.ones((16, 16)))
+    level = GuidedLevel(np.zeros((16, 16, 1)), np.zeros((16, 16)), np.ones((16, 16)))
     level.validity[:, 0] = 1
     level.values[:8, 0] = 1.0
     near, far = (inpainted(level, gamma, 0.04)[..., 0] for gamma in (0.0, 1.0))

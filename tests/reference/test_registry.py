@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.named_classes import Entry, check_given, defaults_of, find
+from pipeline.named_classes import NamedClass, check_given, defaults_of, find
 
 
 class Base:
@@ -50,7 +50,7 @@ def test_fitting_parameters_pass():
 
 
 def test_names_are_found_and_paths_follow_a_colon():
-    entries = [Entry("blur", "", "m:C"), Entry("files:", "", "m:C", "FOLDER")]
+    entries = [NamedClass("blur", "", "m:C"), NamedClass("files:", "", "m:C", "FOLDER")]
     assert find(entries, "blur").path_in("blur") == ()
     found = find(entries, "files:a:b")
     assert [str(path) for path in found.path_in("files:a:b")] == ["a:b"]

@@ -11,7 +11,7 @@ from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from pipeline.warp.reference import coverage, inside, moved_mesh, torn_quads, warp
-from pipeline.warp.settings import SUBPIXELS, WarpSettings, Window
+from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings
 
 Flow = NDArray[np.float32]
 FLOAT32 = 2.0**-24  # roundoff: the reference computes in double and returns float32
@@ -193,7 +193,7 @@ def test_a_line_of_one_pixel_stays_the_same_line_under_any_shift(name, shift):
     """Each of its pixels covers one centre of the target's, so it moves to the nearest whole."""
     frame, flow, line = line_before_a_plane(LINES[name], shift)
 
-    warped = warp(frame, flow, window=Window(-16, -16, 80, 80))
+    warped = warp(frame, flow, window=TargetWindow(-16, -16, 80, 80))
 
     # A centre where two footprints meet belongs to the one below or right of it.
     right, down = (int(np.ceil(along - 0.5)) for along in shift)
@@ -258,7 +258,7 @@ def test_a_thin_line_that_turns_stays_connected():
     turned = similarity(48, 48, 1.2, np.radians(35)) + np.float32((60, 4))
     flow = np.where(line[..., None], turned, np.float32(0)).astype(np.float32)
 
-    found = warp(frame, flow, window=Window(0, -16, 160, 80))
+    found = warp(frame, flow, window=TargetWindow(0, -16, 160, 80))
 
     shown = ~found.hole & (found.depth_m == 1)
     _, pieces = ndimage.label(shown, np.ones((3, 3)))
@@ -284,7 +284,7 @@ def test_nothing_stands_alone_in_the_hole_of_a_slanting_blurred_step(angle_deg):
     frame = grey(np.full((64, 64), 0.5), depth)
     towards = -30 * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
 
-    warped = warp(frame, parallax(frame, *towards), window=Window.inside_margin((64, 64), 12))
+    warped = warp(frame, parallax(frame, *towards), window=TargetWindow.inside_margin((64, 64), 12))
 
     assert warped.hole.sum() > 300
     moved_px = 30 / warped.depth_m[~warped.hole]
@@ -488,7 +488,7 @@ def test_a_zoom_of_the_lens_tears_nothing(disc_over_plane):
 def test_every_pixel_is_covered_exactly_once(zoom, turn_deg):
     depth = np.ones((20, 24))
     flow = similarity(20, 24, zoom, np.radians(turn_deg))
-    window = Window(0, 0, 24, 20)
+    window = TargetWindow(0, 0, 24, 20)
     mesh = moved_mesh(depth, flow, window)
 
     hits = coverage(mesh, ~mesh.ring_0, window)
@@ -514,7 +514,7 @@ def test_folds_cancel_and_leave_no_gap(rng, scale, whole):
     flow = (scale * rng.standard_normal((height, width, 2))).astype(np.float32)
     if whole:
         flow = np.round(2 * flow) / 2
-    window = Window(*rng.integers(-2, 3, 2), *rng.integers(1, 9, 2))
+    window = TargetWindow(*rng.integers(-2, 3, 2), *rng.integers(1, 9, 2))
     mesh = moved_mesh(np.ones((height, width)), flow, window)
     x, y = np.meshgrid(np.arange(window.width_px), np.arange(window.height_px))
     centre = np.stack([x, y], axis=-1).reshape(-1, 1, 1, 2) * SUBPIXELS + SUBPIXELS // 2
@@ -576,7 +576,7 @@ def test_border_holes_continue_the_border():
 def test_a_margin_keeps_border_holes_out_of_the_window(rng):
     frame = noise(rng, 40, 48)
     flow = similarity(40, 48, 1.0, 0.1) + np.float32((2.5, -1.25))
-    window = Window.inside_margin((40, 48), 8)
+    window = TargetWindow.inside_margin((40, 48), 8)
 
     shown = warp(frame, flow, window=window)
 
@@ -653,8 +653,8 @@ def test_bad_arrays_are_named_with_place_and_rule(rng, arguments, message):
         (lambda: WarpSettings(stretch_px=0.5), "stretch_px must be at least 1"),
         (lambda: WarpSettings(stretch_px=float("nan")), "stretch_px must be at least 1"),
         (lambda: WarpSettings(surface_px=1), "surface_px must be at least 2"),
-        (lambda: Window(0, 0, 0, 4), "at least 1x1 px .*0x4"),
-        (lambda: Window.inside_margin((10, 20), 5), "at least 1x1 px .*10x0"),
+        (lambda: TargetWindow(0, 0, 0, 4), "at least 1x1 px .*0x4"),
+        (lambda: TargetWindow.inside_margin((10, 20), 5), "at least 1x1 px .*10x0"),
     ],
 )
 def test_bad_settings_say_what_must_hold(make, message):

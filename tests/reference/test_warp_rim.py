@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.warp.reference import warp
 from pipeline.warp.rim import without_rim
-from pipeline.warp.settings import WarpSettings, Window
+from pipeline.warp.settings import TargetWindow, WarpSettings
 
 FAR, NEAR = 5.0, 2.0
 ALIKE_PX = 2.0
@@ -251,9 +251,9 @@ def test_a_rim_is_a_whole_number_of_pixels(value):
 
 def test_motions_are_alike_if_they_tear_no_neighbours_apart():
     """By hand: 0.005 of 1000 px is 5 px, of which 1 is the side at rest; at least 2."""
-    assert WarpSettings().alike_px(Window(0, 0, 1000, 10)) == 4
-    assert WarpSettings().alike_px(Window(0, 0, 100, 10)) == 1
-    assert WarpSettings(stretch_px=3.5).alike_px(Window(0, 0, 100, 10)) == 2.5
+    assert WarpSettings().alike_px(TargetWindow(0, 0, 1000, 10)) == 4
+    assert WarpSettings().alike_px(TargetWindow(0, 0, 100, 10)) == 1
+    assert WarpSettings(stretch_px=3.5).alike_px(TargetWindow(0, 0, 100, 10)) == 2.5
 
 
 @pytest.mark.parametrize("variant", ["smear", "remove"])

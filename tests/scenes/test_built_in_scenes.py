@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from pipeline.errors import InputError
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.shapes import box, crown
 from stimuli.scenes.textures.surface_noise_and_photographs import blurred, finish, ramp
@@ -19,7 +19,7 @@ from stimuli.scenes.textures.surface_noise_and_photographs import blurred, finis
       ("garden", "shed", "castle", "colonnade", "thicket", "street")),
 ])  # fmt: skip
 def test_a_scene_has_near_and_far_and_detail_like_a_photograph(name, gl_context):
-    renderer = Renderer(gl_context, build_scene(name, 1))
+    renderer = WorldRenderer(gl_context, build_scene(name, 1))
     try:
         frame = renderer.render(renderer.world.viewpoint.camera(192, 144))
     finally:

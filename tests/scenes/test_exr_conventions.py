@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
 from stimuli.exr import Channels, load_warp_input
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.scenes.follow import turned_round
 from stimuli.scenes.sequence import load_picture, open_sequence
@@ -48,7 +48,7 @@ def take(module_gl_context):
     world = build_scene("colonnade", 0, {})
     here = world.viewpoint.camera(*SIZE)
     there = here.moved((0.15, -0.08, 0.1))
-    renderer = Renderer(module_gl_context, world)
+    renderer = WorldRenderer(module_gl_context, world)
     try:
         return Take(renderer.render(here), renderer.render(there), (here, there))
     finally:

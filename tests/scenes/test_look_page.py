@@ -16,7 +16,7 @@ from PIL import Image
 
 from protocols.recipes.warped_clips import View
 from stimuli.scene_views import ScenePreview, look_interactively
-from stimuli.view_page import VIEW_PX, Standing
+from stimuli.view_page import VIEW_PX, CameraPlace
 from stimuli.world import Viewpoint
 
 START = {"x_m": 0.0, "y_m": 1.6, "z_m": 4.0, "yaw_deg": 0.0, "pitch_deg": 0.0, "fov_deg": 50.0}
@@ -106,16 +106,16 @@ def test_who_does_not_know_the_address_gets_nothing(served):
 )
 def test_numbers_that_are_no_view_are_refused(harm):
     with pytest.raises(ValueError, match=r"view|float"):
-        Standing.from_words({name: str(value) for name, value in START.items()} | harm)
+        CameraPlace.from_words({name: str(value) for name, value in START.items()} | harm)
     with pytest.raises(ValueError, match="a view has x_m"):
-        Standing.from_words({"x_m": "1"})
+        CameraPlace.from_words({"x_m": "1"})
 
 
 @pytest.mark.parametrize("target", [(3.0, 1.0, -5.0), (-2.0, 4.0, 1.0), (0.0, 1.6, 9.0)])
 def test_a_view_turned_into_angles_and_back_looks_the_same_way(target):
     view = Viewpoint((0.5, 1.6, 2.0), target, 40.0)
     far = float(np.linalg.norm(np.subtract(target, view.position_m)))
-    again = Standing.of(view).view(far)
+    again = CameraPlace.of(view).view(far)
     assert again.position_m == view.position_m
     np.testing.assert_allclose(again.look_at_m, target, atol=1e-9)
     assert again.vertical_fov_deg == 40.0

@@ -18,7 +18,7 @@ from protocols.errors import StudyError
 from protocols.load import parse_view
 from protocols.recipes.warped_clips import MeshScene
 from stimuli.open_scene import open_world
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scene_views import ScenePreview, look_around
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import files_of
@@ -54,7 +54,7 @@ def write_glb(path, geometry, transform=None):
 @pytest.fixture
 def draw(gl_context):
     def run(world, viewpoint=AHEAD):
-        renderer = Renderer(gl_context, world.seen_from(viewpoint))
+        renderer = WorldRenderer(gl_context, world.seen_from(viewpoint))
         try:
             return renderer.render(viewpoint.camera(64, 48))
         finally:

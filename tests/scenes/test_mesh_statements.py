@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.statements.row import table
 from stimuli.bring_in import bring_scene
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenes import mesh_surface
 from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
@@ -175,7 +175,7 @@ class Gltf:
 def draw(gl_context, tmp_path):
     def run(made, view=VIEW, **options):
         path = made.save(tmp_path / "s.glb") if isinstance(made, Gltf) else made
-        renderer = Renderer(gl_context, load_world(path, **options).seen_from(view))
+        renderer = WorldRenderer(gl_context, load_world(path, **options).seen_from(view))
         try:
             return np.rint(renderer.render(view.camera(64, 64)).colour * 255).astype(int)
         finally:

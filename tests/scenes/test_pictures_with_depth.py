@@ -18,7 +18,7 @@ from protocols.recipes.warped_clips import (
     UpsamplingPath,
 )
 from stimuli.exr_parts import frame_files
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.paths import STILL, make_path
 from stimuli.scenes.photo import open_rgbd, open_stereo
 from stimuli.scenes.sequence import load_picture, open_sequence
@@ -100,7 +100,7 @@ def test_a_sequence_is_up_sampled_by_its_own_motion(tmp_path, gl_context, write_
             "flow.x": np.full(wall.shape, 2.0, np.float32), "flow.y": 0 * depth,
         }])  # fmt: skip
     sequence = open_sequence(scene("s.####.exr", UP, transfer="linear"), tmp_path)
-    shot = Shot(make_path(UP, 4, 8.0), (64, 32), 0.01, 0.125)  # 8 px of margin: one to one
+    shot = CameraShot(make_path(UP, 4, 8.0), (64, 32), 0.01, 0.125)  # 8 px of margin: one to one
     footage = Footage(gl_context, sequence, shot)
     warped, truth = footage.warped(3), footage.truth(3)
     footage.release()
@@ -141,7 +141,7 @@ def test_a_photograph_has_no_further_real_frames(tmp_path, gl_context):
     Image.fromarray(np.full((30, 40), 1000, np.uint16)).save(tmp_path / "d.png")
     photo = open_rgbd(rgbd(camera=UP), tmp_path)
     with pytest.raises(InputError, match="no further real frames"):
-        Footage(gl_context, photo, Shot(make_path(UP, 4, 8.0), (40, 30), 0.1, 0.0))
+        Footage(gl_context, photo, CameraShot(make_path(UP, 4, 8.0), (40, 30), 0.1, 0.0))
 
 
 def pair(folder, **more):
@@ -211,7 +211,7 @@ def test_protocols_and_the_warp_allow_the_same_rims():
 @pytest.mark.parametrize("rim_px", [0, 1, 3])
 def test_holes_alone_are_the_holes_of_the_whole_warp(tmp_path, gl_context, rim_px):
     """A survey counts holes, and a clip fills them: both must mean the same ones."""
-    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
+    shot = CameraShot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
     sizes = []
     for wide in (0, rim_px):
         photo = pair(tmp_path, rim_px=wide)
@@ -226,7 +226,7 @@ def test_holes_alone_are_the_holes_of_the_whole_warp(tmp_path, gl_context, rim_p
 
 
 def test_the_true_view_is_the_other_photograph_in_the_rim_as_well(tmp_path, gl_context):
-    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
+    shot = CameraShot(make_path(StereoPath(kind="stereo"), 2, 2.0), (150, 100), 0.193001, 0.2)
     found = []
     for rim_px in (0, 2):
         footage = Footage(gl_context, pair(tmp_path, rim_px=rim_px), shot, probe=[1])
@@ -249,7 +249,7 @@ def test_at_the_other_camera_the_truth_is_the_other_photograph(motorcycle, gl_co
     from skimage.data import stereo_motorcycle
 
     right = stereo_motorcycle()[1].astype(np.float64) / 255
-    shot = Shot(make_path(StereoPath(kind="stereo"), 2, 2.0), (500, 350), 0.193001, 0.2)
+    shot = CameraShot(make_path(StereoPath(kind="stereo"), 2, 2.0), (500, 350), 0.193001, 0.2)
     footage = Footage(gl_context, motorcycle, shot, probe=[1])
     warped, truth = footage.warped(1), footage.truth(1)
     margin = footage.margin_px

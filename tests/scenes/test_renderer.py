@@ -11,12 +11,12 @@ from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
 from protocols.recipes.warped_clips import CirclePath, LinePath, UpsamplingPath
-from stimuli.footage import Footage, Shot
+from stimuli.footage import CameraShot, Footage
 from stimuli.motion import MotionPass
 from stimuli.paths import make_path
-from stimuli.render import Renderer
+from stimuli.render import WorldRenderer
 from stimuli.scenery import RenderedScenery
-from stimuli.world import Light, Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 VIEW = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
 
@@ -33,7 +33,7 @@ def sheet(corners, material, colour=(1.0, 1.0, 1.0)):
         np.tile(np.asarray(colour, np.float32), (4, 1)),
         np.array([[0, 1, 2], [1, 3, 2]], np.uint32),
     )
-    return Part(mesh, material)
+    return MeshPart(mesh, material)
 
 
 def plain(r, g, b, a=255):
@@ -49,7 +49,7 @@ def draw(gl_context):
     """Draw a world once."""
 
     def run(world, camera):
-        renderer = Renderer(gl_context, world)
+        renderer = WorldRenderer(gl_context, world)
         try:
             return renderer.render(camera)
         finally:
@@ -214,14 +214,14 @@ def test_rays_that_meet_nothing_are_infinitely_far(draw, two_planes):
 
 @pytest.fixture
 def scenery(gl_context, two_planes):
-    held = RenderedScenery(Renderer(gl_context, two_planes), "planes")
+    held = RenderedScenery(WorldRenderer(gl_context, two_planes), "planes")
     yield held
     held.release()
 
 
 def shot(frames=4, extent_m=0.2, margin=0.0, path=None):
     chosen = path or CirclePath(kind="circle")
-    return Shot(make_path(chosen, frames, 10.0), (96, 72), extent_m, margin)
+    return CameraShot(make_path(chosen, frames, 10.0), (96, 72), extent_m, margin)
 
 
 def test_the_margin_grows_until_no_hole_comes_from_outside(gl_context, scenery):
@@ -314,7 +314,7 @@ def test_frames_after_the_last_real_one_have_no_second_source(gl_context, scener
 
 def test_a_camera_that_sees_nothing_is_refused(gl_context, two_planes):
     away = two_planes.seen_from(Viewpoint((0, 0, 0), (0, 0, 1.0)))
-    scenery = RenderedScenery(Renderer(gl_context, away), "planes")
+    scenery = RenderedScenery(WorldRenderer(gl_context, away), "planes")
     try:
         with pytest.raises(InputError, match="planes: the camera must see something"):
             Footage(gl_context, scenery, shot())

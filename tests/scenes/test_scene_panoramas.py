@@ -12,7 +12,7 @@ from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Equirectangular, pixel_centres
 from stimuli.render_panorama import panorama_of
-from stimuli.world import Material, Mesh, Part, Viewpoint, World
+from stimuli.world import Material, Mesh, MeshPart, Viewpoint, World
 from study_app.cli import app
 
 EYE = np.array([3.0, 1.6, -2.0])
@@ -30,7 +30,7 @@ def ball():
         np.zeros((len(rays), 2), np.float32), (0.5 + 0.4 * rays).astype(np.float32),
         shape.faces.astype(np.uint32),
     )  # fmt: skip
-    return World((Part(mesh, WHITE),), Viewpoint(tuple(EYE), tuple(EYE + AHEAD)))
+    return World((MeshPart(mesh, WHITE),), Viewpoint(tuple(EYE), tuple(EYE + AHEAD)))
 
 
 def test_every_pixel_of_a_panorama_shows_its_own_direction(ball, gl_context):
@@ -63,7 +63,7 @@ def test_a_fine_pattern_is_averaged_and_not_left_to_chance(gl_context):
         corners.astype(np.float32), corners.astype(np.float32), spread[:, :2].astype(np.float32),
         np.ones((len(corners), 3), np.float32), np.arange(len(corners), dtype=np.uint32),
     )  # fmt: skip
-    world = World((Part(mesh, Material(grain, lit=False)),), Viewpoint((0, 0, 0), (0, 0, -1)))
+    world = World((MeshPart(mesh, Material(grain, lit=False)),), Viewpoint((0, 0, 0), (0, 0, -1)))
 
     made = panorama_of(gl_context, world, 32)[..., 0]
     assert made.std() < 0.12  # one sample alone has .25

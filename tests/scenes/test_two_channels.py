@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from protocols.recipes.warped_clips import CirclePath, ExrScene
 from stimuli.exr import Channels, load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.scenes.sequence import load_picture
 
 SIZE = (6, 8)
@@ -175,13 +175,13 @@ def test_colour_alone_asks_about_no_depth_and_names_options_that_are_there(tmp_p
     odd.write_exr(path, planes, **{"oiio:ColorSpace": "srgb_rec709_scene"})
     with pytest.raises(InputError, match=r"save it as PNG, or .* --encoded of warp and foveate"):
         read_any(path)
-    assert read_any(path, Reading(encoded=True)).colour[0, 0, 0] == 0.25
+    assert read_any(path, PictureReading(encoded=True)).colour[0, 0, 0] == 0.25
 
     odd.write_exr(path, {name: 3 * plane for name, plane in colour("", 0.5).items()})
     with pytest.raises(InputError, match=r"1\.5\); lower its exposure, or save it as PNG$"):
         read_any(path)
     with pytest.raises(InputError, match=r"darken it by --stops .* clip it with --clip$"):
-        read_any(path, Reading())
+        read_any(path, PictureReading())
 
 
 def test_a_scene_hears_what_the_header_says_of_transfer_and_unit(tmp_path):

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from protocols.hashing import sha256_bytes
 from protocols.manifest import Clip, Manifest, Renderer, write_manifest
 from stimuli.png import encode_frame, encode_mask
-from stimuli.score.pair import Pair
+from stimuli.score.pair import ScoredPair
 
 EXTRA = ("torch", "torchvision", "flip_evaluator", "pyfvvdp", "pycvvdp", "lpips")
 MISSING = [name for name in EXTRA if find_spec(name) is None]
@@ -136,7 +136,7 @@ def batch(tmp_path, clips) -> Path:
 def pair(tmp_path, clips):
     """Give a function: frames of a test clip -> the pair with the reference, holes included."""
 
-    def make(test, *, truth=None, holes=True, fps=30.0) -> Pair:
+    def make(test, *, truth=None, holes=True, fps=30.0) -> ScoredPair:
         truth = clips.truth if truth is None else truth
         count = sum(1 for _ in tmp_path.glob("pair*"))
         root = tmp_path / f"pair{count}"
@@ -145,7 +145,7 @@ def pair(tmp_path, clips):
         paths = {
             name: tuple(sorted((root / name).iterdir())) for name in ("test", "truth", "holes")
         }
-        return Pair("pair", paths["test"], paths["truth"], paths["holes"] if holes else (),
+        return ScoredPair("pair", paths["test"], paths["truth"], paths["holes"] if holes else (),
                     truth.shape[2], truth.shape[1], fps)  # fmt: skip
 
     return make

@@ -15,13 +15,13 @@ from stimuli.score.measure_clips import measure_job
 from stimuli.score.metrics import METRICS, PluginMetrics
 from stimuli.score.pair import read_colour
 from stimuli.score.statistics import statistics_distance
-from stimuli.score.viewing_conditions import Gaze, standard_fhd
+from stimuli.score.viewing_conditions import ViewerGaze, standard_fhd
 
 OWN = ("pixels", "statistics")
 
 
 def measured(family, pair, gaze=None):
-    return measure_job(family, pair, standard_fhd(), gaze or Gaze()).values
+    return measure_job(family, pair, standard_fhd(), gaze or ViewerGaze()).values
 
 
 @pytest.mark.parametrize("family", OWN)

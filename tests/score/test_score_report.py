@@ -20,14 +20,14 @@ from stimuli.score import measure_clips, plots, report
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
 from stimuli.score.tables import (
-    Table,
+    ScoreTable,
     all_duels,
     all_tables,
     duels,
     tables_csv,
     tables_latex,
 )
-from stimuli.score.viewing_conditions import Gaze, open_viewing, standard_fhd
+from stimuli.score.viewing_conditions import ViewerGaze, open_viewing, standard_fhd
 from stimuli.score.write_scores import CACHE_FOLDER
 
 OURS = ("psnr", "ssim", "hf-ratio", "flicker", "statistics")
@@ -36,7 +36,7 @@ OURS = ("psnr", "ssim", "hf-ratio", "flicker", "statistics")
 @pytest.fixture
 def scored(batch, tmp_path):
     """Return results of our own metrics, with a cache."""
-    settings = measure_clips.Settings(choose_metrics(OURS), standard_fhd())
+    settings = measure_clips.ScoreSettings(choose_metrics(OURS), standard_fhd())
     return measure_clips.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
 
 
@@ -134,7 +134,9 @@ def test_a_changed_clip_is_measured_again_alone(scored, batch, tmp_path, monkeyp
 
 def test_another_gaze_measures_only_what_depends_on_it(scored, batch, tmp_path, monkeypatch):
     calls = counted(monkeypatch)
-    settings = measure_clips.Settings(scored.settings.metrics, standard_fhd(), Gaze(((1.0, 2.0),)))
+    settings = measure_clips.ScoreSettings(
+        scored.settings.metrics, standard_fhd(), ViewerGaze(((1.0, 2.0),))
+    )
 
     measure_clips.score(subjects_of_batch(batch), settings, cache=tmp_path / "scores/.cache")
 
@@ -142,7 +144,7 @@ def test_another_gaze_measures_only_what_depends_on_it(scored, batch, tmp_path, 
 
 
 def test_an_interrupted_run_goes_on(batch, tmp_path, monkeypatch):
-    settings = measure_clips.Settings(choose_metrics(OURS), standard_fhd())
+    settings = measure_clips.ScoreSettings(choose_metrics(OURS), standard_fhd())
     cache = tmp_path / "cache"
     real, done = measure_clips.measure_job, []
 
@@ -262,10 +264,10 @@ def test_a_report_of_one_pair_needs_no_batch(run_score, batch, tmp_path):
     assert (tmp_path / "two/scores.html").exists()
 
 
-def table_of(better: str, values: tuple[float, ...]) -> Table:
+def table_of(better: str, values: tuple[float, ...]) -> ScoreTable:
     metric = replace(METRICS["ssim"], better=better, perfect=1.0 if better == "one" else math.inf)
     names = tuple("abc"[: len(values)])
-    return Table(metric, "holes", "small", names, (("one_scene & co", values),))
+    return ScoreTable(metric, "holes", "small", names, (("one_scene & co", values),))
 
 
 @pytest.mark.parametrize("better", ["lower", "higher"])

@@ -25,7 +25,7 @@ from analysis.models.metacognition import (
     ratio_of_means,
     roc_points,
 )
-from analysis.report.content import Content, content_of
+from analysis.report.content import ReportContent, content_of
 from analysis.report.report_source import from_question
 from analysis.tables.table import Table
 from analysis.tasks import analysis_of
@@ -247,7 +247,9 @@ def rows() -> pd.DataFrame:
     )
 
 
-def said_of(folder: Path, rows: pd.DataFrame, kind: str = "detection", **options: Any) -> Content:
+def said_of(
+    folder: Path, rows: pd.DataFrame, kind: str = "detection", **options: Any
+) -> ReportContent:
     """Return what the parts of confidence say of a table."""
     rows.to_csv(folder / "rows.csv", index=False)
     analysis = analysis_of(kind)
@@ -261,7 +263,7 @@ def said_of(folder: Path, rows: pd.DataFrame, kind: str = "detection", **options
     return content_of(source)
 
 
-def cautions(content: Content) -> str:
+def cautions(content: ReportContent) -> str:
     """Return every note, caution and sentence."""
     notes = [
         note
@@ -272,7 +274,7 @@ def cautions(content: Content) -> str:
     return "\n".join([*content.warnings, *notes, *content.sentences])
 
 
-def numbers(content: Content, part: str) -> Any:
+def numbers(content: ReportContent, part: str) -> Any:
     return content.numbers[part]
 
 

@@ -30,7 +30,7 @@ from analysis.models.logit import (
     profile_limits,
     separated,
 )
-from analysis.models.response import LOGIT, Response
+from analysis.models.response import LOGIT, ResponseFunction
 
 ORACLES = Path(__file__).parent / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())
@@ -131,7 +131,7 @@ def test_random_slopes_that_are_there_are_found(rng):
 )
 @pytest.mark.parametrize("rates", [(0.0, 0.0), (0.5, 0.03)])
 def test_slopes_and_curvatures_of_responses_are_their_derivatives(link, mirrored, rates):
-    response = Response(link, *rates, mirrored)
+    response = ResponseFunction(link, *rates, mirrored)
     eta = np.linspace(-2.0, 1.5, 7)
     successes, trials = np.arange(7.0), np.full(7, 8.0)
 
@@ -467,7 +467,8 @@ PAIRED = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @pytest.mark.parametrize(
-    "response", [LOGIT, Response("probit", 0.5, None), Response("weibull", 0.25, 0.02)]
+    "response",
+    [LOGIT, ResponseFunction("probit", 0.5, None), ResponseFunction("weibull", 0.25, 0.02)],
 )
 @pytest.mark.parametrize("paired", [False, True])
 def test_the_slope_of_the_laplace_likelihood_is_its_derivative(rng, response, paired):

@@ -27,7 +27,7 @@ from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
 from analysis.models.detection import identification, yes_no
-from analysis.models.deviations import Level
+from analysis.models.deviations import EffectLevel
 from analysis.models.metacognition import UnequalFit
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
@@ -189,8 +189,8 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     }
     own = {name: [(0.2, 1.1), (0.9, 0.4)] for name in means}
     lying = {
-        "participant": [Level(f"P{k:02d}", 0.1 * k, 0.2) for k in range(11)],
-        "scene": [Level(f"a long scene {k}", 0.3 * k, 0.2) for k in range(4)],
+        "participant": [EffectLevel(f"P{k:02d}", 0.1 * k, 0.2) for k in range(11)],
+        "scene": [EffectLevel(f"a long scene {k}", 0.3 * k, 0.2) for k in range(4)],
     }
     curved = {name: UnequalFit(1.0 + k, 1.2, 1.0, 0.8, 0.7, -9.0) for k, name in enumerate(means)}
     sides = [

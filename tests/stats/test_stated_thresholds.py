@@ -22,7 +22,7 @@ from analysis.models.goodness_of_fit import _deviances, _refitted, curve_misfits
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.psychometric_posterior import psychometric_posterior
 from analysis.models.quadrature import _Integrated
-from analysis.models.response import Response
+from analysis.models.response import ResponseFunction
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots import DrawnCurve, people_plot, psychometric_plot
@@ -140,7 +140,9 @@ def test_scores_of_participants_are_slopes_of_their_own_likelihoods(rng):
     person = rows["participant"].astype("category").cat.codes.to_numpy(np.int64)
     design = np.column_stack([np.ones(len(rows)), rows["level"]])
     y, nothing = rows["correct"].to_numpy(float), np.zeros(len(rows), np.int64)
-    model = _Integrated.of(design, y, person, nothing, Response("probit", 0.5), np.full(2, np.inf))
+    model = _Integrated.of(
+        design, y, person, nothing, ResponseFunction("probit", 0.5), np.full(2, np.inf)
+    )
     theta = np.array([0.1, 0.9, 0.6])
     each = model.parts(most=1)
 

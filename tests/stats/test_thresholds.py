@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from analysis.models.logistic import glmm_logit
 from analysis.models.quadrature import fit_people
-from analysis.models.response import Response
+from analysis.models.response import ResponseFunction
 from analysis.models.thresholds import fit_thresholds
 from protocols.adaptive.psychometric_function import probability
 
@@ -49,7 +49,7 @@ def test_the_likelihood_is_the_integral_over_what_people_differ_by(rng):
     y = rows["correct"].to_numpy(float)
     level = rows["level"].to_numpy(float)
     design = np.column_stack([condition == 0, condition == 1, level]).astype(float)
-    response = Response("probit", 0.5, 0.02)
+    response = ResponseFunction("probit", 0.5, 0.02)
     fit = fit_people(
         design, y, person, condition, response=response, start=np.array([0.0, 0.0, 1.0]),
         steepest=np.full(3, np.inf),

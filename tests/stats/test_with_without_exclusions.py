@@ -15,8 +15,8 @@ from analysis.plans.told import DetectionTold, IdentificationTold
 from analysis.report.beside import Beside, beside, beside_blocks
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
-from analysis.tasks.detection import Detection
-from analysis.tasks.identification import Identification
+from analysis.tasks.detection import DetectionRates
+from analysis.tasks.identification import IdentificationRates
 
 
 def slow_out(protocol, limit_s):
@@ -104,9 +104,9 @@ def _answers(share: float, people: int = 6) -> pd.DataFrame:
 
 def test_yes_no_tasks_give_d_prime_and_others_shares():
     rows = _answers(0.8)
-    detection = Detection()
+    detection = DetectionRates()
     settings = detection.settings_of_table(rows, "t", DetectionTold(by="method"))
-    identification = Identification()
+    identification = IdentificationRates()
     other = identification.settings_of_table(
         rows, "t", IdentificationTold(by="method", alternatives=2)
     )

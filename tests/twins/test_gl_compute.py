@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
-from pipeline.gl.shader import ShaderError, Source
+from pipeline.gl.shader import ShaderError, ShaderSource
 from pipeline.gl.texture import create_texture, create_texture_array, read_back, texture_from
 
 HEAD = "#version 430\n"
@@ -35,7 +35,7 @@ SIZE = (6, 5)
 def compiled(ctx, body):
     text = HEAD + body
     origin = tuple(("sum.glsl", number) for number in range(1, len(text.splitlines()) + 1))
-    return Shader.of(ctx, Source(text, origin))
+    return Shader.of(ctx, ShaderSource(text, origin))
 
 
 class Sum(Pass):

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.gl.compute import Shader
 from pipeline.gl.context import create_context, release_context
-from pipeline.gl.shader import ShaderError, Source, compile_source, flatten
+from pipeline.gl.shader import ShaderError, ShaderSource, compile_source, flatten
 
 HEAD = "#version 430\nlayout(local_size_x = 1) in;\n"
 MAIN = "void main() {}\n"
@@ -228,7 +228,7 @@ def test_every_drivers_way_to_give_a_line_is_understood(log, told):
 
             raise moderngl.Error(f"GLSL Compiler failed\n\n{log}\n")
 
-    source = Source("one\ntwo\n", (("main", 1), ("lib", 7)))
+    source = ShaderSource("one\ntwo\n", (("main", 1), ("lib", 7)))
 
     with pytest.raises(ShaderError) as caught:
         compile_source(Driver(), source)

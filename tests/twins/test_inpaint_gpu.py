@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.gl.texture import create_texture, read_back, texture_from
-from pipeline.inpaint.gpu import GuidedBasePass, Resolutions
+from pipeline.inpaint.gpu import GuidedBasePass, ResolutionSizes
 from pipeline.inpaint.reference import guide_from_depth, guided_base, near_a_hole
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, STATISTICS_RINGS, source_resolution
 from pipeline.inpaint.regions import FIRST_STORED, RING_REACH
@@ -324,4 +324,4 @@ def test_a_size_no_texture_can_have_is_refused(gl_context):
 @pytest.mark.parametrize("size", [(16385, 4), (4, 20000)])
 def test_a_frame_larger_than_its_lists_lead_is_refused(size):
     with pytest.raises(InputError, match=rf"at most 16384 px wide and high \(got {size[0]}x"):
-        Resolutions(size, 4)
+        ResolutionSizes(size, 4)

@@ -7,7 +7,7 @@ from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
 from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.gl.texture import read_back
 from pipeline.inpaint.reference import (
-    Level,
+    GuidedLevel,
     children,
     guide_from_depth,
     guided_base,
@@ -90,7 +90,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
         tallest = np.abs(tile).max()
         step = max(np.abs(tile - np.roll(tile, 1, axis)).max() for axis in (1, 2))
         slope = 2 * TEXELS_PER_PX * (LARGEST_GAIN * step + GAIN_SLOPE * tallest)
-        size = Level(np.abs(level.values), level.validity, level.guide)
+        size = GuidedLevel(np.abs(level.values), level.validity, level.guide)
         here = sample(size, guide, k + 1, settings.depth_threshold)
         here = deviations(here.reshape(*run.frame.size, 3, 3), cross=cross)
         roundings = LOOK_UP + SHARES + 10
@@ -186,7 +186,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels, disc
         wanted = run.needed(k)
         read = taps(wanted)
 
-        measured = Level(moments(exact_bands[k], cross=cross), valid, guides[k])
+        measured = GuidedLevel(moments(exact_bands[k], cross=cross), valid, guides[k])
         exact = pull_push(measured, run.settings.gamma, THRESHOLD)[2]
         # Validity stays as first pulled, and push never touches certain texels.
         np.testing.assert_array_equal(stages.validity[k][read], exact.validity[read])
@@ -201,8 +201,8 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels, disc
         assert not across[wanted].all()
         given = np.where(read[..., None], stages.moments[k], 0.0)
         completed = push(
-            pull(Level(moments(stages.bands[k], cross=cross), valid, guides[k]), THRESHOLD),
-            Level(given, exact.validity, guides[k + 2]),
+            pull(GuidedLevel(moments(stages.bands[k], cross=cross), valid, guides[k]), THRESHOLD),
+            GuidedLevel(given, exact.validity, guides[k + 2]),
             run.settings.gamma,
             THRESHOLD,
         )
@@ -226,7 +226,7 @@ def test_every_stage_on_gpu_matches_reference(prepare, rng, size, channels, disc
 
     guide = guide_from_depth(run.frame.depth_m, Z_NEAR_M)
     lacking = [
-        Level(np.where(run.needed(k)[..., None], values, 0.0), exact.validity, exact.guide)
+        GuidedLevel(np.where(run.needed(k)[..., None], values, 0.0), exact.validity, exact.guide)
         for k, (values, exact) in enumerate(zip(stages.lacking, fill.statistics, strict=True))
     ]
     noise = noise_bands(3, 3, 1 if cross else 3)

@@ -29,7 +29,7 @@ from pipeline.warp.reference import (
     with_thin,
 )
 from pipeline.warp.rim import DIRECTIONS, HOLE_PX, ahead
-from pipeline.warp.settings import VARIANTS, WarpSettings, Window
+from pipeline.warp.settings import VARIANTS, TargetWindow, WarpSettings
 
 # Roundoffs of float32. A weight is a quotient of two exact integers: 2 to convert them and 5
 # to divide (GLSL allows 2.5 ulp). Which quad covers a pixel is decided on integers: no slack.
@@ -56,7 +56,7 @@ class Scene:
     frame: SourceFrame
     flow_px: NDArray[np.float32]
     target_depth_m: NDArray[np.float32] | None = None
-    window: Window | None = None
+    window: TargetWindow | None = None
 
 
 def slanted(height: int = 64, width: int = 80) -> SourceFrame:
@@ -164,7 +164,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
 
 def undecided(scene: Scene, settings: WarpSettings) -> NDArray[np.bool_]:
     """Tell where two depths lie too close for float32 to order them, or to see that they tie."""
-    frame, window = scene.frame, scene.window or Window.of(scene.frame.size)
+    frame, window = scene.frame, scene.window or TargetWindow.of(scene.frame.size)
     depth = scene.frame.depth_m if scene.target_depth_m is None else scene.target_depth_m
     mesh = moved_mesh(depth.astype(np.float64), scene.flow_px, window)
     stretched = mesh.ring_0.copy()
@@ -237,7 +237,7 @@ def assert_alike(found: WarpedFrame, scene: Scene, settings: WarpSettings) -> Wa
             window=scene.window,
             settings=replace(settings, rim_px=0),
         )
-        alike_px = settings.alike_px(scene.window or Window.of(scene.frame.size))
+        alike_px = settings.alike_px(scene.window or TargetWindow.of(scene.frame.size))
         slack_px = FLOW_RTOL_OF_MAX * abs(scene.flow_px).max() + alike_px * ROUNDOFF
         doubtful = undecided_rim(bare, ~sure, slack_px, settings.rim_px, alike_px)
         assert doubtful.mean() <= 0.1  # each pixel left out above takes its surroundings along
@@ -383,7 +383,9 @@ def test_gpu_matches_reference_under_any_motion_and_setting(
         scene = Scene(
             SourceFrame(scene.frame.colour, np.ceil(scene.frame.depth_m / 5)),
             np.round(scene.flow_px),
-            window=Window(*(int(n) for n in (*rng.integers(-9, 9, 2), *rng.integers(1, 40, 2)))),
+            window=TargetWindow(
+                *(int(n) for n in (*rng.integers(-9, 9, 2), *rng.integers(1, 40, 2)))
+            ),
         )
     found = run(gl_context, scene, settings_)
     if whole:  # equal depths that both twins round: only the hole mask is certain
@@ -429,7 +431,7 @@ def test_one_quad_may_span_the_whole_view(gl_context):
         np.float32([[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]), np.float32([[2, 3], [4, 5]])
     )
     flow = np.float32([[(-3, -2), (511, 1)], [(5, 512), (509, 513)]])
-    scene = Scene(frame, flow, window=Window(0, 0, 512, 512))
+    scene = Scene(frame, flow, window=TargetWindow(0, 0, 512, 512))
 
     for variant in VARIANTS:
         expected = assert_alike(
@@ -445,7 +447,7 @@ def test_one_quad_may_span_the_whole_view(gl_context):
 def test_wide_quads_seen_through_a_small_window_stay_exact(gl_context):
     """Nothing is torn: quads of thousands of pixels, of which the view shows a few."""
     whole = random_scene(np.random.default_rng(11), 2000, 12, 14)
-    scene = Scene(whole.frame, whole.flow_px, window=Window(4, 4, 3, 4))
+    scene = Scene(whole.frame, whole.flow_px, window=TargetWindow(4, 4, 3, 4))
     settings = WarpSettings(stretch_px=1e6)
     assert not assert_alike(run(gl_context, scene, settings), scene, settings).hole.all()
 
@@ -493,7 +495,7 @@ def test_a_window_in_a_margin_has_no_border_holes(gl_context):
     frame = slanted()
     flow = np.stack([6 / frame.depth_m, 2 / frame.depth_m], axis=-1)
     flow[:, :2] = flow[:, 2:3]
-    scene = Scene(frame, flow, window=Window.inside_margin((64, 80), 8))
+    scene = Scene(frame, flow, window=TargetWindow.inside_margin((64, 80), 8))
 
     warped = run(gl_context, scene, WarpSettings())
 
@@ -559,9 +561,9 @@ def test_textures_of_the_wrong_size_or_format_are_refused(gl_context):
 def test_images_beyond_the_drivers_buffers_are_refused(gl_context):
     limit = min(gl_context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"], 4 * MOST_QUADS)
     with pytest.raises(InputError, match=f"shader buffers of {limit} bytes"):
-        WarpPass(gl_context, (4, 4), Window(0, 0, limit // 4 + 1, 1))
+        WarpPass(gl_context, (4, 4), TargetWindow(0, 0, limit // 4 + 1, 1))
     with pytest.raises(InputError, match="use smaller images"):
-        WarpPass(gl_context, (limit // 16, 4), Window(0, 0, 4, 4))
+        WarpPass(gl_context, (limit // 16, 4), TargetWindow(0, 0, 4, 4))
 
 
 def test_bad_arrays_are_refused_before_anything_is_drawn(gl_context, disc_over_plane):

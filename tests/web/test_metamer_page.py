@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.fragment import fragment_of
-from pipeline.gl.shader import Source
+from pipeline.gl.shader import ShaderSource
 from stimuli.choice import Choice
 from stimuli.foveated.metamer_page import check_page, write_page
 from study_app.cli import app
@@ -182,7 +182,7 @@ def test_a_fragment_keeps_what_its_call_writes_to_its_own_pixel():
         "layout(rgba32ui) uniform writeonly uimage2DArray raised;\n"
         "void main() { imageStore(low, imageSize(low), ivec4(0)); imageStore(raised, a, b); }\n"
     )
-    made = fragment_of(Source(text, ()), "raised", shared=2)
+    made = fragment_of(ShaderSource(text, ()), "raised", shared=2)
     assert "out uvec4" in made
     assert "uniform ivec2 low_size;\nuniform ivec3 raised_size;" in made
     assert "PASS_OVER(low_size, ivec4(0)); KEEP(a, b);" in made

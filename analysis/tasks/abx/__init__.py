@@ -26,7 +26,7 @@ def _sense(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
     )
 
 
-class Abx(RatesTask):
+class AbxRates(RatesTask):
     """Shares of right answers, d' and d' against the level: task `abx`."""
 
     kind: ClassVar[str] = "abx"
@@ -51,7 +51,7 @@ class Abx(RatesTask):
         return tabulated(settings.right_share)
 
 
-class WhichHalf(Abx):
+class WhichHalfRates(AbxRates):
     """The same of halves that change: task `which-half`."""
 
     kind: ClassVar[str] = "which-half"

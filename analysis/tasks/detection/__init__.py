@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 
 
-class Detection(RatesTask):
+class DetectionRates(RatesTask):
     """Sensitivity and criterion by condition: task `yes-no`."""
 
     kind: ClassVar[str] = "detection"

@@ -26,7 +26,7 @@ def _sense(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
     )
 
 
-class Identification(RatesTask):
+class IdentificationRates(RatesTask):
     """Shares of right answers and d' by condition: task `identification`."""
 
     kind: ClassVar[str] = "identification"

@@ -367,10 +367,12 @@ def metamer(width: int, height: int) -> Write:
     """A compressed picture whose head is right and says any size."""
 
     def write(folder: Path) -> None:
-        from pipeline.compression.codec import Settings, compress
+        from pipeline.compression.codec import CompressionSettings, compress
         from pipeline.compression.compressed_file import to_bytes
 
-        data = to_bytes(compress([np.full((64, 64, 3), 0.5, np.float32)], (32, 32), Settings()))
+        data = to_bytes(
+            compress([np.full((64, 64, 3), 0.5, np.float32)], (32, 32), CompressionSettings())
+        )
         body = bytearray(data[:-4])
         struct.pack_into("<II", body, data.index(struct.pack("<II", 64, 64)), width, height)
         (folder / "c.metamer").write_bytes(bytes(body) + struct.pack("<I", zlib.crc32(body)))
@@ -623,13 +625,13 @@ def live_log(name: str, width: int, height: int) -> Write:
 
     def write(folder: Path) -> None:
         from protocols.load import load_display
-        from stimuli.foveated.any_picture import Reading
+        from stimuli.foveated.any_picture import PictureReading
         from study_app.live.log import LiveLog
         from study_app.live.renderer import Described
 
         log = LiveLog(
             folder / name, at="2026-01-01T00:00:00Z", source="builtin:garden",
-            reading=vars(Reading()), gaze="mouse", renderer="", driver="", revision="",
+            reading=vars(PictureReading()), gaze="mouse", renderer="", driver="", revision="",
             display=load_display("fhd27-60hz").model_dump(mode="json"), refresh_hz=60.0,
         )  # fmt: skip
         log.choice(

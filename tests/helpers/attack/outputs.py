@@ -23,7 +23,7 @@ from attack.readers import SIZE, write_samples
 from built_study import write_small_study
 from PIL import Image
 
-from pipeline.compression.codec import Settings, compress
+from pipeline.compression.codec import CompressionSettings, compress
 from pipeline.compression.compressed_file import to_bytes
 from protocols.load import load_display
 from protocols.new_study import study_files
@@ -350,7 +350,7 @@ def _write_inputs(folder: Path) -> None:
     pictures = rng.integers(0, 256, (2, SIZE[1], SIZE[0], 3), dtype=np.uint8)
     for number, picture in enumerate(pictures):
         Image.fromarray(picture).save(folder / "frames" / f"{number:06d}.png")
-    clip = compress(list(pictures / np.float32(255)), (9.0, 5.0), Settings(angles=32))
+    clip = compress(list(pictures / np.float32(255)), (9.0, 5.0), CompressionSettings(angles=32))
     (folder / "clip.metamer").write_bytes(to_bytes(clip))
     write_small_study(folder)
     (folder / "rated.csv").write_text(

@@ -30,7 +30,7 @@ from analysis.tables.decisions import read_decisions
 from analysis.tables.trials import read_trials
 from analysis.tables.xlsx import read_xlsx
 from analysis.tidy import read_sessions
-from pipeline.compression.codec import Settings as CompressedAs
+from pipeline.compression.codec import CompressionSettings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.compressed_file import read_compressed, to_bytes
 from pipeline.denoising.network import DenoisingNetwork, Facts
@@ -51,7 +51,7 @@ from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.exr_parts import read_parts
 from stimuli.flow_file import read_flo, write_flo
-from stimuli.foveated.any_picture import Reading, read_any
+from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.one_picture import read_pose
 from stimuli.plane_file import load_plane
 from stimuli.png import decode
@@ -280,7 +280,7 @@ def write_samples(folder: Path) -> None:
 def _write_live_log(path: Path) -> None:
     """A log of three frames, whose pixels were not kept."""
     log = LiveLog(
-        path, at="2026-01-01T00:00:00.000000Z", source="p.png", reading=vars(Reading()),
+        path, at="2026-01-01T00:00:00.000000Z", source="p.png", reading=vars(PictureReading()),
         gaze="mouse", display=load_display("fhd27-60hz").model_dump(mode="json"), renderer="r",
         driver="1", revision="0", refresh_hz=60.0,
     )  # fmt: skip
