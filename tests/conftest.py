@@ -168,7 +168,7 @@ def cpu_s() -> float:
 
 
 class Costs:
-    """What every test took of the processors, its fixtures included where they were made."""
+    """Cost of every test, its fixtures included where they were made."""
 
     SLOWEST = 30
 
@@ -258,7 +258,7 @@ def pytest_sessionfinish() -> None:
 
 @pytest.fixture(scope="session")
 def full(request: pytest.FixtureRequest) -> bool:
-    """Whether long proofs run whole."""
+    """True if long proofs run whole."""
     return bool(request.config.getoption("--full"))
 
 
@@ -490,7 +490,7 @@ def refuse_gl_objects(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
 
 class GLWatch:
-    """Which objects the current context has gained since the watch began, e.g. ``texture 3``.
+    """Objects that the current context has gained since the watch began, e.g. ``texture 3``.
 
     It asks the driver: moderngl frees nothing when Python collects its objects, so
     counting those would miss what leaks. Query objects are left out, since moderngl has no

@@ -62,7 +62,7 @@ def write_small_study(folder: Path) -> Path:
 
 
 def missing_window() -> str:
-    """Why no window can be opened here, or nothing."""
+    """Reason why no window can be opened here, or nothing."""
     missing = [name for name in PROGRAMS if shutil.which(name) is None]
     return f"no {', '.join(missing)} here" if missing else ""
 

@@ -1,4 +1,4 @@
-"""What README and docs tell people to type, click and read is true."""
+"""Commands, links and texts of README and docs are true."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-FOLDERS = ("analysis", "benchmarks", "pipeline", "protocols", "script", "stimuli", "study_app")
+PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
+FOLDERS = (*PACKAGES, "benchmarks", "script", "tests")
 
 HEADS = "what|where|how|whether|which|who|whom|whose|why|when"
 WORDS = rf"\s*(?:(?:the|a|an|of)\s+)?(?:{HEADS})(?:ever)?\b"  # "The what" and "Of how" are no nouns

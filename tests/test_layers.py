@@ -1,4 +1,4 @@
-"""Who may import whom, read from the sources without running them."""
+"""Layers: the imports of each package, read from the sources without running them."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_every_import_keeps_to_the_layers(repository):
 
 
 def folders_above(repository: Path) -> dict[str, set[str]]:
-    """Which folders of the pipeline each of them imports from, its own left out."""
+    """Folders that each folder of the pipeline imports from, its own left out."""
     above: dict[str, set[str]] = {}
     for path, module, is_package in our_modules(repository):
         parts = module.split(".")
@@ -134,7 +134,7 @@ def folders_above(repository: Path) -> dict[str, set[str]]:
 
 
 def in_circles(above: dict[str, set[str]]) -> dict[str, set[str]]:
-    """What is left when those that import none of what is left are taken away, one by one."""
+    """Rest when those that import none of the rest are taken away, one by one."""
     left = dict(above)
     while free := [name for name, others in left.items() if not others & set(left)]:
         for name in free:
@@ -150,7 +150,7 @@ def test_no_folder_of_the_pipeline_imports_what_imports_it(repository):
 
 
 def modules_above(sources: dict[str, tuple[str, bool]]) -> dict[str, set[str]]:
-    """Which of these modules each of them imports, with the packages above what it imports.
+    """Modules that each of these imports, with the packages above what it imports.
 
     Imports in functions and for type hints count.
     """

@@ -1,4 +1,4 @@
-"""What a metameric fill must keep, whatever the scene: from the warped frame to the picture."""
+"""Invariants of a metameric fill, whatever the scene: from the warped frame to the picture."""
 
 import dataclasses
 
@@ -131,7 +131,7 @@ def test_a_red_foreground_never_bleeds_on_the_gpu(method, disc_over_plane, name)
 
 
 def test_without_leaving_out_depth_edges_the_silhouette_would_bleed(disc_over_plane):
-    """What the switch is for: coefficients across the edge carry the red into the noise."""
+    """Purpose of the switch: coefficients across the edge carry the red into the noise."""
     frame = red_scene(disc_over_plane)
 
     filled = fill(frame, skip_depth_edges=False).colour[frame.hole]

@@ -1,4 +1,4 @@
-"""What is built for users holds what they need and nothing else."""
+"""Wheel for users: it holds what they need and nothing else."""
 
 from __future__ import annotations
 

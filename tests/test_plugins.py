@@ -1,4 +1,4 @@
-"""What a lab's own package brings, part by part, and what is said of a package that is broken.
+"""Plug-ins of a lab's own package, part by part, and messages about a broken one.
 
 `tests/presenter/test_a_labs_study.py` runs a whole study with it.
 """
@@ -330,7 +330,7 @@ def test_a_task_whose_method_raises_is_named_with_it_at_every_door(install_packa
 
 
 class Broken:
-    """What no method of ours returns."""
+    """Object that no method of ours returns."""
 
 
 HOOKS = {

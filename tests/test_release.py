@@ -73,7 +73,7 @@ class Clone:
         return done.stdout + done.stderr
 
     def state(self) -> tuple[str, str, str]:
-        """What a refused release must leave alone."""
+        """State that a refused release must leave alone."""
         return self.git("rev-parse", "HEAD"), self.git("tag"), self.git("status", "--porcelain")
 
 

@@ -1,4 +1,4 @@
-"""What script/lib.sh does on machines that lack something, on a machine made of fakes."""
+"""Behaviour of script/lib.sh on machines that lack something, on a machine made of fakes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a cluster should be: certificates, and addresses where something else listens."""
+"""Places of a cluster: certificates, and addresses where something else listens."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def table(folder) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def holes(small_study, tmp_path_factory):
-    """What `export-holes` writes of the small study."""
+    """Files that `export-holes` writes of the small study."""
     out = tmp_path_factory.mktemp("export") / "holes"
     code, said, error = run("stimuli", "export-holes", small_study, "--out", out)
     assert code == 0, error

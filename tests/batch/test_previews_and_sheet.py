@@ -1,4 +1,4 @@
-"""What one looks at before a study: a video of each clip, and one page of all of them."""
+"""Previews before a study: a video of each clip, and one page of all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a clip's hash depends on: its own sources, and no others."""
+"""Dependence of a clip's hash: on its own sources, and no others."""
 
 from __future__ import annotations
 

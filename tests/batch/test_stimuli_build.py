@@ -408,7 +408,7 @@ def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, orders, inli
 
 
 def test_work_under_a_hash_that_no_build_noted_stays(copy, orders, inline):
-    """What a killed build had begun, and noted, goes on beside it."""
+    """Work that a killed build had begun, and noted, goes on beside it."""
     claim(copy, [], ["b" * 64])
     for key in ("a" * 64, "b" * 64):
         (copy / f".build/clips/{key}").mkdir(parents=True)
@@ -454,7 +454,7 @@ def test_notes_of_a_build_lead_to_nothing_outside_its_folder(copy, noted):
 
 
 def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monkeypatch):
-    """What somebody puts into a folder while the build is at work stays, too."""
+    """Files that somebody puts into a folder while the build is at work stay, too."""
     fewer = [name for name in orders.clip_names if name.method != "telea"]
     kept_method = orders.protocol.warped.methods[:-1]
     recipe = orders.protocol.warped.model_copy(update={"methods": kept_method})

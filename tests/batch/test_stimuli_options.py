@@ -1,4 +1,4 @@
-"""What a protocol may ask of its clips, and a real 3D scene through the whole path."""
+"""Options of a protocol for its clips, and a real 3D scene through the whole path."""
 
 from __future__ import annotations
 

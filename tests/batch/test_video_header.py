@@ -1,4 +1,4 @@
-"""What a video's header says is honoured, refused with a cure that works, or noted."""
+"""Statements of a video's header: honoured, refused with a cure that works, or noted."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Case:
     change: Callable[[bytes], bytes]
     said: str
     mends: bool = True
-    """Whether FFmpeg can make it good."""
+    """True if FFmpeg can make it good."""
 
 
 def add(data: bytes) -> Callable[[bytes], bytes]:

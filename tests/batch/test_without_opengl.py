@@ -1,4 +1,4 @@
-"""Where OpenGL 4.3 is missing, as on macOS, numpy makes what is made of photographs."""
+"""Work without OpenGL 4.3, as on macOS: numpy makes what is made of photographs."""
 
 from __future__ import annotations
 

@@ -261,7 +261,7 @@ def test_a_checkpoint_that_holds_no_numbers_for_these_weights_is_refused(
 
 
 class _Runs:
-    """What makes a folder where it is unpickled."""
+    """Object that makes a folder where it is unpickled."""
 
     def __init__(self, folder):
         self.folder = str(folder)

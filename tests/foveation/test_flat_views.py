@@ -41,7 +41,7 @@ def seen(gl_context, panorama):
 
 
 def places(right_deg, down_deg, geometry=VIEW):
-    """Where the noise of every pixel lies."""
+    """Place of the noise of every pixel."""
     y, x = np.mgrid[: geometry.height_px, : geometry.width_px] + 0.5
     shift = anchored_shift_px(geometry, right_deg=right_deg, down_deg=down_deg)
     return np.stack([x, y], axis=-1) - shift

@@ -156,7 +156,7 @@ def test_noise_of_a_blur_is_made_stronger_there_too(geometry, texture, monkeypat
 
 
 def test_belt_and_cap_displace_alike(geometry, texture):
-    """Where they are mixed nothing is seen twice: both show the same picture."""
+    """Mixed places show nothing twice: both charts show the same picture."""
     look, made = PictureFixation(geometry, (100, 120), seed=2), Eidolon()
     belt = made.apply(texture, look)
     cap = cap_of(geometry, upper=True)

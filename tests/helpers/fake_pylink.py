@@ -46,7 +46,7 @@ class KeyInput:
 
 
 class EyeLinkCustomDisplay:
-    """What ours derives from."""
+    """Base of our display."""
 
 
 class FakePylink:

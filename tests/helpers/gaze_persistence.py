@@ -1,4 +1,4 @@
-"""How long gaze has to be elsewhere before the fixation rule is sure, as the protocol says it."""
+"""Time that gaze has to be elsewhere before the fixation rule is sure, as the protocol says it."""
 
 import math
 

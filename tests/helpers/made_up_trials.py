@@ -24,7 +24,7 @@ COMMON = 0.5
 
 @dataclass(frozen=True)
 class TaskDesign:
-    """How large a study is. `repeats`: trials per participant, scene, condition and level.
+    """Size of a study. `repeats`: trials per participant, scene, condition and level.
 
     A yes-no task has so many of the signal and so many of noise.
     """

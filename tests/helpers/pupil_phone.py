@@ -20,7 +20,7 @@ FIRST_STAMP = 2**32 - CLOCK_HZ * 3
 
 
 def in_camera(place):
-    """Where the glasses' camera sees a point of the screen: turned, small, and in perspective."""
+    """Place in the glasses' camera of a point of the screen: turned, small, and in perspective."""
     x, y = place
     w = 1 + x * 5e-5 - y * 3e-5
     return (0.4 * x - 0.05 * y + 420) / w, (0.06 * x + 0.41 * y + 310) / w

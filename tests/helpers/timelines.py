@@ -86,7 +86,7 @@ COMMON = {
 }
 LENGTHS, PER_FRAME = st.integers(1, 8), st.integers(1, 4)
 ASKED = st.sampled_from(["wait", "speeded", "stimulus, then wait", "stimulus of its own, wait"])
-"""How a question is asked: alone, or over a stimulus that its answer ends."""
+"""Ways to ask a question: alone, or over a stimulus that its answer ends."""
 
 
 def several(asked, own, frames=3, timeout=6, **rest) -> TrialScript:

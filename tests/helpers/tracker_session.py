@@ -43,7 +43,7 @@ class Eye:
     began_s: float = 0.0
     offset_px: tuple[float, float] = (6.0, -4.0)
     targets: int = 0
-    """How many were shown so far, by calibration, drift check and validation."""
+    """Number of targets shown so far, by calibration, drift check and validation."""
     gone: range = range(0)
     """Targets at which the tracker is not there."""
 
@@ -66,7 +66,7 @@ class Eye:
 
 @dataclass
 class Sat:
-    """What a session left."""
+    """Results of a session."""
 
     journal: Journal
     source: TrustedGaze

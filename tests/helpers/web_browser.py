@@ -66,7 +66,7 @@ class Browser(Protocol):
 
     @property
     def errors(self) -> list[str]:
-        """What went wrong in the page so far."""
+        """Errors in the page so far."""
 
 
 class Firefox:
@@ -175,11 +175,11 @@ class Site:
     asked: list[str] = field(default_factory=list)
     """Paths, in the order in which they were asked for."""
     faults: dict[str, Callable[[bytes], tuple[int, bytes]]] = field(default_factory=dict)
-    """What is answered in place of a file: status and bytes."""
+    """Answers in place of a file: status and bytes."""
     hang: Callable[[str], bool] = lambda _: False
-    """Which requests to JATOS are never answered, though they arrive."""
+    """Test of requests to JATOS that are never answered, though they arrive."""
     lost: Callable[[str], bool] = lambda _: False
-    """Which requests to JATOS never arrive."""
+    """Test of requests to JATOS that never arrive."""
     refuses: bool = False
     """JATOS takes nothing."""
     most_bytes: int = 5_000_000

@@ -176,7 +176,7 @@ class Study:
         return made
 
     def logged(self) -> tuple[dict[int, str | None], dict[str, str]]:
-        """What the log says of each flip, and the names of pictures by their pixels' hash.
+        """Picture of each flip in the log, and the names of pictures by their pixels' hash.
 
         A picture's name is that of its frames, from left to right, as in ``name/3 + name/3``;
         None: no frame. Its pixels are composed from the stored files, on grey.
@@ -330,7 +330,7 @@ class Screen:
         return {**os.environ, "DISPLAY": self.name, "LIBGL_ALWAYS_SOFTWARE": "1"}
 
     def picture(self) -> np.ndarray:
-        """What is on the screen now, (height, width, 3)."""
+        """Picture on the screen now, (height, width, 3)."""
         data = self.file.read_bytes()
         header = int.from_bytes(data[:4], "big")
         colours = int.from_bytes(data[76:80], "big")
@@ -338,7 +338,7 @@ class Screen:
         return pixels[: WIDTH * HEIGHT * 4].reshape(HEIGHT, WIDTH, 4)[..., 2::-1]
 
     def shows(self, image: np.ndarray, beside: tuple[int, int] | None = None) -> bool:
-        """Whether the screen is this RGBA image on the study's grey, left of and above `beside`.
+        """True if the screen is this RGBA image on the study's grey, left of and above `beside`.
 
         `beside` is where the mouse stands: its arrow hangs to the right and below.
         """

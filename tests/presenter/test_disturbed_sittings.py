@@ -1,5 +1,6 @@
-"""What the world does to a session in the midst of it: sleep, an unplugged monitor, slow disks, a
-second session. Each has one outcome, and everything before it is kept."""
+"""Disturbances of a session from outside: sleep, an unplugged monitor, slow disks, a second
+session. Each has one outcome, and everything before it is kept.
+"""
 
 from __future__ import annotations
 

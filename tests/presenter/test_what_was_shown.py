@@ -1,4 +1,4 @@
-"""What a process of its own sees on the screen, against what the session's log says."""
+"""Screen as a process of its own sees it, against what the session's log says."""
 
 from __future__ import annotations
 

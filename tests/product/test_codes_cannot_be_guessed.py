@@ -1,4 +1,4 @@
-"""Whoever has the study file and a public export does not find out who took part as what."""
+"""Nobody with the study file and a public export finds out who took part as what."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def shown_in(rows: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def found_by_guessing(folder: Path, study: StudyProtocol, manifest_sha256: str) -> set[str]:
-    """What can be told of codes: by the plan's hash, by orders, by the order of new names."""
+    """Codes that can be told: by the plan's hash, by orders, by the order of new names."""
     found = set()
     texts = "\n".join(texts_of(folder).values())
     orders = [order for order in orders_in(folder) if len(order) > 4]

@@ -66,7 +66,7 @@ def pair_of(own: Path) -> tuple[object, ...]:
 
 @pytest.fixture(scope="module")
 def study(own, tmp_path_factory, shared_gl_context) -> Path:  # noqa: ARG001
-    """What `new-study` made of it all."""
+    """Study that `new-study` made of it all."""
     from typer.testing import CliRunner
 
     from study_app.cli import app

@@ -1,4 +1,4 @@
-"""What docs/foveation.md says of photographs of one's own, to the letter, but small."""
+"""Photographs of one's own, as docs/foveation.md says it, to the letter, but small."""
 
 from __future__ import annotations
 

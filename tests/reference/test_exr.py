@@ -1,4 +1,4 @@
-"""What image files mean: transfer functions, channel names, units, and what is refused."""
+"""Meaning of image files: transfer functions, channel names, units, and what is refused."""
 
 import numpy as np
 import pytest

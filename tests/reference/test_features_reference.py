@@ -312,7 +312,7 @@ def test_spoiled_coefficients_of_large_random_holes(rng, proof_count):
 
 
 def test_one_dilation_by_the_kernel_would_not_be_enough():
-    """What the low bands drag in: at level 3 a single pixel spoils more than 3x3."""
+    """Low bands drag more in: at level 3 a single pixel spoils more than 3x3."""
     hole = np.zeros((64, 64), bool)
     hole[31, 31] = True
 

@@ -151,7 +151,7 @@ def test_a_file_that_came_out_short_is_not_kept(tmp_path, rng, name):
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
 def test_a_full_disk_neither_ends_the_program_nor_holds_it(tmp_path, name):
-    """Where the libraries of a format do that: in a process of its own, which may take 20 s."""
+    """In a process of its own, which may take 20 s: libraries of some formats do that."""
     script = f"""
 import resource, numpy as np
 from pathlib import Path

@@ -205,7 +205,7 @@ def test_what_lies_far_behind_does_not_stand_on_the_floor_before_it(border):
 
 
 def test_what_finds_nothing_of_its_depth_below_keeps_what_it_knows():
-    """However little that is; what knows nothing takes what lies behind it."""
+    """Even a little is kept; what knows nothing takes what lies behind it."""
     coarse = level([[10.0]], [[1]], [[0.9]])
 
     for validity, expected in ((1 / 16, 2.0), (0.0, 10.0), (ONLY_NEARER, 10.0)):

@@ -381,7 +381,7 @@ def test_a_sub_pixel_look_up_keeps_a_single_band_s_deviation(noise, level, offse
 
 
 def test_a_look_up_without_its_gain_would_lose_variance(noise):
-    """What the tests above guard against is there: halfway between texels nearly half is gone."""
+    """The fault that the tests above guard against: halfway between texels nearly half is gone."""
     tile = noise.tiles[0, 0, ..., 0].astype(np.float64)
 
     halfway = 0.25 * sum(np.roll(tile, shift, (0, 1)) for shift in ((0, 0), (0, 1), (1, 0), (1, 1)))

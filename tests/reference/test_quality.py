@@ -99,7 +99,7 @@ def test_band_error_of_a_texture_without_content_is_one(truth):
 
 
 def test_band_error_forgives_other_noise_of_the_same_statistics(mask, truth, rng):
-    """What PSNR cannot do: a metamer beats a blur, though its pixels are as wrong."""
+    """PSNR cannot do this: a metamer beats a blur, though its pixels are as wrong."""
     other = (0.5 + 0.1 * rng.standard_normal(truth.shape)).clip(0, 1).astype(np.float32)
     blurred = ndimage.gaussian_filter(truth, (2, 2, 0))
     louder = (0.5 + 2 * (other - 0.5)).clip(0, 1).astype(np.float32)

@@ -506,7 +506,7 @@ motions = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 @given(rng=motions, scale=st.sampled_from([0.3, 1.0, 4.0, 30.0]), whole=st.booleans())
 @settings(max_examples=40)
 def test_folds_cancel_and_leave_no_gap(rng, scale, whole):
-    """Whatever the motion: at each pixel one more triangle faces the view than is turned over.
+    """Any motion: at each pixel one more triangle faces the view than is turned over.
 
     Whole and half pixels put many corners exactly onto pixel centres.
     """

@@ -1,4 +1,4 @@
-"""What Nuke, Blender and Unreal write comes to one convention, by flow known from geometry."""
+"""Files of Nuke, Blender and Unreal come to one convention, by flow known from geometry."""
 
 from __future__ import annotations
 

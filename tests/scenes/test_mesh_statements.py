@@ -1,4 +1,4 @@
-"""What glTF, .obj and .mtl files say is drawn right, refused or noted: each beside a control."""
+"""Statements of glTF, .obj and .mtl files: drawn right, refused or noted, each beside a control."""
 
 from __future__ import annotations
 
@@ -1100,7 +1100,7 @@ CURED = {
     "once for a material": (PLAIN, "Kd 1 1 1\n"),
     "describe each material once": (PLAIN, "Kd 1 1 1\n"),
 }
-"""What the messages say to do; for all others, the line or the option is left out."""
+"""Files as the messages say to make them; for all others, the line or the option is left out."""
 
 
 @pytest.mark.parametrize("said", REFUSED_BESIDE)
@@ -1114,7 +1114,7 @@ def test_what_an_obj_must_not_say_is_refused_with_a_cure(obj, said):
 
 
 def test_a_part_that_is_not_here_is_no_mistake_of_a_study(tmp_path):
-    """Where sessions run, built clips are enough."""
+    """Built clips are enough to run sessions."""
     study = write_small_study(tmp_path)
     (tmp_path / "wall.png").unlink()
     result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])

@@ -45,7 +45,7 @@ def left(tmp_path, rng):
 
 
 def tell(read, *arguments, **options):
-    """What is read, and the notes."""
+    """Result of a reader, and the notes."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = read(*arguments, **options)

@@ -283,7 +283,7 @@ def line(second_source):
 
 
 def test_a_second_source_shows_what_the_first_did_not_see(gl_context, scenery):
-    """What the card uncovers on its way to the next real frame, that frame sees."""
+    """The next real frame sees all that the card uncovers on its way to it."""
     one = Footage(gl_context, scenery, shot(5, 1.0, path=line(second_source=False)))
     two = Footage(gl_context, scenery, shot(5, 1.0, path=line(second_source=True)))
     before, after, truth = one.warped(3), two.warped(3), two.truth(3)

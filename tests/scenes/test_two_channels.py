@@ -43,7 +43,7 @@ def figures(depth=2.0):
 
 @pytest.mark.parametrize("first", ["Backdrop", "Zoo"])
 def test_colour_and_motion_go_with_the_layer_that_depth_comes_from(tmp_path, first):
-    """Whatever stands first in the file; the layer alone is the control."""
+    """Layers in any order of the file; the layer alone is the control."""
     other = {f"{first}.Vector.Z": flat(-9), f"{first}.Vector.W": flat(0)}
     odd.write_exr(tmp_path / "a.exr", {**colour(f"{first}.Combined.", 0.9), **other, **figures()})
     odd.write_exr(tmp_path / "control.exr", figures())

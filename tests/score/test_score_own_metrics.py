@@ -192,7 +192,7 @@ def test_the_metric_of_the_page_measures_a_clip(repository, pair, clips):
 
 
 def test_the_numbers_of_our_own_families_are_those_of_their_version(pair, clips):
-    """Where a change of code changes these, raise `version` of the family: caches go by it."""
+    """A change of code that changes these must raise `version` of the family: caches go by it."""
     made = pair(clips.fills["metameric"])
     found = measured("pixels", made) | measured("statistics", made)
 

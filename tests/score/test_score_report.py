@@ -1,4 +1,4 @@
-"""What a run leaves behind: tables, figures, one page; and that nothing is measured twice."""
+"""Results of a run: tables, figures, one page; and that nothing is measured twice."""
 
 from __future__ import annotations
 

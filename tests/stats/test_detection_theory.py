@@ -263,7 +263,7 @@ def test_d_prime_and_criterion_cover_and_differences_keep_their_level(
 
 
 def test_a_difference_in_bias_between_methods_is_found_and_named(rng):
-    """What [BB] 6.3 claims: ours is called consistent more often than blur."""
+    """Claim of [BB] 6.3: ours is called consistent more often than blur."""
     rows = simulate_yes_no(
         TaskDesign(10, 7, 6), {"blur": 0.3, "ours": 0.3}, rng, criterion={"blur": 0.0, "ours": 0.7}
     )

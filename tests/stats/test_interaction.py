@@ -1,4 +1,4 @@
-"""Whether a preference, or a difference of right answers, changes with a second factor."""
+"""Interaction of a preference, or a difference of right answers, with a second factor."""
 
 import json
 from pathlib import Path

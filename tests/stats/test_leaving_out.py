@@ -1,4 +1,4 @@
-"""What the primary comparison depends on: without each participant and scene, in JOD, power."""
+"""Influence on the primary comparison of each participant and scene, in JOD, and power."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""What a report says of its mixed models: t is called t, ratios stand beside, all pairings meet."""
+"""Mixed models in a report: t is called t, ratios stand beside, all pairings meet."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""What the data do not identify has no number: in text, tables, JSON and CSV. A declared scale
-keeps its numbers."""
+"""Numbers that the data do not identify are nowhere: text, tables, JSON and CSV. A declared scale
+keeps its numbers.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +78,7 @@ def report_of(table: pd.DataFrame, folder: Path, *options: str, task: str = "rat
 
 
 def text_of(page: Path) -> str:
-    """What a reader sees of a report, without its figures."""
+    """Text that a reader sees of a report, without its figures."""
     return re.sub(r"(?s)<svg.*?</svg>|<style.*?</style>|<[^>]+>", " ", page.read_text())
 
 

@@ -67,7 +67,7 @@ REWORDED = (
     (r" \| (\d+)\.0 \| (?!\[)", r" | \1 | "),  # not of values, which limits follow
     (f"(; )?{WIDTH_OF_LEVELS}", ""),  # is said of fewer curves
 )
-"""What was said otherwise in sentences and notes, and what is said today: patterns."""
+"""Patterns of what was said otherwise in sentences and notes, and of what is said today."""
 _COLUMNS = [*enumerate((0, 1, 2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 18, 22, 35))]
 ALIKE = ((r"comparisons\.(.*)", r"sensitivity_differences.\1"),)
 RIGHT = {name for name, (kind, *_) in TABLES.items() if kind not in ("preference", "ratings")}

@@ -313,7 +313,7 @@ SAID = {
         "figure": "participants",
     },
 }
-"""What shows that a part is all there, by its name."""
+"""Signs that a part is all there, by its name."""
 
 
 def check(folder, parts, page: str) -> None:
@@ -455,7 +455,7 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
 
 
 def shown(kind, options, rows, part) -> Shown:
-    """What a part shows of rows."""
+    """Blocks that a part shows of rows."""
     analysis = analysis_of(kind)
     plan = analysis.settings_of_table(rows, "rows", analysis.options(**options))
     found, _ = computed(analysis.parts, analysis.table(rows, plan), plan)

@@ -103,7 +103,7 @@ SLOW = [
 @pytest.mark.parametrize("out", ["study", "study/t.csv", "study/t.csv/below"])
 @pytest.mark.parametrize("words", SLOW)
 def test_a_bad_place_is_told_before_anything_is_read(words, out):
-    """What is to be read is not there, so whoever looks at it first says that."""
+    """Files to be read are not there, so a command that looks at them first says that."""
     Path("no-archive.zip").write_bytes(b"no archive")
     Path("no-table.csv").write_bytes(b"")
     before = held(Path())

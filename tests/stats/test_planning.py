@@ -1,4 +1,4 @@
-"""What a plan can never show is said, or refused, before the data."""
+"""Plans that can never show anything: said, or refused, before the data."""
 
 import re
 from pathlib import Path

@@ -24,7 +24,7 @@ def strengths_of(rows: pd.DataFrame):
 
 
 def decisions(rows: pd.DataFrame) -> pd.DataFrame:
-    """Who won and lost, of a table that says whether the first was chosen."""
+    """Winners and losers of a table that says whether the first was chosen."""
     first = rows["chose_first"] == 1
     return rows.assign(
         chosen=rows["first"].where(first, rows["second"]),

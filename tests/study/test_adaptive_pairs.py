@@ -239,7 +239,7 @@ def test_the_first_batch_gives_no_condition_most_of_the_trials():
 
 
 def test_names_of_conditions_do_not_matter(rng):
-    """Where no gains are equal, a batch of renumbered conditions is the batch, renumbered."""
+    """Without equal gains a batch of renumbered conditions is the batch, renumbered."""
     wins = votes(rng, rng.normal(0.0, 2.0, 9), 60)
     order = rng.permutation(9)
 

@@ -140,7 +140,7 @@ def test_the_order_of_answers_changes_nothing(history, random):
 
 @given(histories, st.sampled_from(GRID.levels))
 def test_a_wrong_answer_means_a_higher_threshold_than_a_correct_one(history, level):
-    """Where the threshold alone is unknown; else a wrong answer may speak for a wider function."""
+    """The threshold alone is unknown; else a wrong answer may speak for a wider function."""
     grid = replace(GRID, width=Axis((2.0,)), guess=Axis((0.3,)), lapse=Axis((0.05,)))
     right = of_posterior([*history, (level, True)], grid).threshold.mean
     wrong = of_posterior([*history, (level, False)], grid).threshold.mean

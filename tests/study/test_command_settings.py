@@ -14,8 +14,8 @@ from study_app.cli.option_groups import takes_settings
 
 @dataclass(frozen=True)
 class Look:
-    scene: Annotated[str, typer.Option(help="Which scene.")]
-    views: Annotated[int, typer.Option(min=1, help="How many.")] = 12
+    scene: Annotated[str, typer.Option(help="Name of the scene.")]
+    views: Annotated[int, typer.Option(min=1, help="Number of views.")] = 12
     notes: tuple[str, ...] = ()
 
 

@@ -35,7 +35,7 @@ GPU = {
 
 
 def display(refresh_hz=60, swap_s=1 / 60, longest_s=None, width_mm=597, renderer="NVIDIA"):
-    """What the probe answers on a machine with one 27-inch full-HD monitor."""
+    """Answer of the probe on a machine with one 27-inch full-HD monitor."""
     monitor = {
         "name": "DP-1",
         "width_px": 1920,

@@ -1,4 +1,4 @@
-"""What Linux, Windows and macOS do alike: names of folders, line ends, shaders of a session."""
+"""Files and names alike on Linux, Windows and macOS: folders, line ends, shaders of a session."""
 
 from __future__ import annotations
 

@@ -254,7 +254,7 @@ def test_real_blinks_are_pardoned(shared_data, name):
 
 
 def oracle(recording, dot_px, viewing, rules, start_s, end_s):
-    """When the rules say violation or loss, computed over whole arrays, without any state."""
+    """Time of violation or loss by the rules, computed over whole arrays, without any state."""
     inside = (recording.t_s >= start_s) & (recording.t_s <= end_s)
     t_s, x, y = recording.t_s[inside], recording.x_px[inside], recording.y_px[inside]
     sights = np.stack(

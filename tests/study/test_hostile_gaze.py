@@ -1,4 +1,4 @@
-"""Whatever a tracker sends, gaze is judged by finite numbers, and what is stored reads back."""
+"""Gaze of any tracker is judged by finite numbers, and what is stored reads back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was recorded cannot change unnoticed: journals, the files beside them, the plan."""
+"""Records that cannot change unnoticed: journals, the files beside them, the plan."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_every_line_of_a_new_journal_has_its_checksum(sample_sessions):
 
 
 def test_no_change_of_one_byte_is_accepted(sessions, proof_count):
-    """Whatever an analysis still takes from the journal is what was written."""
+    """All that an analysis still takes from the journal is what was written."""
     path = journal_path(sessions)
     data, events = path.read_bytes(), read_journal(path).events
     rng = random.Random(5)

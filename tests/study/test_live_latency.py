@@ -21,7 +21,7 @@ from study_app.virtual import VirtualClock
 
 HZ, COST_S, SECONDS = 60.0, 0.004, 4.0
 FAR_S = 1234.5
-"""What the tracker's clock is ahead of ours."""
+"""Lead of the tracker's clock over ours."""
 
 
 class Still:
@@ -79,7 +79,7 @@ def stream(rate_hz, rng):
 
 
 def true_age(flip, stamps, arrivals):
-    """How old at a flip is the newest sample that had arrived when gaze was asked for."""
+    """Age at a flip of the newest sample that had arrived when gaze was asked for."""
     there = np.asarray(stamps)[np.asarray(arrivals) <= flip.poll_s]
     return flip.t_s - there.max() if len(there) else math.nan
 

@@ -1,4 +1,4 @@
-"""What was once computed stays: trials, hashes, flips, gaze and the numbers of a report.
+"""Numbers that stay as once computed: trials, hashes, flips, gaze and the numbers of a report.
 
 `golden/` holds what earlier revisions gave: hashes and the trial lists of 50 slots of three shipped
 studies; of five simulated sessions of `showcase` (seed 11, 2 of 1000 flips missed, 2 late, 1
@@ -29,7 +29,7 @@ DATA = Path(__file__).parent / "golden"
 STUDIES = ("demo", "inpainting-2afc", "showcase")
 PLANS = json.loads((DATA / "plans.json").read_text())
 WRITTEN_WITH = "c1e3682bdbd2668fa0f152d361a17a879209f86f9453256c759e809561e07626"
-"""What `arithmetic` gives where `results.json` was written."""
+"""Hash that `arithmetic` gives where `results.json` was written."""
 CLOSED = {"rel": 1e-9, "abs": 1e-12}
 MIXED = {"rel": 1e-6, "abs": 1e-7}
 
@@ -101,7 +101,7 @@ def arithmetic() -> str:
 
 
 def differences(old: Any, new: Any, place: str = "", *, exact: bool = True) -> list[str]:
-    """Where `new` does not say what `old` says; what it says besides is no difference.
+    """Places where `new` does not say what `old` says; what it says besides is no difference.
 
     Not `exact`: numbers may differ by what another processor's rounding makes of them.
     """

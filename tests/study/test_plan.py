@@ -42,7 +42,7 @@ def changed(protocol: StudyProtocol, *, clips=None, **sections: dict[str, object
 
 
 def condition(trial) -> tuple[object, ...]:
-    """What a trial compares, in its order."""
+    """Condition that a trial compares, in its order."""
     return tuple(trial.condition[name] for name in ("scene", "size", "first", "second"))
 
 

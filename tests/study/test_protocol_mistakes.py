@@ -130,7 +130,7 @@ def test_of_very_many_mistakes_the_first_are_told_and_the_rest_counted(mistakes)
 
 
 def test_mistakes_between_sections_are_told_beside_those_within_others(mistakes):
-    """Where stimuli, task and design are right by themselves, what is between them is judged."""
+    """Sections that are right by themselves are judged together."""
     lines = mistakes(
         ("window_deg = 1.5", "window_deg = -1.5"),
         ('first = "erstes"', "first = 1"),

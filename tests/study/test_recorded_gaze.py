@@ -93,7 +93,7 @@ def rows_of(request):
 
 
 class Came(NamedTuple):
-    """What came through an adapter, and how exact its units are."""
+    """Samples that came through an adapter, and how exact its units are."""
 
     samples: list
     exact_px: float

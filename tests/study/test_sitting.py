@@ -79,7 +79,7 @@ def simulation(protocol=SHORT, **fields) -> Simulation:
 
 
 def facts(attempts) -> list[tuple[object, ...]]:
-    """What a session decided, without its clocks."""
+    """Decisions of a session, without its clocks."""
     return [
         (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.condition, a.stimulus_names,
          a.answer, a.key,

@@ -123,7 +123,7 @@ def test_white_noise_has_the_variance_that_its_kernels_let_through(rng):
 
 
 def test_products_with_chroma_tell_the_colour_of_detail(rng):
-    """Where red alone varies, Cr goes with luma as 0.5 : 0.2126, and Cb against it."""
+    """Red alone varies: Cr goes with luma as 0.5 : 0.2126, and Cb against it."""
     texture = np.full((64, 64, 3), 128, np.uint8)
     texture[..., 0] = rng.integers(60, 200, (64, 64))
     top = bake(texture).moments[0][-1].astype(float).mean(axis=(0, 1))

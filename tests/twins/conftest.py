@@ -1,4 +1,4 @@
-"""What several files of twins need of a metameric fill: a scene, and a pass with its textures."""
+"""Scene and passes of a metameric fill that several files of twins need."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What a metameric fill on the GPU reads, holds, counts and refuses."""
+"""Memory, dispatches and refusals of a metameric fill on the GPU."""
 
 import moderngl
 import numpy as np

@@ -116,7 +116,7 @@ def test_the_look_up_s_gain_is_within_what_the_tolerance_says():
 
 
 class Stages:
-    """What the GPU holds after a fill, as the reference would have it."""
+    """State of the GPU after a fill, as the reference would have it."""
 
     def __init__(self, run):
         frame, fill_pass = run.frame, run.fill_pass

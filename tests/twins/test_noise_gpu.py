@@ -15,7 +15,7 @@ SEED = 2**62 + 5  # both halves of it count
 
 
 def steps_of(noise, levels):
-    """What the texture holds, as layer, row, column, band, row, column: (H, W, 3 * levels)."""
+    """Values of the texture, as layer, row, column, band, row, column: (H, W, 3 * levels)."""
     texture = noise.texture
     found = np.frombuffer(texture.read(), np.int8)
     found = found.reshape(texture.layers, texture.height, texture.width, 4, 2, 2)

@@ -1,4 +1,4 @@
-"""What of a fill stays when picture and holes lie elsewhere in the frame, for every method of ours.
+"""Fills of a shifted picture: what stays when picture and holes lie elsewhere in the frame.
 
 A pyramid halves pixels counted from the frame's corner. Its cells are the only grid in the
 definitions, so a shift by whole cells shifts the fill; what other shifts change is stated here and

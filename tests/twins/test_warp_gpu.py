@@ -51,7 +51,7 @@ SURE = 0.997
 
 @dataclass(frozen=True)
 class Scene:
-    """What one comparison warps."""
+    """Input of one comparison of warps."""
 
     frame: SourceFrame
     flow_px: NDArray[np.float32]

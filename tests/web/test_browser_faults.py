@@ -1,4 +1,4 @@
-"""What goes wrong in a participant's browser is said in words, and in the lines that come home."""
+"""Faults in a participant's browser, said in words, and in the lines that come home."""
 
 from __future__ import annotations
 

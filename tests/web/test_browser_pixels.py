@@ -1,4 +1,4 @@
-"""What a browser shows is, pixel by pixel, what `study_app/paint.py` paints."""
+"""Pixels of a browser are those that `study_app/paint.py` paints."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ _KINDS = {
     "bombs": len(BOMBS),
     "outputs": len(OUTPUTS),
 }
-"""What is done where nothing is asked for."""
+"""Kinds of attack that run where none is asked for, and how many of each."""
 
 
 def _parser() -> argparse.ArgumentParser:

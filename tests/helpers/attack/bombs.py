@@ -36,9 +36,9 @@ from pipeline.image_file import write_pixels
 from protocols.load import shipped
 
 MOST_MIB, MOST_CPU_S, MOST_WALL_S = 1024, 20.0, 180.0
-"""What a command may take."""
+"""Most that a command may take."""
 _FENCE_BYTES = 8 << 30
-"""Where the system ends a process that nobody ends sooner."""
+"""Memory at which the system ends a process that nobody ends sooner."""
 _CHUNK = bytes(1 << 24)
 COMMAND = "from study_app.cli import main; main()"
 READ = """
@@ -63,12 +63,12 @@ class Bomb:
     write: Write
     words: str
     code: str = COMMAND
-    """What is run, where no command without a screen reads such a file."""
+    """Code to run, where no command without a screen reads such a file."""
 
 
 @dataclass(frozen=True)
 class Met:
-    """What a command made of a bomb."""
+    """Result of a command that met a bomb."""
 
     name: str
     status: int
@@ -78,7 +78,7 @@ class Met:
 
     @property
     def wrong(self) -> str | None:
-        """What it did that it must not; None where it held."""
+        """Fault of the command; None where it held."""
         if "Traceback" in self.said or self.status not in (0, 2):
             return f"status {self.status}: {self.said[-200:]}"
         if self.status == 2 and not self.said.strip():
@@ -130,7 +130,7 @@ def meet(bomb: Bomb, folder: Path) -> Met:
 
 
 def _usual_environment() -> dict[str, str]:
-    """What a user's shell gives a command, without what tests have set."""
+    """Environment that a user's shell gives a command, without what tests have set."""
     kept = ("PATH", "HOME", "LANG", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV")
     return {name: os.environ[name] for name in kept if name in os.environ}
 
@@ -735,4 +735,4 @@ QUICK = (
     "gltf accessor of 45e6 without a view", "mtl of one statement of 200,000 options",
     "png 5773 x 5773, foveate p.png o.png",
 )  # fmt: skip
-"""What each run of the tests meets."""
+"""Bombs that each run of the tests meets."""

@@ -29,7 +29,7 @@ from attack.readers import READERS, Reader, absurd, write_samples
 from study_app.cli.errors import shortened, user_errors
 
 HANG_CPU_S, HANG_WALL_S = 20.0, 120.0
-"""What one input may take, of the processor and in all."""
+"""Most that one input may take, of the processor and in all."""
 GROWTH_MIB = 1024
 """By how much the most memory that a process ever held may rise through one input."""
 MOST_MEMORY = 12 << 30
@@ -51,7 +51,7 @@ class Failure(NamedTuple):
 
 @dataclass
 class Result:
-    """What came of the inputs of one reader."""
+    """Result of the inputs of one reader."""
 
     reader: str
     inputs: int = 0

@@ -38,7 +38,7 @@ STUDIES = (
 )  # fmt: skip
 """New studies by task, and one that comes with the program."""
 RARE = 1e-4
-"""How seldom luck alone may guess so many."""
+"""Chance below which luck alone does not guess so many."""
 _ORDERS = ("", "onset", "order", "position", "trial", "row_id", "rt_s", "response_time")
 _SEVERAL = ("first", "second", "a", "b", "x", "changed_to")
 _NAMES = {"condition_A": "first", "condition_B": "second", "scene_name": "scene"}
@@ -47,7 +47,7 @@ _WHO = ("participant", "observer")
 
 @dataclass(frozen=True)
 class Found:
-    """What came of guessing the slots of an export, by what tells most of them."""
+    """Result of guessing the slots of an export, by what tells most of them."""
 
     right: float
     """Participants whose slot was guessed; of several that fit as well, each counts its share."""
@@ -55,11 +55,11 @@ class Found:
     round: int
     """After how many slots places come round: so many are to be told apart."""
     luck: float
-    """How often chance alone finds as many among as few."""
+    """Chance that luck alone finds as many among as few."""
 
     @property
     def told(self) -> bool:
-        """Whether the export tells more of slots than luck explains."""
+        """True if the export tells more of slots than luck explains."""
         return self.luck < RARE
 
 
@@ -195,7 +195,7 @@ def _sorted(rows: list[Row], order: str) -> list[Row]:
 
 @dataclass(frozen=True)
 class _Expected:
-    """What the session of a slot would show."""
+    """Session that a slot would show."""
 
     scenes: list[str]
     arranged: dict[tuple[str, frozenset[str]], list[Row]]

@@ -43,7 +43,7 @@ class Case:
     adaptive: tuple[str, str] | None = None
     """First and last line of the template's example that is set."""
     confidence: bool = False
-    """Whether the template's example of it is set."""
+    """True if the template's example of it is set."""
     asks: type[Task] | None = None
     """A task of the same keys that asks more."""
 
@@ -112,7 +112,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Kills:
-    """What came of the kills of one task's sessions; nothing was lost, or it would have raised."""
+    """Result of the kills of one task's sessions; nothing was lost, or it would have raised."""
 
     kills: int
     """Processes that were to die or to find their disk full."""

@@ -44,10 +44,10 @@ WORDS_OF_32_BITS = (
 
 @dataclass(frozen=True)
 class Shape:
-    """How to get inside a kind of file and out again."""
+    """Ways inside a kind of file and out again."""
 
     changes: tuple[Change, ...]
-    """What harms its inside."""
+    """Changes that harm its inside."""
     inside: Callable[[bytes], bytes] = bytes
     outside: Callable[[bytes, bytes], bytes] = lambda _whole, inner: inner
     """From the whole file as it was, and the harmed inside."""

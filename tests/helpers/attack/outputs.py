@@ -35,7 +35,7 @@ MINE = (
     "thesis.txt", "results.json", "decisions.csv", "power.json", "000000.png", ".thesis.7.part",
     "figures/plot.png", "sessions/P01/journal.jsonl", "study.secret",
 )  # fmt: skip
-"""What a user may have in a folder, some of it called as results are."""
+"""Files that a user may have in a folder, some of them called as results are."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Command:
     ending: str = ""
     """Of the file that it writes; empty: it fills a folder."""
     goes_on: bool = False
-    """Whether what it had finished when the disk was full stays for the next run."""
+    """True if what it had finished when the disk was full stays for the next run."""
 
 
 def _analysis(
@@ -264,7 +264,7 @@ class _Case:
         pass
 
     def _at_exists(self) -> None:
-        """Where the same command wrote before."""
+        """Folder that the same command wrote before."""
         self._write_once()
 
     def _at_mine(self) -> None:
@@ -289,7 +289,7 @@ class _Case:
         link.symlink_to("mine/thesis.txt" if self.command.ending else "mine")
 
     def _at_input(self) -> None:
-        """Where what it reads lies; a file: one of these."""
+        """Folder of what it reads; a file: one of these."""
         mine = self.folder / "mine"
         mine.mkdir()
         for name in self.command.reads:

@@ -85,7 +85,7 @@ class Reader:
     shape: Shape
     read: Callable[[Path], Any]
     may_be: Callable[[str, float], bool] = lambda _place, _value: False
-    """Which numbers that look absurd are none: not a number where the eye was lost, say."""
+    """Test of numbers that look absurd and are none: not a number where the eye was lost, say."""
     weight: float = 1.0
     """Its part of all inputs, against 1 of the others: less for what takes long."""
 

@@ -1,4 +1,4 @@
-"""What a study of the lab says: its recipe, its task, its analysis."""
+"""Parts of a study of the lab: its recipe, its task, its analysis."""
 
 from typing import ClassVar, Literal
 
