@@ -280,7 +280,8 @@ def preferences(
         for method, against in pairings:
             rows = decisions.rows(method, against, size)
             if rows.empty:
-                notes.append(f"no decision compares {method} with {against} at {size}")
+                at = f" at {size}" if size else ""
+                notes.append(f"no decision compares {method} with {against}{at}")
                 continue
             cells.append(
                 preference(rows, method, against, size, alpha=alpha, margin=margin, test=test)

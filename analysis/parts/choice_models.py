@@ -78,7 +78,7 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
                 continue
             model = tried(
                 partial(paired_model, rows, methods, level=plan.confidence),
-                f"model of all pairings at {size}",
+                f"model of all pairings{plan.at(size, ' at {}')}",
                 notes,
             )
             together += [SizeModel(size, model)] if model else []

@@ -58,7 +58,10 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
             votes, _ = vote_tensor(rows, methods)
             return SizeTests(size, joint_tests(votes, rng=chance, samples=BOOTSTRAP_SAMPLES))
 
-        found = (tried(partial(of, size), f"joint tests at {size}", notes) for size in plan.sizes)
+        found = (
+            tried(partial(of, size), f"joint tests{plan.at(size, ' at {}')}", notes)
+            for size in plan.sizes
+        )
         return JointScales(tuple(one for one in found if one is not None), tuple(notes))
 
     def show(self, found: JointScales, plan: PreferencePlan) -> Shown:

@@ -190,7 +190,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
 
 def _estimate(cell: Preference, plan: PreferencePlan) -> Estimate:
     return Estimate(
-        f"{plan.label(cell.method)} over {plan.label(cell.against)}, {cell.size}",
+        f"{plan.label(cell.method)} over {plan.label(cell.against)}{plan.at(cell.size, ', {}')}",
         cell.estimate.share,
         cell.estimate.lower,
         cell.estimate.upper,

@@ -96,7 +96,11 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
         """Fit the methods of each size that can be placed on an axis."""
         decisions, notes = as_numbers(table), list[str]()
         sizes = (
-            tried(partial(_size_scale, decisions, plan, size), f"scale at {size}", notes)
+            tried(
+                partial(_size_scale, decisions, plan, size),
+                f"scale{plan.at(size, ' at {}')}",
+                notes,
+            )
             for size in plan.sizes
         )
         return Scales(tuple(one for one in sizes if one is not None), tuple(notes))

@@ -73,7 +73,7 @@ class StrengthsPart(Part[PreferencePlan, Strengths]):
                 votes, _ = vote_tensor(rows, methods)
                 fit = tried(
                     partial(_fitted, votes, methods, plan.confidence, chance),
-                    f"strengths at {size}",
+                    f"strengths{plan.at(size, ' at {}')}",
                     notes,
                 )
                 sizes |= {} if fit is None else {size: fit}

@@ -45,7 +45,7 @@ def jod_plot(
             axes.axvline(0.0, color=GREY, lw=0.6)
             axes.grid(axis="x", color="#EEEEEE", lw=0.6)
             name_rows(axes, [label(scale.conditions[i]) for i in order], width_in)
-            axes.set_title("all sizes" if name == "all" else label(name), loc="left")
+            axes.set_title("" if name == "all" else label(name), loc="left")
             unit = scale.unit
             axes.locator_params(axis="x", nbins=5)
             if not stacked or axes is panels.ravel()[-1]:

@@ -53,7 +53,7 @@ def as_json(value: object) -> Json:
 
 
 def _key(key: object) -> str:
-    return " / ".join(map(str, key)) if isinstance(key, tuple) else str(key)
+    return " / ".join(filter(None, map(str, key))) if isinstance(key, tuple) else str(key)
 
 
 def rows_as_json(table: pd.DataFrame) -> list[Json]:
