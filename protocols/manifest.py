@@ -170,11 +170,8 @@ def read_manifest(folder: Path) -> Manifest:
         If there is none (the batch is not finished), or it has mistakes: one line for each.
     """
     path = folder / MANIFEST_NAME
-    if folder.is_dir() and not path.exists():
-        raise StudyError(
-            f"{folder}: must hold a finished batch of clips (there is no {MANIFEST_NAME});"
-            " run 'metamerlab stimuli build' to the end"
-        )
+    if not path.exists():
+        raise _without_manifest(folder)
     data = read_bytes(path, "the manifest")
     decode_utf8(data, path)  # it names the line of what is no UTF-8
     raw = parsed_json(path, data, "the manifest of a build", StudyError, "build again")
@@ -187,6 +184,23 @@ def read_manifest(folder: Path) -> Manifest:
     except ValidationError as error:
         problems = problems_of(error, raw, Manifest)
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems)) from None
+
+
+def _without_manifest(folder: Path) -> StudyError:
+    """Message about a folder of clips that is none, with the cure for what is there."""
+    found = f"there is no {MANIFEST_NAME}"
+    if folder.is_dir():
+        beside = sorted(folder.glob(f"*/{MANIFEST_NAME}"))
+    else:
+        beside = [path for path in [folder.parent / MANIFEST_NAME] if path.exists()]
+        found = "this is a file" if folder.exists() else "there is no such folder"
+    if len(beside) == 1 and folder.exists():
+        cure = f"name {beside[0].parent}"
+    elif folder.is_file():
+        cure = "name the folder that 'metamerlab stimuli build' filled"
+    else:
+        cure = f"run 'metamerlab stimuli build STUDY --out {folder}' to the end"
+    return StudyError(f"{folder}: must hold a finished batch of clips ({found}); {cure}")
 
 
 def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:

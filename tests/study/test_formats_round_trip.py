@@ -217,10 +217,27 @@ def test_a_manifest_is_written_whole_or_not_at_all(tmp_path, sample_manifest, mo
 
     assert [entry.name for entry in tmp_path.iterdir()] == ["manifest.json"]
     assert (tmp_path / "manifest.json").read_bytes() == before
-    with pytest.raises(StudyError, match="must hold a finished batch of clips"):
-        read_manifest(tmp_path.parent)
-    with pytest.raises(StudyError, match="no such file"):
-        read_manifest(tmp_path / "none")
+
+
+def test_what_is_no_folder_of_clips_is_named_with_what_to_name_in_its_place(
+    tmp_path, sample_manifest
+):
+    (tmp_path / "study" / "clips").mkdir(parents=True)
+    write_manifest(tmp_path / "study" / "clips", sample_manifest)
+    (tmp_path / "study" / "study.toml").touch()
+    none, study, clips = tmp_path / "none", tmp_path / "study", tmp_path / "study" / "clips"
+    for folder, found, cure in (
+        (none, "no such folder", f"run 'metamerlab stimuli build STUDY --out {none}' to the end"),
+        (tmp_path, "no manifest.json", f"stimuli build STUDY --out {tmp_path}' to the end"),
+        (study, "no manifest.json", f"name {clips}"),
+        (clips / "manifest.json", "this is a file", f"name {clips}"),
+        (study / "study.toml", "this is a file", "name the folder that 'metamerlab stimuli build'"),
+    ):
+        with pytest.raises(StudyError) as caught:
+            read_manifest(folder)
+        assert f"{folder}: must hold a finished batch of clips" in str(caught.value)
+        assert found in str(caught.value)
+        assert cure in str(caught.value)
 
 
 @pytest.fixture
