@@ -15,6 +15,7 @@ import typer
 from pipeline.errors import notes_printed
 from protocols.errors import StudyError
 from protocols.outside import check_limits_variable
+from study_app.cli.complete import completing
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import LazyGroup, Slot
 from study_app.cli.terminal import say
@@ -62,6 +63,7 @@ class _FrontDoor(LazyGroup):
 
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         """Read old spellings as those of today."""
+        completing(self)
         for command, today in _OLD_SPELLINGS.items():
             if tuple(args[: len(command)]) == command:
                 parts = [arg.partition("=") for arg in args]

@@ -1,10 +1,13 @@
-"""Completions of a shell: studies, displays, tasks and methods, and files beside them."""
+"""Completions of a shell, for studies, displays, tasks, methods and files; types in help."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import typer
 
 if TYPE_CHECKING:
     from typer._click import Command, Context
@@ -15,15 +18,29 @@ Completer = Callable[["Context", Any, str], list[str]]
 def completing(command: Command) -> Command:
     """Return a command whose parameters complete their values, by what they are called.
 
-    Those of a group's commands do, too. What has a completion of its own keeps it.
+    Those of a group's commands do, too. What has a completion of its own keeps it. Help names types
+    in plain words.
     """
     for one in getattr(command, "commands", {}).values():
         completing(one)
-    for parameter in command.params:
+    for parameter in command.get_params(typer.Context(command)):
+        typer_says = getattr(parameter, "display_type_rich", None)
+        if typer_says is not None:
+            vars(parameter)["display_type_rich"] = _in_words(typer_says)
         complete = _OF.get(parameter.name or "")
         if complete is not None and parameter._custom_shell_complete is None:
             parameter._custom_shell_complete = complete
     return command
+
+
+def _in_words(typer_says: Callable[..., str | None]) -> Callable[..., str]:
+    """Return what names a type in plain words: a flag has none, a list has that of its parts."""
+
+    def told(ctx: Context) -> str:
+        said = re.sub(r"^<list\[(.*)\]>$", r"<\1>", typer_says(ctx=ctx) or "")
+        return _WORDS.get(said, said)
+
+    return told
 
 
 def _with_files(known: Iterable[str], typed: str, ending: str) -> list[str]:
@@ -87,3 +104,6 @@ _OF: dict[str, Completer] = {
     "task": _tasks,
     "methods": _methods,
 }
+_WORDS = {"<bool>": "", "<str>": "<text>", "<Path>": "<path>", "<dir>": "<folder>"} | dict.fromkeys(
+    ("<int>", "<int range>", "<float>", "<float range>"), "<number>"
+)

@@ -94,6 +94,17 @@ def test_help_of_every_command_and_option_is_there_and_shown_whole(name, command
         assert not re.search(r"(?<!\\)\[", parameter.help), f"{name}: {parameter.name}"
 
 
+@pytest.mark.parametrize(
+    "words", ["", "new-study", "doctor", "session import-web", "analysis power", "warp"]
+)
+def test_help_names_types_in_words_and_flags_without_one(words):
+    said = CliRunner().invoke(app, [*words.split(), "--help"], env={"COLUMNS": "160"}).output
+    assert "--help " in said
+    types = re.findall(r"<([^<>]+)>", said)
+    assert not [one for one in types if re.search(r"^(bool|str|int|float|Path)\b|\[", one)]
+    assert words == "" or "text" in types or "path" in types
+
+
 def test_version_names_version_and_git_revision():
     shown = CliRunner().invoke(app, ["--version"]).stdout
 
