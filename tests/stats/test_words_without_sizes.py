@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from analysis.parts import computed, estimates_of
-from analysis.plans.preference import from_protocol
+from analysis.plans.preference_plan import from_protocol
 from analysis.plans.told import PreferencesTold
 from analysis.plots.scales import jod_plot
 from analysis.report.values import as_json
