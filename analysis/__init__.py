@@ -1,1 +1,1 @@
-"""From session journals to statistics, plots and a report."""
+"""Statistics, plots and a report from session journals."""

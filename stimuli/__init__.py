@@ -1,1 +1,1 @@
-"""From a protocol to a verified folder of clips."""
+"""Build of a verified folder of clips from a protocol."""

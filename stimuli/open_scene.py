@@ -1,4 +1,4 @@
-"""From a scene of a protocol to something a camera can be pointed at, and what it is made of."""
+"""Sceneries of the scenes of a protocol, and what decides their pixels."""
 
 from __future__ import annotations
 

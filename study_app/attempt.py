@@ -42,7 +42,7 @@ class Given(NamedTuple):
 
     @property
     def rt_s(self) -> float:
-        """From that onset to the key press."""
+        """Time from that onset to the key press, s."""
         return round(self.press.t_s - self.onset_s, 6)
 
 

@@ -17,7 +17,7 @@ PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 FOLDERS = (*PACKAGES, "benchmarks", "script", "tests")
 
 HEADS = "what|where|how|whether|which|who|whom|whose|why|when"
-WORDS = rf"\s*(?:(?:the|a|an|of)\s+)?(?:{HEADS})(?:ever)?\b"  # "The what" and "Of how" are no nouns
+WORDS = rf"\s*(?:(?:the|a|an|of|at|by|in)\s+)?(?:{HEADS})(?:ever)?\b"  # nor "The what", "By how"
 HEADLESS = re.compile(WORDS, re.IGNORECASE)
 SUSPECT = re.compile(f"[\"']{WORDS}", re.IGNORECASE)  # of these files alone the syntax is read
 COMMENT = re.compile(rf"(?://|\s*/\*\*) (?:{HEADS.title()})\b")

@@ -39,7 +39,7 @@ class Arrow:
 
     @property
     def log_det(self) -> float:
-        """Of the matrix; infinite where it is singular."""
+        """Logarithm of the determinant; infinite where the matrix is singular."""
         return -float(sum(np.linalg.slogdet(one)[1].sum() for one in (self.blocks, self.border)))
 
     def solve(self, vector: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""From a linear predictor to the chance of a right answer, for models of trials."""
+"""Chance of a right answer from a linear predictor, for models of trials."""
 
 from dataclasses import dataclass, replace
 from typing import Literal

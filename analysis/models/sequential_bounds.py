@@ -21,7 +21,7 @@ NEVER = 1e-14
 
 @dataclass(frozen=True)
 class SequentialPlan:
-    """At which p a planned look stops the study.
+    """Bounds on p at which planned looks stop the study.
 
     Attributes
     ----------

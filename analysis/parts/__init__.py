@@ -53,7 +53,7 @@ class AnalysisPlan(Analysis):
 
     @property
     def draws(self) -> Draws | None:
-        """Of the parametric bootstrap that is asked for, the same at every call."""
+        """Draws of the parametric bootstrap that is asked for, the same at every call."""
         rng = np.random.default_rng(SEED)
         return Draws(self.bootstrap_draws, rng) if self.bootstrap_draws else None
 

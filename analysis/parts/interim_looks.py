@@ -1,4 +1,4 @@
-"""At which planned look a study stands, and where its looks stop it."""
+"""Planned look at which a study stands, and the bounds of its looks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

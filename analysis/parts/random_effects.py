@@ -152,7 +152,7 @@ def _levels(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
 
 
 class RightEffects(RandomEffectsPart[AnalysisPlan]):
-    """Of the mixed model of right answers."""
+    """Random effects of the mixed model of right answers."""
 
     name: ClassVar[str] = "random_effects"
     section: ClassVar[tuple[str, str]] = ("models", "Models")
@@ -167,7 +167,7 @@ class RightEffects(RandomEffectsPart[AnalysisPlan]):
 
 
 class ChoiceEffects(RandomEffectsPart[Any]):
-    """Of the models of all pairings."""
+    """Random effects of the models of all pairings."""
 
     name: ClassVar[str] = "random_effects"
     section: ClassVar[tuple[str, str]] = ("models", "Models")
@@ -186,7 +186,7 @@ class ChoiceEffects(RandomEffectsPart[Any]):
 
 
 class TimeEffects(RandomEffectsPart[AnalysisPlan]):
-    """Of the model of reaction times."""
+    """Random effects of the model of reaction times."""
 
     name: ClassVar[str] = "random_times"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
@@ -205,7 +205,7 @@ class TimeEffects(RandomEffectsPart[AnalysisPlan]):
 
 
 class RatingEffects(RandomEffectsPart[AnalysisPlan]):
-    """Of the model of ratings."""
+    """Random effects of the model of ratings."""
 
     name: ClassVar[str] = "random_ratings"
     section: ClassVar[tuple[str, str]] = ("ratings", "Ratings")

@@ -175,7 +175,7 @@ def common_settings(study: StudyProtocol) -> RatePlan:
 
 
 class CurvePlan(RatePlan):
-    """Of an analysis along a level; all pairs of conditions are compared."""
+    """Plan of an analysis along a level; all pairs of conditions are compared."""
 
     def right_share(self, d_prime: Floats | float) -> Floats:
         """Return the share of right answers of an unbiased observer, by d'."""

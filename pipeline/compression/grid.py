@@ -39,7 +39,7 @@ class Density:
 
     @property
     def turn_px(self) -> float:
-        """From here on cells grow."""
+        """Radius from which on cells grow."""
         return max(self.start_px, self.knee_px)
 
     def per_px(self, radius_px: Floats) -> Floats:

@@ -82,7 +82,7 @@ class Facts:
             raise InputError(f"made must be a table (got {type(self.made).__name__})")
 
     def to_json(self) -> str:
-        """As it stands in a file."""
+        """Text of a file, JSON."""
         return json.dumps({"version": 2, **asdict(self)}, sort_keys=True)
 
     @classmethod

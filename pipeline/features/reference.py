@@ -140,7 +140,7 @@ def double(
 
 
 def parents(length: int, coarse_length: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """For each fine pixel of an axis: its own coarse pixel, and the other nearest one."""
+    """Indices of the coarse pixel of each fine pixel of an axis, and of the other nearest one."""
     fine = np.arange(length)
     near = fine // 2
     return near, np.clip(near + 2 * (fine % 2) - 1, 0, coarse_length - 1)

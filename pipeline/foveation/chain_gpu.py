@@ -165,5 +165,5 @@ class MomentChainPass(PicturePass):
 
 
 def given(**resources: Resource | None) -> dict[str, Resource]:
-    """Those that are there."""
+    """Resources that are not None, by name."""
     return {name: one for name, one in resources.items() if one is not None}

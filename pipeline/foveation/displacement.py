@@ -220,7 +220,7 @@ def pooled_white_variance(lod: Floats) -> Floats:
 
 @lru_cache(maxsize=4)
 def white_energies(count: int) -> tuple[tuple[float, float, float], ...]:
-    """Of white noise halved n and n + 1 times and doubled back: variance, covariance, variance.
+    """Variance, covariance, variance of white noise halved n and n + 1 times and doubled back.
 
     Covariances by lag, averaged over the places between coarse pixels.
     """

@@ -181,7 +181,7 @@ class FlatGeometry:
         return x, y
 
     def px_per_deg(self, x: Floats, y: Floats) -> Floats:
-        """At an angle t off the normal d / cos(t)^2 along the radius and d / cos(t) across it."""
+        """Geometric mean of d / cos(t)^2 along the radius and d / cos(t) across, at angle t."""
         cosine = self.directions(x, y)[..., 2]
         return np.asarray(math.radians(1) * self.distance_px * cosine**-1.5)
 
@@ -227,7 +227,7 @@ class EquirectangularGeometry:
 
     @property
     def least_cosine(self) -> float:
-        """Of the latitude, a quarter of a pixel from a pole: there a parallel is a point."""
+        """Cosine of the latitude a quarter of a pixel from a pole: there a parallel is a point."""
         return math.sin(np.pi / 4 / self.height_px)
 
     def _latitude(self, y: Floats) -> Floats:
@@ -299,7 +299,7 @@ class CapGeometry:
         return np.asarray(math.radians(1) * self.radian_px * (1 + square))
 
     def _from_pole(self, place: Floats) -> Floats:
-        """Of a coordinate, the tangent of half the angle that it stands for."""
+        """Tangent of half the angle that a coordinate stands for."""
         return np.asarray((place - self.edge_px / 2) / (2 * self.radian_px))
 
 

@@ -52,7 +52,7 @@ class Pools:
         object.__setattr__(self, "gaze_px", check_gaze(self.geometry, self.gaze_px))
 
     def eccentricity_deg(self, halvings: int = 0) -> Floats:
-        """At the texels of the picture halved so often: (h, w)."""
+        """Eccentricity, degrees, at the texels of the picture halved so often: (h, w)."""
         return eccentricity_deg(
             self.geometry, self.gaze_px, *pixel_centres(self.geometry, halvings)
         )

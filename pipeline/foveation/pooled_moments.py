@@ -44,7 +44,7 @@ STRONGEST_SKEW = 4.0
 
 @dataclass(frozen=True, eq=False)
 class LevelMoments:
-    """Of one pyramid level, at the texels of one resolution; arrays (h, w, ...).
+    """Moments of one pyramid level, at the texels of one resolution; arrays (h, w, ...).
 
     `square`, `mean` (3 bands): of luma. `cross` (2): luma times Cb and Cr, summed over bands.
     `chroma_square` (3 bands, 2): of Cb and Cr.

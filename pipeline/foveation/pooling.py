@@ -96,7 +96,7 @@ class Pooling:
 
     @property
     def power(self) -> int:
-        """Of the eccentricity: 1, or 2 with law ``quadratic``."""
+        """Power of the eccentricity: 1, or 2 with law ``quadratic``."""
         return 2 if self.law == "quadratic" else 1
 
     def sigma_deg(self, eccentricity_deg: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -34,7 +34,7 @@ def cap_shares(rays: Floats) -> Floats:
 
 
 def noise_strength(rays: Floats) -> Floats:
-    """By how much noise that is mixed with other noise has to be stronger: (...), at least 1."""
+    """Factor by which noise that is mixed with other noise must be stronger: (...), at least 1."""
     share = cap_shares(rays)
     return np.asarray(1 / np.hypot(share, 1 - share))
 
@@ -102,5 +102,5 @@ def lattice_noise(rays: Floats, level: Floats, key: tuple[int, int, int]) -> Flo
 
 
 def _uniform(bits: Bits) -> Floats:
-    """Of unit variance around 0; of 24 bits, as many as a float32 holds."""
+    """Uniform numbers of unit variance around 0; of 24 bits, as many as a float32 holds."""
     return np.asarray(((bits >> np.uint32(8)) * 2.0**-24 - 0.5) * np.sqrt(12.0))

@@ -83,7 +83,7 @@ class SteadyGaze:
         return replace(self, eye_px=eye, field_px=field, lost_s=0.0)
 
     def _angle(self, a: tuple[float, float], b: tuple[float, float]) -> float:
-        """Without arrays: for every frame of a live picture."""
+        """Angle of two places, degrees; without arrays, for every frame of a live picture."""
         (ax, ay, az), (bx, by, bz) = self.geometry.ray(*a), self.geometry.ray(*b)
         sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
         return math.degrees(math.atan2(sine, ax * bx + ay * by + az * bz))

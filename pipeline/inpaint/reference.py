@@ -159,7 +159,7 @@ def relax(level: GuidedLevel, gamma: float, threshold: float) -> GuidedLevel:
 
 
 def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Of each pixel the next one to the left, right, above and below; borders repeat."""
+    """Neighbours of each pixel to the left, right, above and below; borders repeat."""
     height, width = array.shape[:2]
     rows, columns = np.arange(height), np.arange(width)
     return [

@@ -241,7 +241,7 @@ class WorkLists(Pass):
         return self.region(("chain", chain, resolution))
 
     def entry_counts(self) -> dict[Key, tuple[int, int]]:
-        """For every list of the last frame: (entries, entries there could be). Reads back."""
+        """Counts of every list of the last frame: (entries, entries there could be). Reads back."""
         counts = self._read(self._counts).reshape(-1, 4)[:, 3]
         return {key: (int(counts[i.index]), i.capacity) for key, i in self._lists.items()}
 
@@ -281,7 +281,7 @@ class WorkLists(Pass):
         return range(max(0, min(resolution - FIRST_STORED + 1, self._levels)))
 
     def _pulled(self, resolution: int) -> range:
-        """Those of them that are pulled from the next finer one."""
+        """Chains of a resolution that are pulled from the next finer one."""
         return self._stored(resolution - 1)
 
     def _plan_regions(self) -> None:

@@ -1,4 +1,4 @@
-"""From a method's name and parameters to the configured method.
+"""Configured methods from their names and parameters.
 
 To add a method, write its class (one file in this folder) and add one line to `SHIPPED`. A package
 of another lab adds its own by an entry point of the group ``metamerlab.methods``, which names the

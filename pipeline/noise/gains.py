@@ -34,7 +34,7 @@ def spectral_gains(
     *,
     aim: float = AIM,
 ) -> NDArray[np.float64]:
-    """By what to multiply deviations, so that mixed bands measure what they are asked for.
+    """Factors on deviations, so that mixed bands measure what they are asked for.
 
     A fixed-point iteration of `STEPS`: each multiplies by the deviation asked for over the one
     that the gains so far would measure on a plane where every place asks for the same. Where

@@ -18,7 +18,7 @@ LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """For one number of levels; bands of all levels in one row, B = 3 * levels.
+    """Mixing for one number of levels; bands of all levels in one row, B = 3 * levels.
 
     `matrix` (B, B): weights to give the unit bands are ``matrix @ (deviations * gains)``, by the
     gains of `gains.spectral_gains`.

@@ -1,1 +1,1 @@
-"""From inpainted statistics to a picture: noise, shaped and put into the holes."""
+"""Pictures from inpainted statistics: noise, shaped and put into the holes."""

@@ -33,7 +33,7 @@ class Touched:
     masks: Mapping[Key, Mask]
 
     def bytes_of_texels(self, moment_bytes: int) -> int:
-        """With so many bytes of moments a level and texel."""
+        """Bytes read, with so many bytes of moments a level and texel."""
         return sum(
             int(mask.sum()) * _texel_bytes(key, moment_bytes) for key, mask in self.masks.items()
         )

@@ -23,7 +23,7 @@ MOST_EDGE_PX = 16384
 
 @dataclass(frozen=True)
 class Layout:
-    """Of a texture of `width` x `height` texels.
+    """Layout of a texture of `width` x `height` texels.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Layout:
 
     @property
     def halvings(self) -> int:
-        """Of the texture; as many pyramid levels have moments."""
+        """Halvings of the texture; as many pyramid levels have moments."""
         return chain_length(self.width, self.height)
 
     def size(self, halvings: int) -> tuple[int, int]:
@@ -77,7 +77,7 @@ class Layout:
 
     @property
     def nbytes(self) -> int:
-        """Of all planes."""
+        """Bytes of all planes."""
         last = self.planes()[-1]
         return last.at + last.nbytes
 

@@ -38,7 +38,7 @@ class Fragments:
     eta: Floats
 
     def where(self, chosen: NDArray[np.bool_]) -> Fragments:
-        """Only these, in one row: arrays (N)."""
+        """Chosen fragments, in one row: arrays (N)."""
         return Fragments(self.place_px[chosen], self.rho[chosen], self.eta[chosen])
 
 

@@ -116,7 +116,7 @@ def fitted_overlap() -> Floats:
 
 
 def gains(variances: Floats, rho: Floats) -> Floats:
-    """By what to multiply deviations, so that bands measure what they are asked for.
+    """Factors on deviations, so that bands measure what they are asked for.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ class Recipe(Model):
 
     @property
     def size_unit(self) -> str:
-        """In which unit it says the size."""
+        """Unit in which it says the size."""
         return "px"
 
     def resolved(self, _folder: Path) -> Recipe:

@@ -111,7 +111,7 @@ class KeyframesPath(Model):
 
 
 class StereoPath(Model):
-    """From the left photograph towards the right one, which is the true view at its end."""
+    """Path from the left photograph towards the right one, the true view at its end."""
 
     kind: Literal["stereo"]
     baselines: Annotated[float, Field(ge=1e-3, le=1000)] = 1.0

@@ -126,7 +126,7 @@ class Training:
 
     @property
     def all_views(self) -> list[SceneView]:
-        """In the order in which they are rendered."""
+        """Views in the order in which they are rendered."""
         return [SceneView(scene, number) for scene in self.scenes for number in range(self.views)]
 
     def facts(self, kind: Kind, made: Mapping[str, Any] | None = None) -> Facts:
@@ -258,7 +258,7 @@ class Trainer:
 
     @property
     def losses(self) -> list[float]:
-        """Of each step: the mean square error in deviations of the outputs."""
+        """Loss of each step: the mean square error in deviations of the outputs."""
         return self._losses
 
     def run(self, until: int | None = None, progress: Progress | None = None) -> None:
@@ -275,7 +275,7 @@ class Trainer:
                 self.save()
 
     def weights(self) -> Weights:
-        """As they are now; the last layer gives values as they are, see `scaled`."""
+        """Weights as they are now; the last layer gives values as they are, see `scaled`."""
         arrays = [np.ascontiguousarray(one.detach().numpy()) for one in self._tensors]
         return scaled(_layers(arrays), self._deviation, self._mean)
 
@@ -315,7 +315,7 @@ class Trainer:
         return ((found - self._torch.from_numpy((wanted - mean) / deviation)) ** 2).mean()
 
     def _key(self) -> str:
-        """Of all that decides the weights, the pictures too."""
+        """Hash of all that decides the weights, the pictures too."""
         digest = hashlib.sha256(repr((self.kind, self.training)).encode())
         for one in self._examples:
             for part in _parts(one):

@@ -243,7 +243,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
 
     @contextmanager
     def executor(self, where: Where) -> Iterator[tuple[Executor, int]]:
-        """This process, several, or a cluster; and how many jobs it takes at once."""
+        """Executor: this process, several, or a cluster; and how many jobs it takes at once."""
         if where.scheduler is not None:
             with dask_cluster(where.scheduler, where.tls) as (cluster, workers):
                 yield cluster, workers + 1

@@ -11,7 +11,7 @@ from pipeline.frame import SourceFrame
 from stimuli.channels import Motion
 
 DEPTH_TOLERANCE = 0.1
-"""By how much a surface may differ from frame to frame, as a share of its nearness."""
+"""Largest difference of a surface from frame to frame, as a share of its nearness."""
 
 
 def followed(

@@ -29,7 +29,7 @@ class Subject:
 
     @property
     def name(self) -> str:
-        """As the clip's folder is called."""
+        """Name of the clip's folder."""
         return self.pair.name
 
 

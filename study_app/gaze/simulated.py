@@ -26,7 +26,7 @@ _DRAG_S = (0.012, 0.03)  # how long before and after a blink the lid drags
 
 @dataclass(frozen=True)
 class GazeEvent:
-    """Something that happens to eye or tracker, seconds after `SimulatedGaze.restart`."""
+    """Event of eye or tracker, seconds after `SimulatedGaze.restart`."""
 
     kind: Literal["away", "blink", "loss", "death"]
     """`away`: gaze rests elsewhere; `blink`: lost, with the lid's drag just before and after;

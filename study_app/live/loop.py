@@ -200,7 +200,7 @@ class LiveLoop:
 
     @property
     def _need_s(self) -> float:
-        """From the begin of a frame to its flip."""
+        """Time from the begin of a frame to its flip, s."""
         return self._cost_s + SPARE_SHARE / self._screen.refresh_hz
 
     def _take(self, samples: Sequence[GazeSample]) -> tuple[Saccade, ...]:

@@ -31,7 +31,7 @@ from study_app.cli.errors import shortened, user_errors
 HANG_CPU_S, HANG_WALL_S = 20.0, 120.0
 """Most that one input may take, of the processor and in all."""
 GROWTH_MIB = 1024
-"""By how much the most memory that a process ever held may rise through one input."""
+"""Largest rise of the most memory that a process ever held through one input."""
 MOST_MEMORY = 12 << 30
 MESSAGE_MOST = 50_000
 """Characters that a message may have: one that repeats the file is none."""
