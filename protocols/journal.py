@@ -49,7 +49,7 @@ VoidReason = Literal[
     "dropped-frames",  # more refreshes missed than the protocol tolerates
     "paused",  # the pause key
     "quit",  # the quit key
-    "focus-lost",  # another window took the keyboard
+    "focus-lost",  # another window took the keyboard or covered the screen
 ]
 Outcome = Literal["completed", "void"]
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from typing import Any
 
 import glfw
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from study_app.x11 import XServer
 
 RATE_SLACK_HZ = 1.0
 """Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
@@ -68,8 +70,26 @@ def choose_monitor(display: Display) -> Any:
     return monitors[names.index(display.monitor)]
 
 
-def check_mode(display: Display, width_px: int, height_px: int, rate_hz: float) -> None:
+def enlargement(monitor: Any) -> float:
+    """Return how many pixels of the desktop an X server draws on one of the monitor; 1: no scaling.
+
+    GLFW does not say it.
+    """
+    place, mode = glfw.get_monitor_pos(monitor), glfw.get_video_mode(monitor)
+    if glfw.get_platform() == glfw.PLATFORM_X11:
+        with suppress(OSError), XServer() as server:
+            for x, y, width, _ in server.monitors():
+                if (x, y) == tuple(place):
+                    return float(width / mode.size.width)
+    return 1.0
+
+
+def check_mode(
+    display: Display, width_px: int, height_px: int, rate_hz: float, scale: float = 1.0
+) -> None:
     """Refuse a video mode other than the display file's; a rate of 0 is not stated.
+
+    A desktop that scales the monitor filters every pixel.
 
     Raises
     ------
@@ -78,15 +98,16 @@ def check_mode(display: Display, width_px: int, height_px: int, rate_hz: float) 
     """
     size_fits = (width_px, height_px) == (display.width_px, display.height_px)
     rate_fits = rate_hz == 0 or abs(rate_hz - display.refresh_hz) <= RATE_SLACK_HZ
-    if not (size_fits and rate_fits):
+    if not (size_fits and rate_fits and scale == 1):
         found = f"{width_px}x{height_px}" + (f" at {rate_hz:g} Hz" if rate_hz else "")
+        found += f", scaled by {scale:g}" if scale != 1 else ""
         raise StudyError(
             f"display {display.name!r}: the monitor must run at {display.width_px}x"
-            f"{display.height_px}, {display.refresh_hz:g} Hz (found {found}); set that mode in"
-            " the desktop's settings, or name the display that is there with --display"
+            f"{display.height_px}, {display.refresh_hz:g} Hz, not scaled (found {found}); set that"
+            " mode in the desktop's settings, or name the display that is there with --display"
         )
 
 
-def plain_text(value: bytes | str) -> str:
-    """Return what GLFW said, which is bytes."""
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+def plain_text(value: bytes | str | None) -> str:
+    """Return what GLFW said, which is bytes; empty: nothing."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value or ""

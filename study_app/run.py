@@ -162,6 +162,10 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
         targets.show = presenter.look_at
         drawn_by = describe(window.ctx)
         notes = [require_live(presenter, options, drawn_by.name)] if follows else []
+        if over := window.lies_under():
+            notes.append(
+                f"over the window before the session began, and not held against it: {over}"
+            )
         setting = Setting(
             protocol=protocol,
             display=display,

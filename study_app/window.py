@@ -19,9 +19,10 @@ from pipeline.gl.context import adopt_context
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.session_schema import POINTER
+from study_app.desktop_watch import DesktopWatch
 from study_app.gamepad import Gamepad
 from study_app.keys import key_name
-from study_app.monitor import check_mode, choose_monitor, plain_text, start_glfw
+from study_app.monitor import check_mode, choose_monitor, enlargement, plain_text, start_glfw
 from study_app.one_screen import claim_screen
 from study_app.sleep_watch import SleepWatch
 from study_app.stage import KeyPress
@@ -41,7 +42,7 @@ class FlipStamp(NamedTuple):
 
 
 class Window:
-    """A full-screen window with an OpenGL 4.3 context, current in this thread.
+    """A full-screen window with a context of OpenGL 3.3 or newer, current in this thread.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Window:
     Raises
     ------
     StudyError
-        If there is no screen, no such monitor, the mode is another one, or no OpenGL 4.3.
+        If there is no screen, no such monitor, the mode is another one, or no OpenGL 3.3.
     """
 
     def __init__(self, display: Display, *, pacing: Pacing = "vsync") -> None:
@@ -64,6 +65,7 @@ class Window:
         self._closing, self._is_open = False, False
         self._focused, self._disturbance = False, ""
         self._sleep = SleepWatch()
+        self._desktop: DesktopWatch | None = None
         self._line_s = -math.inf  # software pacing: the grid line of the flip before
         self._last_s = -math.inf
         self._claim = claim_screen()
@@ -78,10 +80,17 @@ class Window:
     def _open(self, display: Display) -> None:
         monitor = choose_monitor(display)
         mode = glfw.get_video_mode(monitor)
-        check_mode(display, mode.size.width, mode.size.height, float(mode.refresh_rate))
+        check_mode(
+            display,
+            mode.size.width,
+            mode.size.height,
+            float(mode.refresh_rate),
+            enlargement(monitor),
+        )
         self.monitor_name = plain_text(glfw.get_monitor_name(monitor))
         self.monitor_mm: tuple[int, int] = glfw.get_monitor_physical_size(monitor)
         self.mode_hz = float(mode.refresh_rate)
+        self._begins: tuple[int, int] = tuple(glfw.get_monitor_pos(monitor))
         for hint, value in (
             (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
             (glfw.CONTEXT_VERSION_MINOR, 3),
@@ -95,6 +104,9 @@ class Window:
             (glfw.SRGB_CAPABLE, False),
             (glfw.AUTO_ICONIFY, False),
             (glfw.REFRESH_RATE, mode.refresh_rate or glfw.DONT_CARE),
+            # Some window managers cover the monitor that the window lies on, not the one asked for.
+            (glfw.POSITION_X, self._begins[0]),
+            (glfw.POSITION_Y, self._begins[1]),
         ):
             glfw.window_hint(hint, value)
         self._handle = glfw.create_window(
@@ -120,13 +132,15 @@ class Window:
         glfw.set_window_focus_callback(self._handle, self._on_focus)
         glfw.set_window_close_callback(self._handle, self._on_close)
         glfw.set_framebuffer_size_callback(self._handle, self._on_size)
+        glfw.set_window_pos_callback(self._handle, self._on_place)
         glfw.set_mouse_button_callback(self._handle, self._on_button)
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         self._cursor_shown = self._cursor_stays = False
         self._gamepad = Gamepad(glfw)
         self.take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
-        self._size = self.size
+        self._size, self._place = self.size, self._begins
+        self._desktop = DesktopWatch.of_window(glfw, self._handle)
 
     def __enter__(self) -> Window:
         return self
@@ -138,6 +152,8 @@ class Window:
         """Close the window; safe to call twice."""
         if self._is_open:
             self._is_open = False
+            if self._desktop:
+                self._desktop.close()
             glfw.destroy_window(self._handle)
             glfw.terminate()
             self._claim.close()
@@ -187,6 +203,8 @@ class Window:
         """Take what events there are."""
         glfw.poll_events()
         self._gamepad.poll(self.press)
+        if self._desktop and (between := self._desktop.poll()):
+            self._disturbance = between
         if (slept_s := self._sleep.slept_s()) > 0:
             self._disturbance = f"the machine slept for {slept_s:.0f} s"
 
@@ -212,10 +230,15 @@ class Window:
     def disturbed(self) -> str:
         """Return what comes, or came since the last call, between participant and window.
 
-        Empty: nothing. Another window has the keyboard, the machine slept, the monitor is gone.
+        Empty: nothing. Another window has the keyboard or lies over ours, the screen is blank, the
+        machine slept, the monitor is gone.
         """
         before, self._disturbance = self._disturbance, ""
         return self._display_lost() or before or ("" if self._focused else _NO_KEYBOARD)
+
+    def lies_under(self) -> str:
+        """Return the names of windows that lay over ours when it opened; they disturb nothing."""
+        return self._desktop.accepted() if self._desktop else ""
 
     def require_display(self) -> None:
         """Refuse to go on where nobody sees the whole window any more.
@@ -236,6 +259,8 @@ class Window:
             return "the monitor was disconnected"
         if self._size != self.size:
             return f"the window has {self._size[0]}x{self._size[1]} pixels now"
+        if self._place != self._begins:
+            return f"the window lies at {self._place[0]}, {self._place[1]} of the desktop now"
         return ""
 
     def cursor_px(self) -> tuple[float, float]:
@@ -257,15 +282,28 @@ class Window:
 
     def _await_full_screen(self) -> None:
         """Let the window manager make the window cover the screen; it may show a frame before."""
-        wanted = self.size
+        wanted, name = self.size, f"display {self.display.name!r}"
         until_s = self.now() + _SETTLE_S
-        while (size := glfw.get_framebuffer_size(self._handle)) != wanted:
-            if self.now() >= until_s:
+        while (size := glfw.get_framebuffer_size(self._handle)) != wanted or not self._is_there():
+            if self.now() < until_s:
+                glfw.wait_events_timeout(0.02)
+            elif size != wanted:
                 raise StudyError(
-                    f"display {self.display.name!r}: the window must have {wanted[0]}x{wanted[1]}"
-                    f" pixels (got {size[0]}x{size[1]}); turn desktop scaling off"
+                    f"{name}: the window must have {wanted[0]}x{wanted[1]} pixels (got {size[0]}x"
+                    f"{size[1]}); turn desktop scaling off"
                 )
-            glfw.wait_events_timeout(0.02)
+            else:
+                raise StudyError(
+                    f"{name}: the window must cover the monitor {self.monitor_name} (the window"
+                    " manager put it elsewhere); switch the other monitors off, or use another"
+                    " window manager"
+                )
+
+    def _is_there(self) -> bool:
+        """Return whether the window begins where its monitor does; only X11 is asked."""
+        if glfw.get_platform() != glfw.PLATFORM_X11:
+            return True
+        return bool(tuple(glfw.get_window_pos(self._handle)) == self._begins)
 
     def take_focus(self) -> None:
         """Ask for the keyboard again."""
@@ -308,6 +346,9 @@ class Window:
     def _on_size(self, _window: Any, width: int, height: int) -> None:
         self._size = width, height
 
+    def _on_place(self, _window: Any, x: int, y: int) -> None:
+        self._place = x, y
+
     def _on_close(self, window: Any) -> None:
         glfw.set_window_should_close(window, False)
         self._closing = True
@@ -315,4 +356,4 @@ class Window:
 
 def _last_error() -> str:
     _, description = glfw.get_error()
-    return plain_text(description) if description else "no reason given"
+    return plain_text(description) or "no reason given"

@@ -107,6 +107,9 @@ def _judge_desktop(answer: Answer) -> list[Finding]:
         found = f"{', '.join(covering)} may cover the screen with a saver, a lock or a notice"
         cure = "turn on 'do not disturb', and screen saver and lock off, for the time of a session"
         findings.append(Finding("notices", Status.WARN, found, cure, FOR_SESSIONS))
+    if seconds := answer.get("blank_after_s"):
+        found = f"it begins after {seconds} s without a key; sessions hold it off"
+        findings.append(Finding("screen saver", Status.PASS, found, "", FOR_SESSIONS))
     kinds = {(one["refresh_hz"], one["scale"]) for one in answer["monitors"]}
     if len(kinds) > 1:
         shown = "; ".join(

@@ -6,7 +6,6 @@ answer too.
 
 from __future__ import annotations
 
-import ctypes
 import itertools
 import json
 import os
@@ -100,10 +99,13 @@ def display() -> Answer:
     """Monitors, and whether buffer swaps keep time with one of them."""
     import glfw
 
+    from study_app.monitor import plain_text
+    from study_app.x11 import XServer
+
     warnings.simplefilter("ignore", glfw.GLFWError)
     if not glfw.init():
         _, reason = glfw.get_error()
-        return {"error": _text(reason) or "no display"}
+        return {"error": plain_text(reason) or "no display"}
     names = {
         getattr(glfw, "PLATFORM_X11", None): "X11",
         getattr(glfw, "PLATFORM_WAYLAND", None): "Wayland",
@@ -117,42 +119,30 @@ def display() -> Answer:
         "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
     }
     if found["platform"] == "X11":
-        found["compositor"] = has_compositor()
+        with XServer() as server:
+            found["compositor"] = server.has_compositor()
+            found["blank_after_s"] = server.blank_after_s()
     found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
     glfw.terminate()
     return found
 
 
 def _monitor(glfw: Any, monitor: Any) -> Answer:
+    from study_app.monitor import enlargement, plain_text
+
     mode = glfw.get_video_mode(monitor)
     width_mm, height_mm = glfw.get_monitor_physical_size(monitor)
     alike = [one.refresh_rate for one in glfw.get_video_modes(monitor) if one.size == mode.size]
     return {
-        "name": _text(glfw.get_monitor_name(monitor)),
+        "name": plain_text(glfw.get_monitor_name(monitor)),
         "width_px": mode.size.width,
         "height_px": mode.size.height,
         "refresh_hz": mode.refresh_rate,
         "fastest_hz": max(alike, default=mode.refresh_rate),
-        "scale": glfw.get_monitor_content_scale(monitor)[0],
+        "scale": glfw.get_monitor_content_scale(monitor)[0] * enlargement(monitor),
         "width_mm": width_mm,
         "height_mm": height_mm,
     }
-
-
-def has_compositor() -> bool:
-    """Tell whether a program composes the windows of an X11 screen: it owns a known selection."""
-    x11 = ctypes.CDLL("libX11.so.6")
-    for call in (x11.XOpenDisplay, x11.XInternAtom, x11.XGetSelectionOwner):
-        call.restype = ctypes.c_void_p
-    server = ctypes.c_void_p(x11.XOpenDisplay(None))
-    if not server:
-        return False
-    try:
-        name = f"_NET_WM_CM_S{x11.XDefaultScreen(server)}".encode()
-        atom = ctypes.c_ulong(x11.XInternAtom(server, name, False))
-        return bool(x11.XGetSelectionOwner(server, atom))
-    finally:
-        x11.XCloseDisplay(server)
 
 
 def disturbers(running: Iterable[str]) -> list[str]:
@@ -167,6 +157,8 @@ _DISTURBERS = re.compile(
 
 
 def _time_swaps(glfw: Any) -> Answer:
+    from study_app.monitor import plain_text
+
     for hint, value in (
         (glfw.CONTEXT_VERSION_MAJOR, 3),
         (glfw.CONTEXT_VERSION_MINOR, 3),
@@ -176,7 +168,7 @@ def _time_swaps(glfw: Any) -> Answer:
     window = glfw.create_window(64, 64, "metamerlab doctor", None, None)
     if not window:
         _, reason = glfw.get_error()
-        return {"error": _text(reason) or "no window with OpenGL 3.3"}
+        return {"error": plain_text(reason) or "no window with OpenGL 3.3"}
     glfw.make_context_current(window)
     glfw.swap_interval(1)
 
@@ -199,10 +191,6 @@ def _time_swaps(glfw: Any) -> Answer:
         "swap_min_s": min(intervals_s),
         "swap_max_s": max(intervals_s),
     }
-
-
-def _text(value: bytes | str | None) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value or ""
 
 
 PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "egl": egl, "display": display}

@@ -175,7 +175,7 @@ class Study:
         made[:, middle - reach : middle + reach] = 128
         return made
 
-    def logged(self) -> tuple[dict[int, str | None], dict[str, str]]:
+    def logged(self, code: str = "P01") -> tuple[dict[int, str | None], dict[str, str]]:
         """Picture of each flip in the log, and the names of pictures by their pixels' hash.
 
         A picture's name is that of its frames, from left to right, as in ``name/3 + name/3``;
@@ -189,7 +189,7 @@ class Study:
         }
         by_flip: dict[int, str | None] = {}
         names: dict[str, str] = {}
-        for row in self.flips():
+        for row in self.flips(code):
             shown = [frames[sha] for sha in row["frame_sha256"].split()]
             name = " + ".join(f"{clip}/{index}" for clip, index in shown)
             by_flip[int(row["flip"])] = name or None
@@ -320,10 +320,12 @@ def in_haste(code: str, arguments: Sequence[object], hasty: bool = True) -> str:
 
 @dataclass(frozen=True)
 class Screen:
-    """An X server whose picture lies in a file, with a window manager."""
+    """A monitor of an X server with a window manager; the server's picture may lie in a file."""
 
     name: str
-    file: Path
+    file: Path | None = None
+    left: int = 0
+    """Where the monitor begins on the server's screen."""
 
     @property
     def env(self) -> dict[str, str]:
@@ -331,6 +333,7 @@ class Screen:
 
     def picture(self) -> np.ndarray:
         """Picture on the screen now, (height, width, 3)."""
+        assert self.file is not None
         data = self.file.read_bytes()
         header = int.from_bytes(data[:4], "big")
         colours = int.from_bytes(data[76:80], "big")
@@ -404,7 +407,12 @@ class Screen:
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def watch(
-        self, study: Study, *more: object, also: str = "", timeout_s: float = 240
+        self,
+        study: Study,
+        *more: object,
+        also: str = "",
+        code: str = "P01",
+        timeout_s: float = 240,
     ) -> list[Seen]:
         """Let an artificial observer do a study while another process watches the screen.
 
@@ -416,6 +424,8 @@ class Screen:
             Further arguments of `session run`.
         also : str
             Python text that is run before the session.
+        code : str
+            The participant's.
 
         Returns
         -------
@@ -426,15 +436,18 @@ class Screen:
         read.write_bytes(b"\xff" * 8)
         script = Path(__file__).parents[1] / "helpers/screen_watcher.py"
         watcher = subprocess.Popen(
-            [sys.executable, script, self.file, *map(str, study.rectangle), read],
+            [
+                sys.executable, script, str(self.file or self.name), str(self.left),
+                *map(str, study.rectangle), read,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-        )
+        )  # fmt: skip
         assert watcher.stdout is not None
         assert watcher.stdout.readline() == "ready\n"
         try:
-            arguments = self.session("run", study, "--simulate", "--strip", *more)
+            arguments = self.session("run", study, "--simulate", "--strip", *more, code=code)
             self.script(PACED + also + "main()\n", *arguments, read, timeout_s=timeout_s)
         finally:
             out, _ = watcher.communicate(input="stop\n", timeout=60)

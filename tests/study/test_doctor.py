@@ -347,8 +347,9 @@ def test_timing_fails_on_xvfb_and_nothing_crashes(tmp_path: Path):
 
 COMPOSITOR = """
 import ctypes
-from study_app.doctor.probes import has_compositor
-print(has_compositor())
+from study_app.x11 import XServer
+ask = XServer()
+print(ask.has_compositor())
 x11 = ctypes.CDLL("libX11.so.6")
 x11.XOpenDisplay.restype = ctypes.c_void_p
 server = ctypes.c_void_p(x11.XOpenDisplay(None))
@@ -359,7 +360,7 @@ mine = ctypes.c_ulong(x11.XCreateSimpleWindow(server, root, 0, 0, 1, 1, 0, 0, 0)
 name = ctypes.c_ulong(x11.XInternAtom(server, b"_NET_WM_CM_S0", 0))
 x11.XSetSelectionOwner(server, name, mine, 0)
 x11.XSync(server, 0)
-print(has_compositor())
+print(ask.has_compositor())
 """
 
 
