@@ -90,7 +90,8 @@ class Window:
         self.monitor_name = plain_text(glfw.get_monitor_name(monitor))
         self.monitor_mm: tuple[int, int] = glfw.get_monitor_physical_size(monitor)
         self.mode_hz = float(mode.refresh_rate)
-        self._begins: tuple[int, int] = tuple(glfw.get_monitor_pos(monitor))
+        x, y = glfw.get_monitor_pos(monitor)
+        self._begins = int(x), int(y)
         for hint, value in (
             (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
             (glfw.CONTEXT_VERSION_MINOR, 3),
@@ -303,7 +304,7 @@ class Window:
         """Return whether the window begins where its monitor does; only X11 is asked."""
         if glfw.get_platform() != glfw.PLATFORM_X11:
             return True
-        return bool(tuple(glfw.get_window_pos(self._handle)) == self._begins)
+        return tuple(glfw.get_window_pos(self._handle)) == self._begins
 
     def take_focus(self) -> None:
         """Ask for the keyboard again."""
