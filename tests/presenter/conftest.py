@@ -325,7 +325,7 @@ class Screen:
     name: str
     file: Path | None = None
     left: int = 0
-    """Where the monitor begins on the server's screen."""
+    """Left edge of the monitor on the server's screen."""
 
     @property
     def env(self) -> dict[str, str]:

@@ -52,7 +52,7 @@ MODES = {
 
 
 def findings(screen, study):
-    """What doctor says, by the name of the check."""
+    """Findings of doctor, by the name of the check."""
     done = screen.run("doctor", "--json", "--for", "sessions", "--folder", study.folder)
     return {each["check"]: each for each in json.loads(done.stdout)["findings"]}
 
