@@ -24,10 +24,10 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
 from protocols.revision import code_revision
 from stimuli.choice import Choice
-from study_app.cli.live_renderer import FoveatingRenderer, Source
+from study_app.cli.live_renderer import FoveatingRenderer, LiveSource
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import LiveLoop
-from study_app.live.renderer import Look, View
+from study_app.live.renderer import GazeState, LiveView
 
 SIZES = (256, 512, 1024, 2048)
 GAZE_HZ = 250.0
@@ -47,7 +47,7 @@ class Timer:
     def wait_until(self, t_s: float) -> None:
         time.sleep(max(0.0, t_s - time.monotonic()))
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
         self._ctx.finish()
 
     def flip(self) -> float:
@@ -99,16 +99,16 @@ def time_live(
     """Show an astronaut for some seconds."""
     picture = np.resize(data.astronaut(), (edge, edge, 3))
     frame = np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=255)
-    source = Source([frame], "0" * 64, panorama=False, notes=())
+    source = LiveSource([frame], "0" * 64, panorama=False, notes=())
     renderer = FoveatingRenderer(ctx, source, Flat(width_deg=40).of(edge, edge), Choice(method))
     renderer.prepare(1)
     loop = LiveLoop(Timer(ctx, hz), Wandering(edge), (0, 0), polled=False)
     for _ in range(WARM_UP):
-        loop.step(renderer, View(), 1)
+        loop.step(renderer, LiveView(), 1)
     loop = LiveLoop(Timer(ctx, hz), Wandering(edge), (0, 0), polled=False)
     began, cpu = time.monotonic(), time.process_time()
     while time.monotonic() - began < seconds:
-        loop.step(renderer, View(), 1)
+        loop.step(renderer, LiveView(), 1)
     spent, cpu = time.monotonic() - began, time.process_time() - cpu
     latency = loop.latency.summary()
     transient, kept = _memory(loop, renderer)
@@ -122,12 +122,12 @@ def time_live(
 
 def _memory(loop: LiveLoop, renderer: FoveatingRenderer, frames: int = 20) -> tuple[int, int]:
     tracemalloc.start()
-    loop.step(renderer, View(), 1)
+    loop.step(renderer, LiveView(), 1)
     first, most = tracemalloc.get_traced_memory()[0], 0
     for _ in range(frames):
         before = tracemalloc.get_traced_memory()[0]
         tracemalloc.reset_peak()
-        loop.step(renderer, View(), 1)
+        loop.step(renderer, LiveView(), 1)
         most = max(most, tracemalloc.get_traced_memory()[1] - before)
     kept = (tracemalloc.get_traced_memory()[0] - first) // frames
     tracemalloc.stop()

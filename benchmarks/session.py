@@ -21,7 +21,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.revision import code_revision
 from study_app.recorder import Recorder
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.virtual import VirtualClock
 
 
@@ -63,7 +63,7 @@ def time_session(gaze_hz: float) -> SessionTiming:
         root = Path(folder)
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         (outcome,) = simulate_study(
-            Simulation(protocol, display, gaze_rate_hz=gaze_hz), root, 1
+            SimulatedStudy(protocol, display, gaze_rate_hz=gaze_hz), root, 1
         ).values()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         journal = read_journal(next(root.rglob("journal.jsonl")))

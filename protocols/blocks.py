@@ -56,7 +56,7 @@ class TableColumn:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableBlock:
     """A table: each row has a cell for every column; a last row of totals stands apart."""
 
     caption: str
@@ -72,7 +72,7 @@ class Table:
         rows: Iterable[Sequence[str]],
         *,
         totals: bool = False,
-    ) -> "Table":
+    ) -> "TableBlock":
         """Return a table of columns (title, style) and rows of texts."""
         return cls(
             caption,
@@ -84,14 +84,14 @@ class Table:
     @classmethod
     def each(
         cls, caption: str, things: Iterable[T], *columns: tuple[str, str, Callable[[T], str]]
-    ) -> "Table":
+    ) -> "TableBlock":
         """Return a table with a row for each of some things, of columns (title, style, cell)."""
         rows = [[cell(thing) for _, _, cell in columns] for thing in things]
         return cls.of(caption, [(title, style) for title, style, _ in columns], rows)
 
 
 @dataclass(frozen=True)
-class Picture:
+class FigurePlace:
     """Place of the figure of this name; nothing where there is none."""
 
     name: str
@@ -120,7 +120,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Shot:
+class MediaFile:
     """A picture, video (.webm) or page (.html) by its address, with its caption."""
 
     address: str
@@ -131,10 +131,10 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Shots:
+class MediaRow:
     """Pictures side by side, none narrower than this."""
 
-    shots: tuple[Shot, ...]
+    shots: tuple[MediaFile, ...]
     least_rem: float = 20.0
 
 
@@ -153,7 +153,17 @@ class Code:
 
 
 Block: TypeAlias = (
-    str | list[str] | Heading | Paragraph | Table | Picture | Cautions | Box | Shots | Pasted | Code
+    str
+    | list[str]
+    | Heading
+    | Paragraph
+    | TableBlock
+    | FigurePlace
+    | Cautions
+    | Box
+    | MediaRow
+    | Pasted
+    | Code
 )
 """A text alone is a paragraph, and a list one with bullets."""
 

@@ -31,7 +31,7 @@ def html_page(title: str, template: str = "protocols/page.html", **values: objec
         Package and file, which extends ``page.html``: ``stimuli/contact.html``.
     values : object
         `heading`; `under` it a line; `stamp` on top of the page and over every printed one; `lead`
-        blocks; `sections`; `figures` by the names in `Picture`; and what the template names.
+        blocks; `sections`; `figures` by the names in `FigurePlace`; and what the template names.
 
     Raises
     ------

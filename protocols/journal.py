@@ -251,7 +251,7 @@ class Pause(Event):
     duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
 
 
-class Phase(Model):
+class PhaseRecord(Model):
     """One phase of an attempt, as shown."""
 
     phase: Name
@@ -345,7 +345,7 @@ class Attempt(Event, Grown):
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
     """From the onset of the question to the key press."""
-    phases: tuple[Phase, ...]
+    phases: tuple[PhaseRecord, ...]
     """The phases that were shown, in order."""
     dropped: Count
     """Missed refreshes from the first watched phase to the answer phase."""
@@ -482,7 +482,7 @@ __all__ = [
     "GazeQuality",
     "Note",
     "Pause",
-    "Phase",
+    "PhaseRecord",
     "SessionEnd",
     "SessionResume",
     "SessionStart",

@@ -20,7 +20,7 @@ from protocols.outside import CONTROL, reading
 from protocols.problems import problems_of
 from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import Recipe
-from protocols.recipes.warped_clips import View
+from protocols.recipes.warped_clips import CameraView
 from protocols.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
 from protocols.tasks.task_kinds import TASKS
@@ -200,7 +200,7 @@ def load_toml(path: Path, model: type[M]) -> M:
         raise _study_error(path, problems_of(error, raw, model)) from None
 
 
-def parse_view(text: str) -> View:
+def parse_view(text: str) -> CameraView:
     """Read a scene's line ``view = { ... }``, as a protocol or `stimuli look` has it."""
     table = re.sub(r"^\s*(\d+:)?\s*(view\s*=)?\s*", "", text)
     must = "--view: must be a line as in a protocol, view = { position_m = [x, y, z], look_at_m ="
@@ -209,10 +209,10 @@ def parse_view(text: str) -> View:
     except (ValueError, RecursionError) as error:
         raise StudyError(f"{must} [x, y, z] }} (got {text!r}: {error})") from None
     try:
-        return View.model_validate(raw["view"])
+        return CameraView.model_validate(raw["view"])
     except ValidationError as error:
         told = raw["view"] if isinstance(raw["view"], dict) else {}
-        raise _study_error(Path("--view"), problems_of(error, told, View)) from None
+        raise _study_error(Path("--view"), problems_of(error, told, CameraView)) from None
 
 
 def shipped(folder: str) -> dict[str, Path]:

@@ -41,7 +41,7 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Live:
+class LiveImage:
     """A still of the trial that is drawn to the gaze, frame by frame."""
 
     stimulus: int
@@ -98,7 +98,7 @@ def rgba_sha256(width_px: int, height_px: int, rgba: bytes) -> str:
     return hashlib.sha256(f"{width_px}x{height_px}".encode() + rgba).hexdigest()
 
 
-Drawable: TypeAlias = Fixation | Image | Clip | Live | Optotype | Bar | QuestionText | Bitmap
+Drawable: TypeAlias = Fixation | Image | Clip | LiveImage | Optotype | Bar | QuestionText | Bitmap
 """Drawables of a flip; a phase that draws nothing is blank. Anything else is refused: a task of
 your own draws it as a `Bitmap`."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from protocols.blocks import Block, Section, Table
+from protocols.blocks import Block, Section, TableBlock
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
@@ -84,7 +84,7 @@ def to_markdown(title: str, sections: list[Section]) -> str:
     for section in sections:
         lines += [f"## {section.title}", ""]
         for block in section.blocks:
-            if isinstance(block, Table):
+            if isinstance(block, TableBlock):
                 heads = [column.title for column in block.columns]
                 rows = [heads, ["---" for _ in heads], *block.rows]
                 lines += ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
@@ -179,7 +179,7 @@ def _texts(protocol: StudyProtocol) -> Section:
     pages += [(f"at the end: {entry.name}", entry.text) for entry in texts.questions]
     rows = tuple((name, " ".join(text.split())) for name, text in pages)
     return Section.of(
-        "What participants read", said, Table.of("", [("page", "l"), ("text", "l")], rows)
+        "What participants read", said, TableBlock.of("", [("page", "l"), ("text", "l")], rows)
     )
 
 
@@ -197,7 +197,7 @@ def _hashes(
         "Hashes",
         "SHA-256 of the canonical JSON of each part. Every session's journal repeats them, so"
         " that data can be traced to this text.",
-        Table.of("", [("part", "l"), ("SHA-256 or revision", "l hash")], rows),
+        TableBlock.of("", [("part", "l"), ("SHA-256 or revision", "l hash")], rows),
     )
 
 

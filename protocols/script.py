@@ -57,7 +57,7 @@ ShownAlone: TypeAlias = (
     phases.Fixation
     | phases.Image
     | phases.Clip
-    | phases.Live
+    | phases.LiveImage
     | phases.Optotype
     | phases.Bar
     | phases.Bitmap
@@ -214,7 +214,7 @@ Entry: TypeAlias = Annotated[Frames | Live | Picture | Fill, Field(discriminator
 """All that a stage must be able to draw."""
 
 
-class Question(Model):
+class ScriptQuestion(Model):
     """Question of a phase. The picture of its words is one of those that the phase shows."""
 
     name: Name
@@ -227,7 +227,7 @@ class Question(Model):
     """A click or touch gives an answer too: each has a column of the screen, equally wide."""
 
     @model_validator(mode="after")
-    def _can_be_answered(self) -> Question:
+    def _can_be_answered(self) -> ScriptQuestion:
         where, answers = f"question {self.name!r}", self.answers
         if not answers:
             raise ValueError(f"{where}: can never end, it has no answers; name them")
@@ -276,7 +276,7 @@ class ScriptPhase(Model):
     """Longest wait, in refreshes, for gaze to be held for `frames`."""
     watched: bool = False
     """Gaze that leaves the dot voids the attempt. Missed refreshes count."""
-    question: Question | None = None
+    question: ScriptQuestion | None = None
     """An answer to it ends the phase, and the next ones where these ask the same."""
     timeout_frames: Positive | None = None
     """Refreshes of this phase after which the attempt is void without an answer. Null: no limit. A
@@ -374,7 +374,7 @@ class TrialScript(Model):
     def _check_questions(self) -> None:
         taken = dict.fromkeys(self.pause_keys, "pause_keys")
         taken |= dict.fromkeys(self.quit_keys, "quit_keys")
-        asked: list[Question] = []
+        asked: list[ScriptQuestion] = []
         for before, phase in zip((None, *self.phases), self.phases, strict=False):
             question = phase.question
             if question is None or (before is not None and question == before.question):
@@ -742,7 +742,7 @@ class Scripts:
                 shown.append(self.entry(entry, phase))
         question = None
         if asks is not None:
-            question = Question(
+            question = ScriptQuestion(
                 name=asks.name,
                 answers=asks.answers,
                 keys=asks.keys,
@@ -791,7 +791,7 @@ class Scripts:
                 )
         width, height = self.stimulus_px
         count = self.study.task.stimuli_per_trial
-        of_trial = phases.Image | phases.Clip | phases.Live
+        of_trial = phases.Image | phases.Clip | phases.LiveImage
         if isinstance(entry, of_trial) and not 0 <= entry.stimulus < count:
             raise _wrong(
                 phase,
@@ -799,11 +799,11 @@ class Scripts:
                 f" {entry.stimulus}); name such a one, or raise stimuli_per_trial",
             )
         follows = self.study.stimuli.follows_gaze
-        if isinstance(entry, of_trial) and isinstance(entry, phases.Live) != follows:
+        if isinstance(entry, of_trial) and isinstance(entry, phases.LiveImage) != follows:
             said = "follow the gaze: show them as Live" if follows else "do not follow the gaze"
             raise _wrong(phase, f"stimuli of this study {said} (got {kind}), or take another task")
         match entry:
-            case phases.Live(stimulus=number, x_deg=x_deg, y_deg=y_deg):
+            case phases.LiveImage(stimulus=number, x_deg=x_deg, y_deg=y_deg):
                 return Live(stimulus=number, at=self.place(x_deg, y_deg, width, height))
             case phases.Image(stimulus, x_deg, y_deg, half):
                 if half not in (None, "left", "right"):

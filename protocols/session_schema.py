@@ -206,7 +206,7 @@ class Response(Grown):
         }
 
 
-class Question(Model):
+class ClosingQuestion(Model):
     """A question after the last block."""
 
     name: Name
@@ -258,7 +258,7 @@ class Texts(Grown):
     """After a right answer in practice. Required for feedback."""
     wrong: Text | None = None
     """After a wrong answer in practice."""
-    questions: tuple[Question, ...] = ()
+    questions: tuple[ClosingQuestion, ...] = ()
     """Asked after the last block."""
     key_names: Annotated[dict[KeyName, Text], Field(default_factory=dict)]
     """Names of keys on pages, such as { space = "Leertaste" }. Default: the English word."""

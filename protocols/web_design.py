@@ -20,7 +20,7 @@ from protocols.tasks import base
 from protocols.units import Count, Few, LanguageCode, Model, Name, Number, Positive, Share, Text
 
 
-class Arrangement(Model):
+class WebArrangement(Model):
     """One way to show a condition."""
 
     stimuli: tuple[Text, ...]
@@ -31,13 +31,13 @@ class Arrangement(Model):
     """Of the column that an adaptive rule chooses. Null where there is none."""
 
 
-class Cell(Model):
+class WebCell(Model):
     """One condition of the design. Its arrangements take turns over repeats and places."""
 
     scene: str
     parity: int
     """Index of the arrangement that comes first at place 0."""
-    arrangements: tuple[Arrangement, ...]
+    arrangements: tuple[WebArrangement, ...]
 
 
 class QuestPlusRule(Model):
@@ -69,24 +69,24 @@ class UpDownRule(Model):
 AnyRule: TypeAlias = Annotated[QuestPlusRule | UpDownRule, Field(discriminator="kind")]
 
 
-class Track(Model):
+class WebTrack(Model):
     """Trials that are chosen from each other's answers."""
 
     name: Text
-    options: tuple[Arrangement, ...]
+    options: tuple[WebArrangement, ...]
     """All that they may show."""
 
 
-class Adaptive(Model):
+class WebAdaptive(Model):
     """Rule that chooses trials from answers."""
 
     trials: Positive
     """Per track."""
-    tracks: tuple[Track, ...]
+    tracks: tuple[WebTrack, ...]
     rule: AnyRule
 
 
-class Practice(Model):
+class WebPractice(Model):
     """Practice trials."""
 
     trials: Positive
@@ -94,7 +94,7 @@ class Practice(Model):
     rounds: Positive
     criterion_share: Share | None
     """Share of right answers below which another round follows. Null: one round only."""
-    cells: tuple[Cell, ...]
+    cells: tuple[WebCell, ...]
 
 
 class WebDesign(Model):
@@ -115,12 +115,12 @@ class WebDesign(Model):
     consent_required: bool
     questions: tuple[Name, ...]
     """The closing questions, which are the same in every language."""
-    cells: tuple[Cell, ...]
+    cells: tuple[WebCell, ...]
     """Of the main trials. Empty where a rule chooses."""
     catch_trials: Count
-    catch_cells: tuple[Cell, ...]
-    practice: Practice | None
-    adaptive: Adaptive | None
+    catch_cells: tuple[WebCell, ...]
+    practice: WebPractice | None
+    adaptive: WebAdaptive | None
 
 
 def web_design(study: StudyProtocol, language: LanguageCode | None = None) -> WebDesign:
@@ -158,7 +158,7 @@ def web_design(study: StudyProtocol, language: LanguageCode | None = None) -> We
         cells=() if adaptive else _cells(task.cells(pool)),
         catch_trials=task.catch_trials,
         catch_cells=_cells(task.catch_cells(pool)) if task.catch_trials else (),
-        practice=Practice(
+        practice=WebPractice(
             trials=practice.trials,
             rounds=practice.rounds,
             criterion_share=practice.criterion_share,
@@ -176,7 +176,7 @@ def adaptive_column(study: StudyProtocol) -> str | None:
     return rule.column if isinstance(rule, AdaptiveLevels) else None
 
 
-def _adaptive(study: StudyProtocol) -> Adaptive | None:
+def _adaptive(study: StudyProtocol) -> WebAdaptive | None:
     rule, task, pool = study.task.adaptation, study.task, study.pool
     if rule is None:
         return None
@@ -186,15 +186,15 @@ def _adaptive(study: StudyProtocol) -> Adaptive | None:
             f" follow any other (got {rule.rule!r}); plan all trials, or run the study at the desk"
         )
     levels = rule.levels(task, pool)
-    options: dict[str, list[Arrangement]] = {}
+    options: dict[str, list[WebArrangement]] = {}
     for cell in task.cells(pool):
         for arrangement in cell.arrangements:
             name = rule.track_of(arrangement.condition)
             options.setdefault(name, []).append(_arrangement(arrangement, rule.column))
-    return Adaptive(
+    return WebAdaptive(
         trials=rule.trials,
         tracks=tuple(
-            Track(name=name, options=tuple(options[name])) for name in rule.tracks(task, pool)
+            WebTrack(name=name, options=tuple(options[name])) for name in rule.tracks(task, pool)
         ),
         rule=_quest_plus(rule, levels)
         if isinstance(rule, QuestPlusLevels)
@@ -219,9 +219,9 @@ def _quest_plus(rule: QuestPlusLevels, levels: tuple[float, ...]) -> QuestPlusRu
     )
 
 
-def _cells(cells: Iterable[base.Cell], column: str | None = None) -> tuple[Cell, ...]:
+def _cells(cells: Iterable[base.Cell], column: str | None = None) -> tuple[WebCell, ...]:
     return tuple(
-        Cell(
+        WebCell(
             scene=cell.scene,
             parity=cell.parity,
             arrangements=tuple(_arrangement(one, column) for one in cell.arrangements),
@@ -230,9 +230,9 @@ def _cells(cells: Iterable[base.Cell], column: str | None = None) -> tuple[Cell,
     )
 
 
-def _arrangement(given: base.Arrangement, column: str | None) -> Arrangement:
+def _arrangement(given: base.Arrangement, column: str | None) -> WebArrangement:
     level = given.condition.get(column) if column else None
-    return Arrangement(
+    return WebArrangement(
         stimuli=given.stimuli,
         correct=given.correct,
         level=None if level is None else float(level),

@@ -48,7 +48,7 @@ class Line(Model):
     """On the participant's clock, UTC."""
 
 
-class Start(Line):
+class StartLine(Line):
     """The first line of a participant."""
 
     kind: Literal["start"] = "start"
@@ -70,7 +70,7 @@ class Start(Line):
     """Value of the link's parameter that the study names."""
 
 
-class Resume(Line):
+class ResumeLine(Line):
     """The page was opened again for the same participant."""
 
     kind: Literal["resume"] = "resume"
@@ -78,7 +78,7 @@ class Resume(Line):
     machine: Machine
 
 
-class Consent(Line):
+class ConsentLine(Line):
     """The participant read the consent page, and agreed or not."""
 
     kind: Literal["consent"] = "consent"
@@ -86,21 +86,21 @@ class Consent(Line):
     text_sha256: Sha256
 
 
-class BlockStart(Line):
+class BlockStartLine(Line):
     """A block begins."""
 
     kind: Literal["block-start"] = "block-start"
     block: Count
 
 
-class BlockEnd(Line):
+class BlockEndLine(Line):
     """A block is over."""
 
     kind: Literal["block-end"] = "block-end"
     block: Count
 
 
-class Break(Line):
+class BreakLine(Line):
     """A break between blocks, sent at its end."""
 
     kind: Literal["break"] = "break"
@@ -108,7 +108,7 @@ class Break(Line):
     duration_s: Annotated[float, Field(ge=0)]
 
 
-class Pause(Line):
+class PauseLine(Line):
     """A pause, sent at its end."""
 
     kind: Literal["pause"] = "pause"
@@ -127,7 +127,7 @@ class Press(Model):
     """Of the pointer: place across the study's screen."""
 
 
-class Attempt(Line):
+class AttemptLine(Line):
     """One attempt at a trial, with what was observed in it."""
 
     kind: Literal["attempt"] = "attempt"
@@ -144,7 +144,7 @@ class Attempt(Line):
     answer: Name | None
 
 
-class Answer(Line):
+class AnswerLine(Line):
     """An answer to a closing question."""
 
     kind: Literal["answer"] = "answer"
@@ -152,14 +152,14 @@ class Answer(Line):
     text: Annotated[str, StringConstraints(max_length=20_000)]
 
 
-class Note(Line):
+class NoteLine(Line):
     """A remark by the page, such as a file that was not the one that was hashed."""
 
     kind: Literal["note"] = "note"
     text: Annotated[str, StringConstraints(min_length=1, max_length=2000)]
 
 
-class End(Line):
+class EndLine(Line):
     """The session is over, or the participant left."""
 
     kind: Literal["end"] = "end"
@@ -167,17 +167,17 @@ class End(Line):
 
 
 AnyLine: TypeAlias = Annotated[
-    Start
-    | Resume
-    | Consent
-    | BlockStart
-    | BlockEnd
-    | Break
-    | Pause
-    | Attempt
-    | Answer
-    | Note
-    | End,
+    StartLine
+    | ResumeLine
+    | ConsentLine
+    | BlockStartLine
+    | BlockEndLine
+    | BreakLine
+    | PauseLine
+    | AttemptLine
+    | AnswerLine
+    | NoteLine
+    | EndLine,
     Field(discriminator="kind"),
 ]
 LINE: TypeAdapter[AnyLine] = TypeAdapter(AnyLine)

@@ -14,7 +14,7 @@ from pydantic import Field
 from protocols.display import Display
 from protocols.feasibility import stated_times_s, timing_problems
 from protocols.schema import StudyProtocol
-from protocols.script import Fill, Frames, Grey, Place, Question, Scripts, Size, TrialScript
+from protocols.script import Fill, Frames, Grey, Place, ScriptQuestion, Scripts, Size, TrialScript
 from protocols.session_schema import Keys
 from protocols.units import (
     Count,
@@ -66,7 +66,7 @@ class WebPhase(Model):
     show: tuple[WebEntry, ...]
     gate_frames: Count | None
     watched: bool
-    question: Question | None
+    question: ScriptQuestion | None
     timeout_frames: Count | None
     follows: dict[str, ShownPicture]
 
@@ -79,7 +79,7 @@ class WebScript(Model):
     phases: tuple[WebPhase, ...]
 
 
-class Rate(Model):
+class RefreshRate(Model):
     """A refresh rate at which the study runs."""
 
     refresh_hz: Hertz
@@ -101,7 +101,7 @@ class Pack(Model):
     """End of each frame in the file."""
 
 
-class ClosingQuestion(Model):
+class WebQuestion(Model):
     """A question after the last block."""
 
     name: Name
@@ -110,7 +110,7 @@ class ClosingQuestion(Model):
     """None: the answer is free text."""
 
 
-class Pages(Model):
+class WebPages(Model):
     """Texts that a participant reads beside trials, placeholders of keys filled."""
 
     consent: Text
@@ -123,7 +123,7 @@ class Pages(Model):
     preparing: Text
     quit_question: Text
     thanks: Text
-    questions: tuple[ClosingQuestion, ...]
+    questions: tuple[WebQuestion, ...]
 
 
 class WebStudy(Model):
@@ -138,7 +138,7 @@ class WebStudy(Model):
     revision: Text
     """Version and git revision of metamerlab."""
     default_language: LanguageCode
-    pages: dict[LanguageCode, Pages]
+    pages: dict[LanguageCode, WebPages]
     background: Grey
     window_px: Size
     """Smallest part of the screen, about its middle, that shows all of a trial."""
@@ -147,7 +147,7 @@ class WebStudy(Model):
     design: WebDesign
     break_s: Annotated[float, Field(ge=0)]
     """Shortest break between two blocks."""
-    rates: Annotated[tuple[Rate, ...], Field(min_length=1)]
+    rates: Annotated[tuple[RefreshRate, ...], Field(min_length=1)]
     dropped_max: Count
     """More missed refreshes than this make an attempt void."""
     continue_keys: Keys

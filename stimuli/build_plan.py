@@ -13,7 +13,7 @@ from protocols.display import Display
 from protocols.feasibility import clip_size_px
 from protocols.hashing import Json, sha256_file, sha256_json
 from protocols.manifest import cache_key
-from protocols.recipes.warped_clips import ClipName, Method, Scene, Size
+from protocols.recipes.warped_clips import ClipName, FillMethod, Scene, Size
 from protocols.schema import StudyProtocol
 from stimuli.foveated.gaze_and_display import width_deg
 from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
@@ -71,7 +71,7 @@ class BuildPlan:
         """The size of a clip."""
         return next(size for size in self.protocol.warped.sizes if size.name == clip.size)
 
-    def method(self, clip: ClipName) -> Method:
+    def method(self, clip: ClipName) -> FillMethod:
         """The method of a clip."""
         return self.protocol.warped.method(clip.method)
 

@@ -12,12 +12,12 @@ from pipeline.errors import GLUnavailableError, InputError
 from protocols.hashing import Json, sha256_file
 from protocols.recipes.warped_clips import (
     BuiltinScene,
+    CameraView,
     ExrScene,
     MeshScene,
     RgbdScene,
     Scene,
     StereoScene,
-    View,
 )
 from stimuli.scenery import RenderedScenery, Scenery
 from stimuli.scenes.builtin_scenes import build_scene, scene_entry
@@ -131,7 +131,7 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     return found
 
 
-def viewpoint_of(view: View, world: World) -> Viewpoint:
+def viewpoint_of(view: CameraView, world: World) -> Viewpoint:
     """The protocol's view; the field of view that it leaves out is the world's own."""
     chosen = Viewpoint(view.position_m, view.look_at_m, world.viewpoint.vertical_fov_deg)
     if view.vertical_fov_deg is not None:

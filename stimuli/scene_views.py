@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
-from protocols.recipes.warped_clips import View
+from protocols.recipes.warped_clips import CameraView
 from stimuli import pictures
 from stimuli.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.render import WorldRenderer
@@ -55,7 +55,7 @@ class ScenePreview:
     scene: str
     scale: float = 1.0
     seed: int = 0
-    chosen: Sequence[View] = ()
+    chosen: Sequence[CameraView] = ()
     lighting: Lighting | None = None
     sun_direction: Vector | None = None
 

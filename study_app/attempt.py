@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from protocols.journal import GazeQuality, VoidReason
 from protocols.phases import ITI
-from protocols.script import Question, ScriptPhase, TrialScript
+from protocols.script import ScriptPhase, ScriptQuestion, TrialScript
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample, GazeSource
-from study_app.pacing import Flip, Pacer
-from study_app.stage import KeyPress, Picture, Shown, Stage
+from study_app.pacing import JudgedFlip, Pacer
+from study_app.stage import FlipPicture, FlipReport, KeyPress, Stage
 from study_app.trial import Observed, Trial, Watch, advance
 
 BLANK = ScriptPhase(name=ITI, frames=1)
@@ -29,7 +29,7 @@ class Flipped(NamedTuple):
     """Index of the phase that it showed."""
     frames: tuple[tuple[int, int], ...]
     """(stimulus, frame) of everything of the trial's that it showed."""
-    flip: Flip
+    flip: JudgedFlip
 
 
 class Given(NamedTuple):
@@ -51,7 +51,7 @@ class Log:
     """Data that are collected during an attempt, in memory."""
 
     flips: list[Flipped] = field(default_factory=list)
-    shown: list[Shown] = field(default_factory=list)
+    shown: list[FlipReport] = field(default_factory=list)
     """Report of the stage on each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
     given: dict[str, Given] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class Watcher:
         while (silent_s := self.monitor.silent_s(stage.now())) > silence_s:
             if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
                 return True
-            stage.show(Picture(BLANK, rests=True))
+            stage.show(FlipPicture(BLANK, rests=True))
             self.monitor.feed(self.taken())
         return False
 
@@ -165,7 +165,7 @@ def run_attempt(
     written, last = False, len(script.phases) - 1
     before: int | None = None  # the phase of the flip before
     onset_s = 0.0  # of the question
-    asked: Question | None = None
+    asked: ScriptQuestion | None = None
     pauses = False
     interrupts: list[VoidReason] = []
     stage.key_presses()  # what was pressed before does not count
@@ -174,7 +174,7 @@ def run_attempt(
         rests, notice = script.rests(state.phase), None
         if phase.follows:
             notice = state.follows(script)
-        shown = stage.show(Picture(phase, state.frames, rests, notice))
+        shown = stage.show(FlipPicture(phase, state.frames, rests, notice))
         flip = pacer.flip(shown.t_s)
         log.shown.append(shown)
         log.flips.append(Flipped(state.phase, state.shown_frames(script), flip))

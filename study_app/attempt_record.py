@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from protocols.journal import Attempt, FurtherAnswer, Phase, ShownStimulus
+from protocols.journal import Attempt, FurtherAnswer, PhaseRecord, ShownStimulus
 from protocols.latency import LiveFrames, SaccadeTimes
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
@@ -127,7 +127,7 @@ def _shown(
 
 def _phases(
     flips: Sequence[Flipped], script: TrialScript, session_time: Callable[[float], float]
-) -> tuple[Phase, ...]:
+) -> tuple[PhaseRecord, ...]:
     """Sum up the flips by phase; the flip that replaces a phase's last picture ends it."""
     records = []
     for number, (index, _, flip) in enumerate(flips):
@@ -139,7 +139,7 @@ def _phases(
         )
         inside = [flips[i].flip for i in range(number + 1, end + 1)]
         records.append(
-            Phase(
+            PhaseRecord(
                 phase=script.phases[index].name,
                 onset_s=session_time(flip.t_s),
                 offset_s=session_time(flips[end].flip.t_s),

@@ -61,7 +61,7 @@ Mark = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """End of a run of the program."""
 
     reason: EndReason
@@ -81,7 +81,7 @@ def conduct(
     mark: Mark = lambda _text, _t_s: None,
     validate: Validate | None = None,
     late_most: int = LATE_MOST,
-) -> Outcome:
+) -> RunOutcome:
     """Run a session from where its journal stands to its end, or until it is stopped.
 
     Parameters
@@ -128,7 +128,7 @@ def conduct(
     done = _main_done(recorder)
     recorder.append(SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done))
     missing = given_up(plan, attempts, setting.protocol.design.max_attempts)
-    return Outcome(reason, done, plan.main_trials, tuple(missing))
+    return RunOutcome(reason, done, plan.main_trials, tuple(missing))
 
 
 def _main_done(recorder: Recorder) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from protocols.participant_texts import fill
-from protocols.session_schema import Question, Response, Texts
+from protocols.session_schema import ClosingQuestion, Response, Texts
 from study_app.stage import Page, PageResult, Stage
 
 
@@ -42,7 +42,7 @@ class Dialogue:
             result = self._stage.page(page)
         return result
 
-    def ask(self, question: Question) -> PageResult:
+    def ask(self, question: ClosingQuestion) -> PageResult:
         """Ask a closing question; what was typed stays where the session goes on after all."""
         draft = ""
         while True:

@@ -45,7 +45,7 @@ class Targets:
 
 
 @dataclass
-class Calibrated:
+class TrackerCalibration:
     """Has a tracker calibrated before its first validation, and again where that was poor."""
 
     gaze: GazeSource

@@ -13,7 +13,7 @@ from protocols.journal import AnyEvent, Attempt, Calibration, SessionEnd, Sessio
 
 
 @dataclass(frozen=True)
-class Standing:
+class SessionProgress:
     """State of a session."""
 
     done: int
@@ -32,7 +32,7 @@ class Standing:
     """Reason why it ended, where that is an error."""
 
 
-def standing(events: Sequence[AnyEvent]) -> Standing:
+def standing(events: Sequence[AnyEvent]) -> SessionProgress:
     """Sum up a journal."""
     attempts = [event for event in events if isinstance(event, Attempt)]
     start = events[0] if events else None
@@ -40,7 +40,7 @@ def standing(events: Sequence[AnyEvent]) -> Standing:
     checks = [event for event in events if isinstance(event, Calibration)]
     last = events[-1] if events else None
     voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
-    return Standing(
+    return SessionProgress(
         done=sum(_decides(attempt) for attempt in attempts),
         planned=start.trials if isinstance(start, SessionStart) else 0,
         attempts=len(attempts),

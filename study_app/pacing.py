@@ -17,7 +17,7 @@ _FOLLOW_SHARE = 0.1
 """Share by which each on-time flip pulls the grid: real clocks drift by some parts in 10^4."""
 
 
-class Flip(NamedTuple):
+class JudgedFlip(NamedTuple):
     """One flip as judged."""
 
     t_s: float
@@ -56,7 +56,7 @@ class Pacer:
         self._period_s = 1.0 / refresh_hz
         self._line_s: float | None = None  # grid line of the flip before
 
-    def flip(self, t_s: float) -> Flip:
+    def flip(self, t_s: float) -> JudgedFlip:
         """Judge the flip stamped `t_s`; stamps must not run backwards.
 
         Raises
@@ -66,7 +66,7 @@ class Pacer:
         """
         if self._line_s is None:
             self._line_s = t_s
-            return Flip(t_s, 0, "first", 0.0)
+            return JudgedFlip(t_s, 0, "first", 0.0)
         period = self._period_s
         since = (t_s - self._line_s) / period
         refreshes = round(since)
@@ -84,4 +84,4 @@ class Pacer:
             kind = "missed"
         elif late:
             kind = "late"
-        return Flip(t_s, refreshes, kind, behind * period)
+        return JudgedFlip(t_s, refreshes, kind, behind * period)

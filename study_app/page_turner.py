@@ -8,7 +8,7 @@ import moderngl
 
 from study_app.draw import Painter
 from study_app.keys import edited
-from study_app.pages import Pages, Sheet
+from study_app.pages import PageLayout, Sheet
 from study_app.stage import KeyPress, Page, PageResult
 from study_app.virtual import Observer
 from study_app.window import Window
@@ -39,7 +39,7 @@ class PageTurner:
         self,
         window: Window,
         painter: Painter,
-        pages: Pages,
+        pages: PageLayout,
         quit_keys: Sequence[str],
         flip: Callable[[Callable[[], None]], object],
         key_presses: Callable[[], Sequence[KeyPress]],

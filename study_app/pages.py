@@ -87,7 +87,7 @@ class Sheet:
         bar[line:-line, max(line, done_px) : -line] = 0
 
 
-class Pages:
+class PageLayout:
     """Lays out sheets of the screen's size.
 
     A text that does not fit, even in the smallest letters, is a `StudyError`.
@@ -270,7 +270,7 @@ def words_image(words: Words) -> NDArray[np.uint8]:
 
 def sheet_of(words: Words) -> Sheet:
     """Lay out a script's words."""
-    return Pages(words.size_px, {}, words.background).words(words)
+    return PageLayout(words.size_px, {}, words.background).words(words)
 
 
 def _marks(page: Page) -> tuple[str, str]:

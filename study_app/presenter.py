@@ -37,11 +37,11 @@ from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
 from study_app.draw import Painter
 from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entries, live_entry
-from study_app.live.renderer import Look, Studio
+from study_app.live.renderer import GazeState, Studio
 from study_app.page_turner import NOTICE_S, PageTurner
-from study_app.pages import Pages
+from study_app.pages import PageLayout
 from study_app.paint import bitmaps_of, drawn
-from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 from study_app.strip import PATCH_PX, Extras, patch_place
 from study_app.virtual import Asked, Observer
 from study_app.window import Window
@@ -106,13 +106,13 @@ class Presenter:
         display, background = window.display, round(255 * protocol.display.background)
         self._middle = display.width_px // 2, display.height_px // 2
         self._painter = Painter(window.ctx, window.size, background)
-        self._pages = Pages(window.size, texts.key_names, background)
+        self._pages = PageLayout(window.size, texts.key_names, background)
         self._extras.check(example_scripts(protocol, display)[0])
         self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
         self._live = LiveShow(self, display, manifest, studio)
         self._live_pictures: dict[int, moderngl.Texture] = {}
         """As they were last drawn, by number of the trial's stimuli."""
-        self._showing = Picture(BLANK)
+        self._showing = FlipPicture(BLANK)
         self._phase: ScriptPhase | None = None
         self._evidence = ""
         self._bitmaps = bitmaps_of(protocol, display)
@@ -183,7 +183,7 @@ class Presenter:
         noise = np.random.default_rng(0).integers(0, 256, (height, width, 4), np.uint8)
         noise[..., 3] = 255
         phase = next(one for one in script.phases if live_entry(one))
-        self._showing = Picture(phase)
+        self._showing = FlipPicture(phase)
         known = study.stimuli.live_methods()
         every = {name: known[name] for name in study.shown()}
         return self._live.dearest_s(every, script, noise, self._painter.finish)
@@ -223,7 +223,7 @@ class Presenter:
         self._window.poll()
         self._window.disturbed()  # what happened while preparing voids nothing
 
-    def show(self, picture: Picture) -> Shown:
+    def show(self, picture: FlipPicture) -> FlipReport:
         """Draw, flip, and return the flip's stamp and number."""
         if picture.rests:
             self._between_stimuli(picture)
@@ -234,7 +234,7 @@ class Presenter:
         if (live := live_entry(picture.phase)) is not None:
             self._showing = picture
             drawn_to = self._live.show(live, self._last_s, begins=before is not picture.phase)
-            shown = Shown(drawn_to.flip.t_s, self._number - 1, self._evidence, drawn_to)
+            shown = FlipReport(drawn_to.flip.t_s, self._number - 1, self._evidence, drawn_to)
         else:
             if question:  # keys are taken as they come
                 self._window.pump_until(self._last_s + _POLL_SHARE / self._refresh_hz)
@@ -247,7 +247,7 @@ class Presenter:
         """Take events until then, for a live frame."""
         self._window.pump_until(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
         """Draw the flip that is shown next, with what follows the gaze; return once it is drawn."""
         live = live_entry(self._showing.phase)
         assert live is not None
@@ -323,17 +323,17 @@ class Presenter:
         self._store.pump(self.now())
         self._flip(draw)
 
-    def _flip(self, draw: Callable[[], None]) -> Shown:
+    def _flip(self, draw: Callable[[], None]) -> FlipReport:
         draw()
         if self._extras.strip:
             self._painter.strip(self._number)
         stamp = self._window.flip()
-        shown = Shown(stamp.t_s, self._number, stamp.evidence)
+        shown = FlipReport(stamp.t_s, self._number, stamp.evidence)
         self._number += 1
         self._last_s = stamp.t_s
         return shown
 
-    def _draw(self, picture: Picture) -> None:
+    def _draw(self, picture: FlipPicture) -> None:
         painter, ready, light, (x, y) = self._painter, self._ready, 0.0, self._middle
         painter.clear()
         shown: Sequence[Entry] = picture.phase.show
@@ -370,9 +370,9 @@ class Presenter:
         return self._textures[picture.of]
 
     def _flip_notice(self, said: Drawing) -> None:
-        self._flip(lambda: self._draw(Picture(BLANK, notice=said)))
+        self._flip(lambda: self._draw(FlipPicture(BLANK, notice=said)))
 
-    def _between_stimuli(self, picture: Picture) -> None:
+    def _between_stimuli(self, picture: FlipPicture) -> None:
         """Use the time in which nothing moves: load what comes next."""
         self._store.allow(True)
         if self._next is not None:
@@ -390,7 +390,7 @@ class Presenter:
             self._ready[id(entry)] = entry, self._texture(entry)
         for phase in script.phases:
             for refreshes in (0, (phase.frames or 1) - 1):
-                self._draw(Picture(phase, refreshes))
+                self._draw(FlipPicture(phase, refreshes))
         if self._extras.strip:
             self._painter.strip(self._number)
         self._painter.finish()

@@ -15,7 +15,7 @@ from typing import Any, Final, assert_never
 import cv2
 import numpy as np
 
-from protocols.blocks import Table
+from protocols.blocks import TableBlock
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.html_page import html_page
@@ -196,9 +196,9 @@ class _Maker:
             "correct": trial.correct,
         }
 
-    def phase_table(self, phases: list[dict[str, Any]]) -> Table:
+    def phase_table(self, phases: list[dict[str, Any]]) -> TableBlock:
         """Return the phases of a trial as a table."""
-        return Table.each(
+        return TableBlock.each(
             "",
             list(enumerate(phases, 1)),
             ("#", "l", lambda one: str(one[0])),

@@ -25,7 +25,7 @@ from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from study_app.clips import check_files
-from study_app.conduct import Outcome, conduct
+from study_app.conduct import RunOutcome, conduct
 from study_app.display_check import (
     REHEARSAL_FLIPS,
     SESSION_FLIPS,
@@ -36,8 +36,8 @@ from study_app.display_check import (
 )
 from study_app.gaze.open_source import check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
-from study_app.gaze.source import CalibrationResult, Desk, GazeSource
-from study_app.gaze_check import Calibrated, Targets
+from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
+from study_app.gaze_check import Targets, TrackerCalibration
 from study_app.live.in_trials import too_dear
 from study_app.live.renderer import Studio
 from study_app.markers import LslMarkers
@@ -92,7 +92,7 @@ class Listener:
     on_note: Callable[[str], None] = lambda _: None
 
 
-def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
+def run_sitting(options: SittingOptions, listener: Listener | None = None) -> RunOutcome:
     """Begin a participant's session and run it to its end, or until it is stopped.
 
     Raises
@@ -104,7 +104,7 @@ def run_sitting(options: SittingOptions, listener: Listener | None = None) -> Ou
         return _sit(options, listener or Listener(), resuming=False)
 
 
-def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> Outcome:
+def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> RunOutcome:
     """Go on with a session that stopped: same plan, same order.
 
     Raises
@@ -116,7 +116,7 @@ def resume_sitting(options: SittingOptions, listener: Listener | None = None) ->
         return _sit(options, listener or Listener(), resuming=True)
 
 
-def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outcome:
+def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> RunOutcome:
     protocol, display = options.protocol, options.display
     # All that can be refused without a window is refused before one covers the screen.
     check_choice(protocol.gaze, options.gaze, simulate=options.simulate)
@@ -186,7 +186,9 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> Outc
             recorder.append(Note(**recorder.stamps(), text=note))
         validated = None
         if gaze is not None and options.validate:
-            calibrate = Calibrated(gaze, targets, protocol.gaze, Viewing.of(display), recorder)
+            calibrate = TrackerCalibration(
+                gaze, targets, protocol.gaze, Viewing.of(display), recorder
+            )
             validated = _validation(display, gaze, presenter, listener, calibrate)
         elif gaze is not None:
             recorder.append(Note(**recorder.stamps(), text="gaze was not validated"))
@@ -255,7 +257,7 @@ def _gaze(
         window.show_cursor(True, stays=True)
     return open_gaze(
         options.gaze,
-        Desk(
+        TrackerContext(
             display,
             window.now,
             window.cursor_px,
@@ -284,7 +286,7 @@ def _validation(
     gaze: GazeSource,
     presenter: Presenter,
     listener: Listener,
-    calibrated: Calibrated,
+    calibrated: TrackerCalibration,
 ) -> Callable[[], CalibrationResult | None]:
     viewing = Viewing.of(display)
 

@@ -23,7 +23,7 @@ from protocols.journal import (
 )
 from protocols.plan import Plan, PlannedTrial, chosen
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Question
+from protocols.session_schema import ClosingQuestion
 
 NOT_THE_PARTICIPANTS: frozenset[VoidReason] = frozenset({"paused", "quit", "focus-lost"})
 """Voids that do not count towards `max_attempts`: nothing was wrong with the attempt itself."""
@@ -71,7 +71,7 @@ class TakeBreak:
 class AskQuestion:
     """Ask one of the closing questions."""
 
-    question: Question
+    question: ClosingQuestion
 
 
 @dataclass(frozen=True)

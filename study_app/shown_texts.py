@@ -15,7 +15,7 @@ from protocols.phases import STUDY_QUESTION
 from protocols.schema import StudyProtocol
 from protocols.script import Picture, Words, example_scripts, text_picture
 from protocols.tasks.confidence_question import CONFIDENCE
-from study_app.pages import Pages, Sheet, UnfitLabelsError, sheet_of
+from study_app.pages import PageLayout, Sheet, UnfitLabelsError, sheet_of
 from study_app.stage import Page
 from study_app.text_image import UnwritableError
 
@@ -101,7 +101,7 @@ def shown_texts(study: StudyProtocol, display: Display, language: str) -> Iterat
     texts, response = study.text.languages[language], study.response
     section = f"text.languages.{language}"
     size = display.width_px, display.height_px
-    maker = Pages(size, texts.key_names, round(255 * study.display.background))
+    maker = PageLayout(size, texts.key_names, round(255 * study.display.background))
     key, blocks = response.continue_keys[0], study.design.blocks
     pages = [
         ("consent", "First", "consent", consent_text(texts, study.privacy.contact)),

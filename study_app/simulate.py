@@ -21,7 +21,7 @@ from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.conduct import Outcome, conduct
+from study_app.conduct import RunOutcome, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
@@ -32,7 +32,7 @@ from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 
 @dataclass(frozen=True)
-class Simulation:
+class SimulatedStudy:
     """Everything a simulated study depends on."""
 
     protocol: StudyProtocol
@@ -86,12 +86,12 @@ def participant_code(number: int) -> str:
 
 
 def simulate_study(
-    simulation: Simulation,
+    simulation: SimulatedStudy,
     root: Path,
     participants: int,
     *,
     on_attempt: Callable[[str, Attempt], None] = lambda _p, _a: None,
-) -> dict[str, Outcome]:
+) -> dict[str, RunOutcome]:
     """Run the sessions of several observers; one that stopped is gone on with.
 
     Parameters
@@ -136,13 +136,13 @@ def simulate_study(
 
 
 def simulate_sitting(
-    simulation: Simulation,
+    simulation: SimulatedStudy,
     root: Path,
     participant: str,
     *,
     language: str | None = None,
     on_attempt: Callable[[Attempt], None] = lambda _: None,
-) -> Outcome:
+) -> RunOutcome:
     """Run, or go on with, one observer's session.
 
     Raises
@@ -176,7 +176,7 @@ def simulate_sitting(
 
 
 def _stage(
-    simulation: Simulation, participant: str, clock: VirtualClock
+    simulation: SimulatedStudy, participant: str, clock: VirtualClock
 ) -> tuple[VirtualStage, SimulatedGaze | None]:
     """Return the virtual display and, where the protocol watches gaze, the eye."""
     protocol, display = simulation.protocol, simulation.display
@@ -206,7 +206,9 @@ def _stage(
     return stage, gaze
 
 
-def _faults(simulation: Simulation, flips: int, rng: np.random.Generator) -> Mapping[int, Fault]:
+def _faults(
+    simulation: SimulatedStudy, flips: int, rng: np.random.Generator
+) -> Mapping[int, Fault]:
     """Draw what goes wrong with the flips of one attempt; the first has none to be judged by."""
     kinds: tuple[tuple[float, Fault], ...] = (
         (simulation.missed_per_flip, Fault("missed", 1.0)),

@@ -27,7 +27,7 @@ class KeyPress(NamedTuple):
     """Of the pointer: share of the screen's width, from the left."""
 
 
-class Shown(NamedTuple):
+class FlipReport(NamedTuple):
     """Facts about one flip."""
 
     t_s: float
@@ -40,7 +40,7 @@ class Shown(NamedTuple):
     """Frame that was drawn to the gaze, with that gaze; None: nothing was."""
 
 
-class Picture(NamedTuple):
+class FlipPicture(NamedTuple):
     """Picture of one flip."""
 
     phase: ScriptPhase
@@ -100,7 +100,7 @@ class Stage(Protocol):
     def expect(self, trial: PlannedTrial) -> None:
         """Say which trial comes after the one that runs; may load it while nothing moves."""
 
-    def show(self, picture: Picture) -> Shown:
+    def show(self, picture: FlipPicture) -> FlipReport:
         """Draw, flip, and return what is known of the flip. No disk, no decoding."""
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:

@@ -122,7 +122,7 @@ def read_both_strips(screen: NDArray[np.uint8]) -> int | None:
     return number
 
 
-class Seen(NamedTuple):
+class CapturedPicture(NamedTuple):
     """One captured picture."""
 
     number: int
@@ -132,7 +132,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Difference:
+class FlipMismatch:
     """One flip that was not what the log says."""
 
     number: int
@@ -145,12 +145,12 @@ class Difference:
 
 def compare(
     logged: Mapping[int, str | None],
-    captured: Sequence[Seen],
+    captured: Sequence[CapturedPicture],
     names: Mapping[str, str],
     *,
     attempts: Sequence[range] = (),
     blank: Collection[str] = (),
-) -> list[Difference]:
+) -> list[FlipMismatch]:
     """Return every difference between what was logged and what was captured.
 
     Also compared is what the log does not name: pages, waits and the warm-up. There, as in
@@ -179,33 +179,33 @@ def compare(
     first_at: dict[int, int] = {}
     for place, seen in enumerate(captured):
         first_at.setdefault(seen.number, place)
-    found: list[Difference] = []
+    found: list[FlipMismatch] = []
     latest = -1
     for number, frame in logged.items():
         expected = frame or "no clip"
         place = first_at.get(number, -1)
         if place < 0:
-            found.append(Difference(number, expected, "no such flip"))
+            found.append(FlipMismatch(number, expected, "no such flip"))
             continue
         if place < latest:
-            found.append(Difference(number, expected, "the flip after a later one"))
+            found.append(FlipMismatch(number, expected, "the flip after a later one"))
         latest = max(latest, place)
         content = captured[place].content
         shown = names.get(content)
         if shown != frame and not (frame is None and content in blank):
-            found.append(Difference(number, expected, shown or "pixels of no clip frame"))
+            found.append(FlipMismatch(number, expected, shown or "pixels of no clip frame"))
     return found + _besides(logged, captured, names, attempts, blank)
 
 
 def _besides(
     logged: Mapping[int, str | None],
-    captured: Sequence[Seen],
+    captured: Sequence[CapturedPicture],
     names: Mapping[str, str],
     attempts: Sequence[range],
     blank: Collection[str],
-) -> list[Difference]:
+) -> list[FlipMismatch]:
     """Return what was captured and should not have been."""
-    found: list[Difference] = []
+    found: list[FlipMismatch] = []
     latest, before = -1, None
     seen_before: set[int] = set()
     for seen in captured:
@@ -215,15 +215,15 @@ def _besides(
         said = "nothing, it is not in the log"
         if seen.number in seen_before:
             found.append(
-                Difference(seen.number, "nothing any more", f"the flip again, after {latest}")
+                FlipMismatch(seen.number, "nothing any more", f"the flip again, after {latest}")
             )
         elif seen.number < latest and seen.number not in logged:
-            found.append(Difference(seen.number, said, f"an earlier flip after {latest}"))
+            found.append(FlipMismatch(seen.number, said, f"an earlier flip after {latest}"))
         elif seen.number not in logged:
             if frame is not None and seen.content not in blank:
-                found.append(Difference(seen.number, said, frame))
+                found.append(FlipMismatch(seen.number, said, frame))
             elif any(seen.number in attempt for attempt in attempts):
-                found.append(Difference(seen.number, said, "a flip within an attempt"))
+                found.append(FlipMismatch(seen.number, said, "a flip within an attempt"))
         seen_before.add(seen.number)
         latest = max(latest, seen.number)
     return found

@@ -16,7 +16,7 @@ from study_app.session_folders import Sitting
 
 
 @dataclass(frozen=True)
-class Finding:
+class SessionFinding:
     """Findings about one session."""
 
     sitting: Sitting
@@ -28,7 +28,7 @@ class Finding:
     """Checks that could not be made."""
 
 
-def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> Finding:
+def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> SessionFinding:
     """Check everything that was recorded of a session.
 
     Parameters
@@ -56,7 +56,7 @@ def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> Finding:
     if protocol is not None and journal.has_lines and not journal.withdrawn:
         told, left = _compare(journal, protocol)
         problems, notes = problems + told, notes + left
-    return Finding(sitting, files.checked, tuple(problems), tuple(notes))
+    return SessionFinding(sitting, files.checked, tuple(problems), tuple(notes))
 
 
 def checksums_of(journal: Journal) -> str:

@@ -16,10 +16,10 @@ from protocols.display import Display
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
-from protocols.script import Question, TrialScript
+from protocols.script import ScriptQuestion, TrialScript
 from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entry
-from study_app.live.renderer import Look, Studio
-from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+from study_app.live.renderer import GazeState, Studio
+from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
@@ -66,7 +66,7 @@ class Observer(Protocol):
         """Return the key that will be pressed, and how long after the onset of the question."""
 
     def answer_further(
-        self, question: Question, trial: PlannedTrial, attempt: int
+        self, question: ScriptQuestion, trial: PlannedTrial, attempt: int
     ) -> tuple[str, float]:
         """Return the same for a question that is not the study's own."""
 
@@ -83,7 +83,7 @@ class Asked:
     attempt: int
     questions: set[str] = field(default_factory=set)
 
-    def press(self, question: Question, shown_s: float) -> KeyPress | None:
+    def press(self, question: ScriptQuestion, shown_s: float) -> KeyPress | None:
         """Return the key that will go down for a question that is now shown for the first time."""
         if question.name in self.questions:
             return None
@@ -132,9 +132,9 @@ class VirtualStage:
         self._pending: list[KeyPress] = []
         self._live: LiveShow | None = None
         self._pixels_of: Callable[[str], NDArray[np.uint8] | None] = lambda _name: None
-        self._last: Picture | None = None
+        self._last: FlipPicture | None = None
         self._stamp_s = math.nan
-        self.pictures: list[tuple[float, Picture]] | None = None
+        self.pictures: list[tuple[float, FlipPicture]] | None = None
         """Set to a list to have every flip's stamp and picture kept."""
 
     @property
@@ -180,7 +180,7 @@ class VirtualStage:
     def expect(self, trial: PlannedTrial) -> None:
         """Nothing to load."""
 
-    def show(self, picture: Picture) -> Shown:
+    def show(self, picture: FlipPicture) -> FlipReport:
         """Wait for the next refresh of the grid, or do what the planted fault says."""
         entry, before, self._last, live = live_entry(picture.phase), self._last, picture, None
         if entry is not None and self._live is not None:
@@ -195,13 +195,13 @@ class VirtualStage:
         if self.pictures is not None:
             self.pictures.append((stamp_s, picture))
         self._number += 1
-        return Shown(stamp_s, self._number - 1, "virtual", live)
+        return FlipReport(stamp_s, self._number - 1, "virtual", live)
 
     def wait_until(self, t_s: float) -> None:
         """Move the clock."""
         self._clock.move_to(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
         """Nothing to paint on."""
 
     def flip(self) -> float:

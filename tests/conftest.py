@@ -307,11 +307,11 @@ def sample_sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Made by the real session code; every test reads the same files, so none may change them.
     """
     from protocols.load import load_display, load_protocol
-    from study_app.simulate import Simulation, simulate_study
+    from study_app.simulate import SimulatedStudy, simulate_study
 
     root = tmp_path_factory.mktemp("sessions")
     protocol = load_protocol(Path("demo"))
-    simulate_study(Simulation(protocol, load_display(protocol.display.display)), root, 2)
+    simulate_study(SimulatedStudy(protocol, load_display(protocol.display.display)), root, 2)
     return root
 
 

@@ -10,14 +10,14 @@ from protocols.blocks import (
     Box,
     Cautions,
     Code,
+    FigurePlace,
     Heading,
+    MediaFile,
+    MediaRow,
     Paragraph,
     Pasted,
-    Picture,
     Section,
-    Shot,
-    Shots,
-    Table,
+    TableBlock,
     strong,
 )
 from protocols.html_page import Figure, html_page
@@ -51,7 +51,7 @@ def test_no_code_writes_a_table_of_its_own(repository):
 
 
 def test_every_kind_of_block_is_drawn():
-    table = Table.of(
+    table = TableBlock.of(
         "Rows & co", [("a", "l"), ("b", "n")], [("x<y", "1"), ("sum", "2")], totals=True
     )
     page = html_page(
@@ -66,9 +66,15 @@ def test_every_kind_of_block_is_drawn():
                 Paragraph("quiet", muted=True),
                 Pasted(("copy me",)),
                 Code("$ run"),
-                Picture("known"),
-                Picture("absent"),
-                Shots((Shot("a.png", "caption", "alt", "a.png"), Shot("b.webm"), Shot("c.html"))),
+                FigurePlace("known"),
+                FigurePlace("absent"),
+                MediaRow(
+                    (
+                        MediaFile("a.png", "caption", "alt", "a.png"),
+                        MediaFile("b.webm"),
+                        MediaFile("c.html"),
+                    )
+                ),
             ),
         ],
         figures={"known": Figure(strong("both"), "<wide>", "<narrow>")},
@@ -101,7 +107,7 @@ def test_every_kind_of_block_is_drawn():
     assert page.count("<figure") == 4
     assert page.count('class="box') == 2
     assert "<thead>" in page
-    assert "<thead>" not in html_page("t", lead=[Table.of("", [("", "l")], [("x",)])])
+    assert "<thead>" not in html_page("t", lead=[TableBlock.of("", [("", "l")], [("x",)])])
 
 
 @pytest.mark.parametrize("policy", ["default-src 'none'; style-src 'unsafe-inline'; img-src data:"])

@@ -31,7 +31,7 @@ from protocols.tasks.base import Arrangement, Cell, Task
 from study_app.cli.errors import user_errors
 from study_app.gaze.open_source import ADAPTERS, open_gaze
 from study_app.observers import OBSERVERS, default_model
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 
 def test_a_labs_method_and_metric_are_listed_with_their_package(with_packages, lab_site):
@@ -411,7 +411,7 @@ def test_a_list_stands_for_a_tuple_and_an_iterator_is_read_once():
 def answered(tmp_path_factory) -> Path:
     """Return a folder with a session of the demonstration."""
     folder = tmp_path_factory.mktemp("answered")
-    simulate_study(Simulation(DEMO, load_display("fhd27-60hz")), folder, 1)
+    simulate_study(SimulatedStudy(DEMO, load_display("fhd27-60hz")), folder, 1)
     return folder
 
 

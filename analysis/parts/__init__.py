@@ -162,7 +162,7 @@ class Shown:
     title : str
         Of the part's section, where it says more than `section`.
     blocks : sequence of Block
-        Of the part's section of the page, in reading order; a `Picture` names a figure.
+        Of the part's section of the page, in reading order; a `FigurePlace` names a figure.
     further : sequence of Section
         Other sections, such as of people.
     sentences : sequence of str

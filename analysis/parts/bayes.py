@@ -24,7 +24,7 @@ from analysis.plots.style import (
     style,
 )
 from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
-from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class BayesPart(SimplePart[PreferencePlan, Posteriors]):
         ]
         return Shown(
             blocks=(
-                Picture("posteriors"),
-                Table.each(
+                FigurePlace("posteriors"),
+                TableBlock.each(
                     "Posterior shares of choices" + " over all sizes" * plan.sized,
                     every,
                     ("Comparison", "l c", name),

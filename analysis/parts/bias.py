@@ -13,7 +13,7 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import bias_bars
 from analysis.report.values import flat_table
 from analysis.report.wording import level_text, p_number, p_text, share, share_range
-from protocols.blocks import Cautions, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, TableBlock
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
         )
         return Shown(
             blocks=(
-                Picture("bias"),
-                Table.each(
+                FigurePlace("bias"),
+                TableBlock.each(
                     "Order and side bias, against .5",
                     biases,
                     ("Alternative", "l", lambda b: b.alternative),

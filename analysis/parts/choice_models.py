@@ -20,7 +20,7 @@ from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.wording import NOT_IDENTIFIED, big, number, p_number, p_text, t_text
-from protocols.blocks import Block, Cautions, Paragraph, Table, grouped
+from protocols.blocks import Block, Cautions, Paragraph, TableBlock, grouped
 
 LARGEST_LOG = 700.0
 """Of odds that a number can hold."""
@@ -186,7 +186,7 @@ def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
     def name(one: PairModel) -> str:
         return plan.named(one.method, one.against, one.size)
 
-    yield Table.each(
+    yield TableBlock.each(
         "Logit mixed models: crossed random intercepts, order of presentation as covariate",
         rows_of((one, one.fit.coefficients) for one in found.pairs),
         ("Comparison", "l c", lambda row: name(row[0]) * row[2]),
@@ -221,7 +221,7 @@ def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
 
 
 def _together(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
-    yield Table.each(
+    yield TableBlock.each(
         "One mixed model of all pairings: each participant and scene has own tastes of the methods",
         rows_of((one, one.model.contrasts) for one in found.together),
         ("Comparison", "l c", lambda row: plan.named(row[1].first, row[1].second, row[0].size)),

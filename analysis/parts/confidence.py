@@ -41,7 +41,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 from protocols.tasks.confidence_question import CONFIDENCE
 
@@ -109,7 +109,7 @@ def halved(rows: pd.DataFrame, within: Sequence[str]) -> pd.DataFrame:
 def reliability_table(found: Sequence[Reliability]) -> Iterator[Block]:
     """Yield the table of split halves; nothing where there are none."""
     if found:
-        yield Table.each(
+        yield TableBlock.each(
             "How reliably people differ: odd against even trials",
             found,
             ("Of", "l", lambda one: one.measure),
@@ -281,8 +281,8 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
         }
         return Shown(
             blocks=(
-                Picture("confidence"),
-                Table.each(
+                FigurePlace("confidence"),
+                TableBlock.each(
                     f"Confidence of right and wrong answers ({steps}), means over participants",
                     cells,
                     condition(plan),
@@ -300,8 +300,8 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
                     " over participants: of people like these, with these scenes.",
                     muted=True,
                 ),
-                Picture("calibration"),
-                Table.each(
+                FigurePlace("calibration"),
+                TableBlock.each(
                     "How often answers of each confidence were right",
                     found.calibration,
                     ("Condition", "l c", lambda one: label(one.rate.condition)),
@@ -310,7 +310,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
                     ("Share right", "strong", lambda one: share(one.rate.share)),
                     ("Limits", "n", lambda one: share_range(one.rate.lower, one.rate.upper)),
                 ),
-                Picture("type_2_roc"),
+                FigurePlace("type_2_roc"),
                 *reliability_table(found.reliability),
                 Cautions(
                     "About this confidence",

@@ -22,7 +22,7 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from protocols.blocks import Cautions, Paragraph, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 
 
@@ -92,7 +92,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             ).reset_index(names="expected")
         return Shown(
             blocks=(
-                Picture("correct"),
+                FigurePlace("correct"),
                 rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan),
                 Paragraph(
                     f"p: against chance, with {errors(rates)}; limits"
@@ -103,7 +103,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
                 Cautions.each(
                     "When not to trust these shares", rates, lambda one: label(one.condition)
                 ),
-                Picture("confusion"),
+                FigurePlace("confusion"),
             ),
             sentences=tuple(apa_rate(one, name=label(one.condition)) for one in rates),
             methods=(
@@ -115,9 +115,9 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         )
 
 
-def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> Table:
+def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> TableBlock:
     """Return the table of shares."""
-    return Table.each(
+    return TableBlock.each(
         caption,
         rates,
         condition(plan),

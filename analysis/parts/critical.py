@@ -26,7 +26,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from protocols.blocks import Box, Cautions, Heading, Paragraph, Picture, Table
+from protocols.blocks import Box, Cautions, FigurePlace, Heading, Paragraph, TableBlock
 from protocols.prose import count_of
 
 
@@ -96,8 +96,8 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
             lead=(lead,) if placed else (),
             blocks=(
                 Heading("Critical scaling"),
-                Picture("scaling"),
-                Table.of(
+                FigurePlace("scaling"),
+                TableBlock.of(
                     "The largest scaling that cannot be told apart",
                     (
                         *(("Condition", "l c"), ("Critical scaling", "strong"), ("Limits", "n")),
@@ -119,7 +119,7 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
                     f" towards the gain above it ({fits[0].law} law).",
                     muted=True,
                 ),
-                Table.of(
+                TableBlock.of(
                     "Participants' critical scalings",
                     (("Participant", "l"), *((label(one.condition), "n") for one in fits)),
                     [

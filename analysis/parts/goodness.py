@@ -26,7 +26,7 @@ from analysis.report.wording import (
     size,
     t_text,
 )
-from protocols.blocks import Cautions, Paragraph, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         if not found.of_people:
             simulated, counted = "answers that the curve simulates", "counts from the fitted curve"
             judged = "a parametric bootstrap of the curve of all answers, fitted anew each time"
-        deviances = Table.each(
+        deviances = TableBlock.each(
             f"Goodness of fit, by {simulated}",
             found.misfits,
             condition(plan),
@@ -121,10 +121,10 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             " ones. A small p says that the curves do not fit.",
             muted=True,
         )
-        sessions: tuple[Table, ...] = ()
+        sessions: tuple[TableBlock, ...] = ()
         if over is not None and np.isfinite(over.p):
             sessions = (
-                Table.each(
+                TableBlock.each(
                     "Residuals over the session: change from the first to the last trial",
                     [over],
                     ("Change", "strong", lambda one: placed(one, one.change)),
@@ -150,7 +150,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         return Shown(
             title=section_title(plan),
             blocks=(
-                Picture(self.name),
+                FigurePlace(self.name),
                 deviances,
                 told,
                 *sessions,

@@ -50,7 +50,7 @@ from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.confidence_plots import metacognition_plot, roc_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import level_text, number, number_range, p_number, p_text, placed
-from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -280,8 +280,8 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
         cells, label = found.conditions, plan.label
         return Shown(
             blocks=(
-                Picture("metacognition"),
-                Table.each(
+                FigurePlace("metacognition"),
+                TableBlock.each(
                     "Metacognition: meta-d' and M-ratio over participants",
                     cells,
                     condition(plan),
@@ -293,7 +293,7 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
                     ("M-ratio", "strong", lambda one: placed(one.m_ratio, one.m_ratio.value)),
                     ("Limits", "n", lambda one: number_range(one.m_ratio.lower, one.m_ratio.upper)),
                 ),
-                Table.each(
+                TableBlock.each(
                     "Each participant's meta-d'",
                     found.people,
                     condition(plan),
@@ -432,8 +432,8 @@ class GradedPart(_GradedAnswers[Graded]):
         drawn = {one.condition: one.points for one in cells if one.points}
         return Shown(
             blocks=(
-                Picture("roc"),
-                Table.each(
+                FigurePlace("roc"),
+                TableBlock.each(
                     "Answers graded by confidence: d_a and the slope of the ROC, over participants",
                     cells,
                     condition(plan),

@@ -34,7 +34,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from protocols.blocks import Box, Cautions, Paragraph, Picture, Table
+from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
 
@@ -128,8 +128,8 @@ class InteractionPart(Part[P, Interactions]):
             ),
             title=f"Second factor: {factor}",
             blocks=(
-                Picture("interaction"),
-                Table.each(
+                FigurePlace("interaction"),
+                TableBlock.each(
                     f"What changes between values of {factor}",
                     every,
                     ("Of", "l c", lambda one: _between(one, plan)),

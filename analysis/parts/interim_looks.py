@@ -12,7 +12,7 @@ from analysis.models.sequential_bounds import InterimResult, SequentialPlan, pla
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Shown, estimates_of
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
-from protocols.blocks import Block, Box, Paragraph, Picture, Table
+from protocols.blocks import Block, Box, FigurePlace, Paragraph, TableBlock
 from protocols.sequential import Sequential
 
 LEAST = 1e-9
@@ -79,7 +79,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
             )
             level = 100.0 * (1.0 - (now.reject_p or 0.0))
             limits = (
-                Table.each(
+                TableBlock.each(
                     "Limits that take account of the looks",
                     found.limits,
                     ("Of", "l c", lambda one: one.what),
@@ -102,7 +102,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
                     " ended, they decide nothing.",
                 ),
             ),
-            blocks=(Picture("looks"), looks_table(bounds), *limits),
+            blocks=(FigurePlace("looks"), looks_table(bounds), *limits),
             sentences=(now.sentence,),
             methods=" ".join(self._planned.plain_sentences(plan.alpha)),
             tables=tables,
@@ -120,13 +120,13 @@ def looks_frame(plan: SequentialPlan) -> pd.DataFrame:
     return pd.DataFrame(own | {"spent": plan.spent})
 
 
-def looks_table(plan: SequentialPlan, shares: Mapping[str, Sequence[float]] = {}) -> Table:
+def looks_table(plan: SequentialPlan, shares: Mapping[str, Sequence[float]] = {}) -> TableBlock:
     """Return the bounds as a table; `shares` are columns of shares of studies."""
 
     def cell(values: Sequence[float | None], digits: int) -> Callable[[int], str]:
         return lambda k: NONE if (value := values[k]) is None else f"{value:.{digits}f}"
 
-    return Table.each(
+    return TableBlock.each(
         f"Bounds of the planned looks, {plan.rule}",
         range(len(plan.looks)),
         ("Participants", "", lambda k: str(plan.looks[k])),

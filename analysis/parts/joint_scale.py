@@ -14,7 +14,7 @@ from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import NONE, number, p_number, p_text
-from protocols.blocks import Cautions, Table, grouped
+from protocols.blocks import Cautions, TableBlock, grouped
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
         ]
         return Shown(
             blocks=(
-                Table.each(
+                TableBlock.each(
                     "All methods at once, by bootstrap of participants and scenes",
                     every,
                     *([("Size", "l", lambda one: one[0])] if plan.sized else []),

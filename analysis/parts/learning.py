@@ -29,7 +29,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from protocols.blocks import Cautions, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, TableBlock
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ class LearningPart(Part[P, Learning]):
         trends = found.trends
         return Shown(
             blocks=(
-                Picture("learning"),
-                Table.each(
+                FigurePlace("learning"),
+                TableBlock.each(
                     "Change from the first to the last trial, between participants; beside it the"
                     " papers' pooled rank correlation",
                     trends,

@@ -16,7 +16,7 @@ from analysis.parts import Part, PartFigure, Shown
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.interaction_plot import interaction_plot
 from analysis.report.wording import leading, level_text, number, number_range, p_number, share
-from protocols.blocks import Heading, Paragraph, Picture
+from protocols.blocks import FigurePlace, Heading, Paragraph
 from protocols.prose import count_of
 
 JOD = float(stats.norm.ppf(0.75))
@@ -145,7 +145,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
             blocks=(
                 Heading("What the primary comparison depends on"),
                 Paragraph(" ".join(said) + " Nobody is excluded by this."),
-                Picture("leaving_out"),
+                FigurePlace("leaving_out"),
             ),
             sentences=said,
             methods=(

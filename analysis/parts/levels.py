@@ -44,7 +44,7 @@ from analysis.report.wording import (
     size_range,
 )
 from protocols.adaptive.answer_history import Shape
-from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
 
@@ -227,7 +227,7 @@ class CurvesPart(LevelsPart[Curves]):
             (plan.label(name), fit, fit.identified(found.counts[name].levels))
             for name, fit in found.curves.items()
         ]
-        table = Table.of(
+        table = TableBlock.of(
             "Psychometric functions, all participants together",
             (
                 *(("Condition", "l c"), ("Threshold", "strong"), ("Limits", "n"), ("Width", "")),
@@ -268,7 +268,7 @@ class CurvesPart(LevelsPart[Curves]):
         return Shown(
             title=self.title(plan),
             blocks=(
-                Picture("levels"),
+                FigurePlace("levels"),
                 *((table, told) if fits else ()),
                 Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
@@ -414,7 +414,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         effects = _deviations(found)
         own = sorted({who for one in each for who in one.individual})
         people = (
-            Table.of(
+            TableBlock.of(
                 "Participants' thresholds",
                 (("Participant", "l"), *((label(one.condition), "") for one in each)),
                 [
@@ -440,8 +440,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         return Shown(
             title=self.title(plan),
             blocks=(
-                Picture("psychometric"),
-                Table.of(
+                FigurePlace("psychometric"),
+                TableBlock.of(
                     "Thresholds in the population: one model, random over participants"
                     + (" and scenes" if found.scene_sd else ""),
                     (
@@ -466,7 +466,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                     muted=True,
                 ),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
-                *((*people, Picture("people")) if own else ()),
+                *((*people, FigurePlace("people")) if own else ()),
                 Cautions("When not to trust these thresholds", found.warnings),
             ),
             sentences=(

@@ -20,7 +20,7 @@ from analysis.report.wording import (
     p_text,
     t_text,
 )
-from protocols.blocks import Block, Table
+from protocols.blocks import Block, TableBlock
 
 
 def means_table(
@@ -28,7 +28,7 @@ def means_table(
 ) -> Iterator[Block]:
     """Yield the table of marginal means; `more` are columns beside the model's scale."""
     if found.means:
-        yield Table.each(
+        yield TableBlock.each(
             title,
             found.means,
             ("Condition", "l c", lambda one: plan.label(one.name)),
@@ -42,7 +42,7 @@ def contrasts_table(
 ) -> Iterator[Block]:
     """Yield the table of named contrasts; `turned` makes the model's scale that of the unit."""
     if found.contrasts:
-        yield Table.each(
+        yield TableBlock.each(
             f"Contrasts of the mixed model's means, {unit}",
             found.contrasts,
             ("Contrast", "l c", lambda one: one.name),

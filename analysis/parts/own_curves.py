@@ -27,7 +27,7 @@ from analysis.parts.levels import (
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.wording import p_number, size, size_range
-from protocols.blocks import Cautions, Paragraph, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.tasks.rates import performance_in_words
 
 MOST_PEOPLE = 12
@@ -150,8 +150,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
         return Shown(
             title=self.title(plan),
             blocks=(
-                Picture("own_curves"),
-                Table.of(
+                FigurePlace("own_curves"),
+                TableBlock.of(
                     "Each participant's curve, from these answers alone",
                     (
                         *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),

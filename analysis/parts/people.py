@@ -12,7 +12,7 @@ from analysis.parts import PartFigure, Shown, SimplePart
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map
 from analysis.report.wording import share
-from protocols.blocks import Picture
+from protocols.blocks import FigurePlace
 
 Pairs = tuple[tuple[str, float], ...]
 Shares = Mapping[str, Pairs]
@@ -56,7 +56,7 @@ class PeoplePart(SimplePart[RatePlan, People]):
         ]
         return Shown(
             title="Participants and scenes" if found.scenes else "",
-            blocks=(Picture("participants"), Picture("scenes")),
+            blocks=(FigurePlace("participants"), FigurePlace("scenes")),
             sentences=sentences,
             methods="Shares of right answers of single participants are as counted.",
             tables={"shares.csv": pd.DataFrame(lines)},

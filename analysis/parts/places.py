@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Shown, estimates_of, tried
 from analysis.report.wording import level_text, number_range, placed
-from protocols.blocks import Block, Paragraph, Table
+from protocols.blocks import Block, Paragraph, TableBlock
 from protocols.prose import count_of
 
 LAB, BROWSER = "lab", "browser"
@@ -172,7 +172,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
 
 
 def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
-    yield Table.each(
+    yield TableBlock.each(
         "Where sessions ran",
         found.places,
         ("Place", "l c", lambda one: one.name),
@@ -191,7 +191,7 @@ def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
         f" distance.{off}"
     )
     if found.differences:
-        yield Table.each(
+        yield TableBlock.each(
             "Exploratory: the primary result by place",
             found.differences,
             ("Result", "l c", lambda one: one.what),

@@ -32,7 +32,7 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.confidence_plots import pairs_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import p_number, share
-from protocols.blocks import Paragraph, Picture, Table
+from protocols.blocks import FigurePlace, Paragraph, TableBlock
 from protocols.tasks.confidence_question import CONFIDENCE
 
 CELL = ["pair", "scene", "size"]
@@ -128,8 +128,8 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
         known = [one for one in found.companions if one.difference is not None]
         return Shown(
             blocks=(
-                Picture("confidence"),
-                Table.each(
+                FigurePlace("confidence"),
+                TableBlock.each(
                     f"Confidence by comparison (steps {steps}), means over participants",
                     named,
                     ("Comparison", "l c", lambda one: one[1]),
@@ -137,7 +137,7 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
                     ("Share", "", lambda one: share(one[0].share)),
                     ("Confidence", "strong n", lambda one: measured(one[0].confidence)),
                 ),
-                Table.each(
+                TableBlock.each(
                     "What confidence goes with, within participants",
                     found.companions,
                     ("More confidence where", "l c", lambda one: one.what),

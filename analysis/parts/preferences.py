@@ -32,7 +32,16 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from protocols.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table, strong
+from protocols.blocks import (
+    Block,
+    Box,
+    Cautions,
+    FigurePlace,
+    Paragraph,
+    Section,
+    TableBlock,
+    strong,
+)
 
 TESTS = {
     "participant-scene": (
@@ -178,7 +187,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                     "people",
                     "Participants and scenes",
                     "Participants and scenes",
-                    (Picture("participants"), Picture("scenes")),
+                    (FigurePlace("participants"), FigurePlace("scenes")),
                 ),
             ),
             sentences=sentences,
@@ -300,8 +309,8 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         t, df = cell.test.t, cell.test.df
         return NONE if t is None or df is None else f"{number(t)} ({df_text(df)})"
 
-    yield Picture("preference")
-    yield Table.each(
+    yield FigurePlace("preference")
+    yield TableBlock.each(
         f"Every comparison, p by {TESTS[plan.test][0]}{adjusted}",
         cells,
         ("Comparison", "l c", name),
@@ -328,7 +337,7 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         ).format(_BF10),
         muted=True,
     )
-    yield Table.each(
+    yield TableBlock.each(
         "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
         cells,
         ("Comparison", "l c", name),
@@ -355,7 +364,7 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         muted=True,
     )
     yield Cautions.each("When not to trust these comparisons", cells, name)
-    yield Picture("forest")
+    yield FigurePlace("forest")
 
 
 def _shares(found: PreferenceResults) -> pd.DataFrame:

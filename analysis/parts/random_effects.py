@@ -14,7 +14,7 @@ from analysis.models.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Shown
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.wording import level_text, number_range, placed, share
-from protocols.blocks import Paragraph, Picture, Table
+from protocols.blocks import FigurePlace, Paragraph, TableBlock
 
 P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
@@ -81,7 +81,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         several = any(model for model, _ in rows)
         return Shown(
             blocks=(
-                Table.each(
+                TableBlock.each(
                     f"Random effects of {self.about}",
                     rows,
                     *([("Model", "l c", lambda one: one[0])] if several else []),
@@ -96,7 +96,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                     " (intraclass correlation).",
                     muted=True,
                 ),
-                Picture(name),
+                FigurePlace(name),
             ),
             sentences=tuple(
                 f"Random effects of {self.about}{f' ({model})' if model else ''}: the SD of"

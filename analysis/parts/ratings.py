@@ -45,7 +45,7 @@ from analysis.report.wording import (
     placed,
     share,
 )
-from protocols.blocks import Block, Box, Cautions, Paragraph, Picture, Section, Table
+from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
 def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     pairs, unit = not plan.by, _unit(model)
     steps = [] if pairs else [(f"{name}", "") for name in model.categories]
-    places = Table.of(
+    places = TableBlock.of(
         f"Places on the latent axis, {unit} from the first",
         (
             ("Condition", "l c"),
@@ -226,7 +226,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
             for one in model.conditions
         ],
     )
-    differences = Table.each(
+    differences = TableBlock.each(
         "Comparisons",
         model.contrasts,
         compared(plan),
@@ -255,7 +255,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
         )
     middle = f"Means on the latent axis, {unit} from the middle of all thresholds"
     return (
-        Picture("ratings"),
+        FigurePlace("ratings"),
         places,
         differences,
         *means_table(middle, model.margins, plan),
@@ -267,7 +267,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
 
 def _people(found: RatingResults) -> tuple[Block, ...]:
     return (
-        Table.of(
+        TableBlock.of(
             "How often each participant gave each rating",
             (("Participant", "l"), *((name, "") for name in found.model.categories)),
             [(who, *map(str, counts)) for who, counts in found.levels.items()],

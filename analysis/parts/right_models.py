@@ -34,7 +34,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from protocols.blocks import Cautions, Paragraph, Table, grouped
+from protocols.blocks import Cautions, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         terms = rows_of((one, one[1].coefficients) for one in found.fits)
         return Shown(
             blocks=(
-                Table.each(
+                TableBlock.each(
                     f"Logistic models of right answers, {formula}",
                     terms,
                     ("Errors", "l", lambda row: row[0][0] * row[2]),

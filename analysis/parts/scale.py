@@ -30,7 +30,7 @@ from analysis.plots import jod_plot
 from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
 from analysis.seed import SEED
 from analysis.showable import hopeless
-from protocols.blocks import Block, Cautions, Heading, Paragraph, Picture, Table, grouped
+from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -256,11 +256,11 @@ def _clustered(
 
 def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
     level, label = plan.limits, plan.label
-    yield Picture("scale")
+    yield FigurePlace("scale")
     for size in found.sizes:
         if plan.sized:
             yield Heading(plan.at(size.size, whole="All sizes"))
-        yield Table.each(
+        yield TableBlock.each(
             "Thurstone Case V, mean zero",
             size.scores().to_dict("records"),
             ("Method", "l", lambda one: label(one["method"])),
@@ -268,7 +268,7 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
             (level, "n", lambda one: number_range(one["lower"], one["upper"])),
             ("bootstrap SE", "", lambda one: number(one["standard_error"])),
         )
-        yield Table.each(
+        yield TableBlock.each(
             "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
             size.differences().to_dict("records"),
             ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
@@ -278,7 +278,7 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
             ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),
         )
         if size.order is not None:
-            yield Table.each(
+            yield TableBlock.each(
                 "Order effect: what the one shown first has more, and scores beside it, JOD",
                 [size.order],
                 ("First - second", "strong", lambda one: placed(one, one.value)),

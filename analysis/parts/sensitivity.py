@@ -57,7 +57,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from protocols.blocks import Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
 TRUST = "When not to trust these sensitivities"
@@ -175,9 +175,9 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             figures.append(PartFigure("sensitivity", caption, draw))
         return Shown(
             blocks=(
-                Picture("detection"),
-                Picture("sensitivity"),
-                Table.each(
+                FigurePlace("detection"),
+                FigurePlace("sensitivity"),
+                TableBlock.each(
                     f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
                     cells,
                     condition(plan),
@@ -408,7 +408,7 @@ class TypicalPart(SimplePart[RatePlan, Typical]):
         ]
         return Shown(
             blocks=(
-                Table.each(
+                TableBlock.each(
                     "d' and criterion of the typical participant: probit mixed models",
                     found.fits,
                     ("Condition", "l c", lambda one: plan.label(one[0])),
@@ -516,8 +516,8 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
         draw = partial(d_prime_plot, found, label=label)
         return Shown(
             blocks=(
-                Picture("sensitivity"),
-                Table.each(
+                FigurePlace("sensitivity"),
+                TableBlock.each(
                     f"d' from shares of right answers ({found.rule})",
                     cells,
                     condition(plan),

@@ -29,12 +29,12 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from protocols.blocks import Cautions, Table, grouped
+from protocols.blocks import Cautions, TableBlock, grouped
 
 G = TypeVar("G")
 T = TypeVar("T")
 TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
-"""As `protocols.blocks.Table.each` takes them."""
+"""As `protocols.blocks.TableBlock.each` takes them."""
 
 P: TableColumn = ("p", "n", lambda one: p_number(one.p))
 TESTED: tuple[TableColumn, ...] = (
@@ -155,12 +155,12 @@ def told_apart(found: Sequence[Difference], plan: AnalysisPlan) -> tuple[Differe
 
 def difference_tables(
     caption: str, found: Sequence[Difference], plan: AnalysisPlan
-) -> tuple[Table | Cautions, ...]:
+) -> tuple[TableBlock | Cautions, ...]:
     """Return the table of differences, and whose p is held; nothing where there are none."""
     if not found:
         return ()
     return (
-        Table.each(
+        TableBlock.each(
             caption,
             found,
             compared(plan),

@@ -14,7 +14,7 @@ from analysis.parts.levels import LevelsPart, population_model, threshold_cells,
 from analysis.parts.shared import TESTED, apa_test, compared, in_order
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.report.wording import level_text, number, number_range
-from protocols.blocks import Cautions, Table
+from protocols.blocks import Cautions, TableBlock
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class SlopesPart(LevelsPart[Slopes]):
         return Shown(
             title=self.title(plan),
             blocks=(
-                Table.of(
+                TableBlock.of(
                     "Slopes in the population: the same model, with a width of each condition",
                     (
                         ("Condition", "l c"),
@@ -85,7 +85,7 @@ class SlopesPart(LevelsPart[Slopes]):
                         for one in found.thresholds
                     ],
                 ),
-                Table.each(
+                TableBlock.each(
                     "Ratios of slopes at the threshold (the inverse of widths)",
                     ratios,
                     compared(plan, "/"),

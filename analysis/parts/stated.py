@@ -25,7 +25,7 @@ from analysis.parts.shared import apa_difference, difference_tables, in_order, l
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.wording import NOT_IDENTIFIED, level_text, share, size, size_range
-from protocols.blocks import Cautions, Paragraph, Picture, Table
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.tasks.rates import performance_in_words
 
 
@@ -112,7 +112,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
             for one, known in zip(found.thresholds, placed, strict=True)
             if known
         }
-        table = Table.of(
+        table = TableBlock.of(
             f"Thresholds in the population at {at}",
             (("Condition", "l c"), ("Threshold", "strong"), (plan.limits, "n")),
             [
@@ -144,7 +144,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
         return Shown(
             title=section_title(plan),
             blocks=(
-                Picture(self.name),
+                FigurePlace(self.name),
                 table,
                 told,
                 *difference_tables(f"Differences of {differing} at {at}", found.contrasts, plan),

@@ -18,7 +18,7 @@ from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import big, number, number_range, p_number, p_text
-from protocols.blocks import Block, Cautions, Paragraph, Picture, Table, grouped
+from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ def _odds(size: str, fit: Scale, limits: ScaleIntervals) -> Iterator[Odds]:
 
 def _blocks(found: Strengths, lines: Sequence[Any], plan: PreferencePlan) -> Iterator[Block]:
     label, several = plan.label, [("Size", "l", lambda one: plan.at(one["size"]))] * plan.sized
-    yield Picture("strengths")
-    yield Table.each(
+    yield FigurePlace("strengths")
+    yield TableBlock.each(
         "Bradley-Terry strengths, log odds",
         lines,
         ("Method", "l", lambda one: label(one["method"])),
@@ -157,7 +157,7 @@ def _blocks(found: Strengths, lines: Sequence[Any], plan: PreferencePlan) -> Ite
         (plan.limits, "n", lambda one: number_range(one["lower"], one["upper"])),
         ("bootstrap SE", "", lambda one: number(one["standard_error"])),
     )
-    yield Table.each(
+    yield TableBlock.each(
         "Odds of choosing the first; limits and p by bootstrap of participants and scenes",
         found.odds,
         ("Methods", "l", lambda one: plan.named(one.first, one.second, one.size)),

@@ -47,7 +47,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from protocols.blocks import Block, Cautions, Paragraph, Picture, Table
+from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
 
@@ -147,8 +147,8 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
 
 def _summary(found: Times, plan: AnalysisPlan) -> Iterator[Block]:
     times, label = found.summary, plan.label
-    yield Picture("reaction")
-    yield Table.each(
+    yield FigurePlace("reaction")
+    yield TableBlock.each(
         "Reaction times, s",
         times,
         (plan.compared_title, "l", lambda t: label(t.condition)),
@@ -166,7 +166,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     if model is None:
         return
     sd = _deviations(model) | {"the rest": model.residual_sd}
-    yield Table.each(
+    yield TableBlock.each(
         "Typical reaction times by a log-normal mixed model",
         model.times,
         ("Condition", "l", lambda one: plan.label(one.condition)),
@@ -175,7 +175,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
         limits(plan.limits),
     )
     if model.ratios:
-        yield Table.each(
+        yield TableBlock.each(
             "How many times as long answers take",
             model.ratios,
             compared(plan, "/"),
@@ -196,7 +196,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
 def _ez(found: DiffusionResults | None, plan: AnalysisPlan) -> Iterator[Block]:
     if found is None:
         return
-    yield Table.each(
+    yield TableBlock.each(
         "EZ diffusion: means over participants",
         found.conditions,
         ("Condition", "l", lambda one: plan.label(one.condition)),
@@ -204,7 +204,7 @@ def _ez(found: DiffusionResults | None, plan: AnalysisPlan) -> Iterator[Block]:
         *(column for measure in MEASURES for column in _columns(measure)),
     )
     if found.contrasts:
-        yield Table.each(
+        yield TableBlock.each(
             "Differences, paired over participants",
             found.contrasts,
             compared(plan),

@@ -7,7 +7,7 @@ from analysis.parts import Estimate, estimates_of
 from analysis.parts.added import with_added
 from analysis.report.report_source import ReportSource
 from analysis.report.wording import number_range, p_number, placed
-from protocols.blocks import Block, Paragraph, Table
+from protocols.blocks import Block, Paragraph, TableBlock
 from protocols.errors import StudyError
 
 
@@ -88,7 +88,7 @@ def beside_blocks(found: Beside | None) -> Sequence[Block]:
         else f"No result is significant on one side only (alpha {found.alpha:g})."
     )
     return (
-        Table.of(
+        TableBlock.of(
             f"With exclusions, and without: rules left out {many}",
             (
                 ("", "l c"),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from analysis.tidy import Tidy
-from protocols.blocks import Block, Paragraph, Table
+from protocols.blocks import Block, Paragraph, TableBlock
 from protocols.prose import count_of
 
 
@@ -14,7 +14,7 @@ def participant_blocks(tidy: Tidy | None) -> tuple[Block, ...]:
 
 def _blocks(tidy: Tidy) -> Iterator[Block]:
     before = {"began": "of these ", "completed the session": "stopped: ", "analysed": "left out: "}
-    yield Table.of(
+    yield TableBlock.of(
         "Participants, from the first page to the analysis",
         (("Step", "l c"), ("Participants", "")),
         [
@@ -25,7 +25,7 @@ def _blocks(tidy: Tidy) -> Iterator[Block]:
     found = tidy.demographics
     if found.empty:
         return
-    yield Table.of(
+    yield TableBlock.of(
         "What participants said of themselves",
         (("Question", "l c"), ("Answer", "l"), ("Participants", ""), ("Analysed", "")),
         [

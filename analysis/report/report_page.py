@@ -11,7 +11,7 @@ from analysis.report.participants_section import participant_blocks
 from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import Tidy
-from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, Table
+from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, TableBlock
 from protocols.hashing import Json
 from protocols.html_page import Figure, html_page
 
@@ -68,7 +68,7 @@ def _quality(tidy: Tidy | None) -> Iterator[Block]:
             " here."
         )
         return
-    yield Table.each(
+    yield TableBlock.each(
         "Exclusions, by the rules the protocol fixed",
         tidy.flow,
         ("Step", "l", lambda one: one.step),
@@ -78,7 +78,7 @@ def _quality(tidy: Tidy | None) -> Iterator[Block]:
         ("Decisions left", "", lambda one: str(one.decisions_left)),
     )
     rows: list[Any] = rows_as_json(tidy.sessions)
-    yield Table.each(
+    yield TableBlock.each(
         "Sessions",
         rows,
         ("Participant", "l", lambda one: one["participant"]),
@@ -105,7 +105,7 @@ def _answers(tidy: Tidy | None) -> Iterator[Section]:
     if tidy is None or tidy.answers.empty:
         return
     rows: list[Any] = rows_as_json(tidy.answers)
-    table = Table.each(
+    table = TableBlock.each(
         "",
         rows,
         ("Participant", "l", lambda one: one["participant"]),
@@ -124,7 +124,7 @@ def _answers(tidy: Tidy | None) -> Iterator[Section]:
 
 def _provenance(provenance: Mapping[str, Json], scripts: Sequence[str]) -> Iterator[Block]:
     rows = [(key.replace("_", " "), _value(value)) for key, value in provenance.items()]
-    yield Table.of("", (("", "l"), ("", "hash")), rows)
+    yield TableBlock.of("", (("", "l"), ("", "hash")), rows)
     yield Paragraph(
         Markup(
             "Every number of this page is in <code>results.json</code>, every table in"

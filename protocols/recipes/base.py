@@ -139,7 +139,7 @@ class Recipe(Model):
 
     @property
     def follows_gaze(self) -> bool:
-        """True if stimuli are drawn to the gaze, frame by frame: `Live` in place of `Image`."""
+        """True if stimuli are drawn to the gaze, frame by frame: `LiveImage`, not `Image`."""
         return False
 
     def live_methods(self) -> Mapping[str, LiveMethod]:

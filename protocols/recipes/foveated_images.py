@@ -65,7 +65,7 @@ CROPS = {
 Crop = Literal["middle", "top", "bottom", "left", "right"] | tuple[Share, Share]
 
 
-class Picture(Grown):
+class ScenePicture(Grown):
     """A picture, which is the scene."""
 
     name: Name
@@ -82,7 +82,7 @@ class Picture(Grown):
     added_later: ClassVar[tuple[str, ...]] = ("crop",)
 
 
-class Shown(Model):
+class ShownMethod(Model):
     """A way to show pictures."""
 
     name: Name
@@ -226,8 +226,8 @@ class FoveatedStimulus:
 
     name: str
     condition: dict[str, Scalar]
-    picture: Picture
-    shown: Shown
+    picture: ScenePicture
+    shown: ShownMethod
     gaze: GazePoint
     seed: int
     """Of noise or displacement."""
@@ -262,9 +262,9 @@ class FoveatedImages(Grown, Recipe):
     crop: Crop = "middle"
     """Part that `cover` keeps: the middle, an edge, or the surroundings of a point, such as `[0.5,
     0.2]`, in shares of the picture's width and height from its upper left corner."""
-    pictures: Annotated[tuple[Picture, ...], Field(min_length=1)]
+    pictures: Annotated[tuple[ScenePicture, ...], Field(min_length=1)]
     """The scenes."""
-    methods: Annotated[tuple[Shown, ...], Field(min_length=1)]
+    methods: Annotated[tuple[ShownMethod, ...], Field(min_length=1)]
     """Ways to show a picture. `reference` is the picture itself."""
     gazes: Annotated[tuple[GazePoint, ...], Field(min_length=1)] = (GazePoint(name="middle"),)
     """Points that the eye looks at."""
@@ -327,7 +327,7 @@ class FoveatedImages(Grown, Recipe):
                 raise ValueError(f"gaze {gaze.name!r} must lie within 90 degrees of the middle")
         return self
 
-    def kept(self, picture: Picture) -> tuple[float, float]:
+    def kept(self, picture: ScenePicture) -> tuple[float, float]:
         """Return the point of a picture that a crop keeps, (x, y) in shares of its size."""
         crop = self.crop if picture.crop is None else picture.crop
         return CROPS[crop] if isinstance(crop, str) else crop
@@ -362,7 +362,7 @@ class FoveatedImages(Grown, Recipe):
                     **extra,
                 )
 
-    def _plain(self, shown: Shown) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
+    def _plain(self, shown: ShownMethod) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
         several = self.draws > 1 and shown.condition != REFERENCE  # which has no seed
         for draw in range(self.draws if several else 1):
             words = [f"d{draw}"] if several else []
@@ -389,7 +389,7 @@ class FoveatedImages(Grown, Recipe):
     def _rings(
         self,
         rings: Rings,
-        picture: Picture,
+        picture: ScenePicture,
         gaze: GazePoint,
         turns: Mapping[tuple[float, str, float | None, int], str],
     ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
@@ -428,7 +428,7 @@ class FoveatedImages(Grown, Recipe):
                 )
 
     def _cuts(
-        self, cuts: Cuts, picture: Picture, shown: Shown, gaze: GazePoint
+        self, cuts: Cuts, picture: ScenePicture, shown: ShownMethod, gaze: GazePoint
     ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
         # A reference beside a reference is consistent, whatever the cut.
         alone = shown.condition == REFERENCE

@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, StringConstraints, model_validator
 
-from protocols.blocks import Block, Table
+from protocols.blocks import Block, TableBlock
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
@@ -51,7 +51,7 @@ PHOTOGRAPH_RIM_PX = 1
 """Width of the rim of mixed pixels along a photograph's silhouettes, unless stated."""
 
 
-class View(Model):
+class CameraView(Model):
     """View that the camera starts from. The world is right-handed, y up, in metres."""
 
     position_m: Vector3
@@ -158,7 +158,7 @@ class SceneBase(Model):
     """Its name in reports. Default: the name."""
     camera: CameraPath
     """Motion of the camera during a clip."""
-    view: View | None = None
+    view: CameraView | None = None
     """View that the camera starts from. Default: the scene's own camera."""
     seed: Seed = 0
     """Seed of a scene made from noise."""
@@ -370,7 +370,7 @@ MethodReference = Annotated[
 ]
 
 
-class Method(Model):
+class FillMethod(Model):
     """A method that fills holes, with its parameters."""
 
     name: Name
@@ -513,7 +513,7 @@ class WarpedClips(Recipe):
     """The scenes."""
     sizes: Annotated[tuple[Size, ...], Field(min_length=1)]
     """Amounts of disocclusion."""
-    methods: Annotated[tuple[Method, ...], Field(min_length=2)]
+    methods: Annotated[tuple[FillMethod, ...], Field(min_length=2)]
     """The methods under comparison."""
     clips: Clips
     """Size, rate and duration of every clip."""
@@ -585,7 +585,9 @@ class WarpedClips(Recipe):
             f" {display.description or 'no description'}.",
             "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
             "Sizes: " + "; ".join(sizes) + ".",
-            Table.of("", [("method", "l"), ("registry name", "l"), ("parameters", "l")], methods),
+            TableBlock.of(
+                "", [("method", "l"), ("registry name", "l"), ("parameters", "l")], methods
+            ),
         )
 
     def _angles(self, display: Display) -> str:
@@ -606,7 +608,7 @@ class WarpedClips(Recipe):
 
     def values(self, column: str) -> tuple[Scalar, ...]:
         """Return the names of scenes, sizes or methods as declared."""
-        named: dict[str, tuple[Scene, ...] | tuple[Size, ...] | tuple[Method, ...]] = {
+        named: dict[str, tuple[Scene, ...] | tuple[Size, ...] | tuple[FillMethod, ...]] = {
             "scene": self.scenes,
             "size": self.sizes,
             "method": self.methods,
@@ -659,7 +661,7 @@ class WarpedClips(Recipe):
         """Return the scene called `name`."""
         return next(scene for scene in self.scenes if scene.name == name)
 
-    def method(self, name: str) -> Method:
+    def method(self, name: str) -> FillMethod:
         """Return the method called `name`."""
         return next(method for method in self.methods if method.name == name)
 

@@ -10,7 +10,7 @@ from protocols.display import Display
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
-from protocols.tasks.compared import Compared, Pair
+from protocols.tasks.compared import Compared, StimulusPair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition
 
@@ -35,7 +35,7 @@ class Abx(Compared):
         """Return the two that X may be."""
         return "a", "b"
 
-    def arrangements(self, condition: Condition, pair: Pair) -> Sequence[Arrangement]:
+    def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:
         """Return both orders of A and B, each with X as the one and as the other."""
         one, other = pair
         return [

@@ -19,7 +19,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.hashing import Json
 from protocols.journal import Attempt
-from protocols.phases import Clip, Fixation, Image, Live, Phase
+from protocols.phases import Clip, Fixation, Image, LiveImage, Phase
 from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
@@ -327,9 +327,9 @@ def shown_phase(
         If the time of a stimulus, or of a clip's frame, is not whole refreshes of the display.
     """
     clip_s = pool.stimuli.clip_s
-    shown: list[Clip | Image | Live]
+    shown: list[Clip | Image | LiveImage]
     if pool.stimuli.follows_gaze:
-        shown = [Live(index, x_deg) for index, x_deg in places]
+        shown = [LiveImage(index, x_deg) for index, x_deg in places]
     elif clip_s is None:
         shown = [Image(index, x_deg) for index, x_deg in places]
     else:

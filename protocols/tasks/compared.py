@@ -19,7 +19,7 @@ from protocols.units import Condition, Name, Scalar, Seconds
 AGAINST, STANDARD, ANOTHER = "against", "standard", "another"
 
 
-class Pair(NamedTuple):
+class StimulusPair(NamedTuple):
     """Two stimuli that are compared: what a table calls each, and their names."""
 
     one: tuple[str, str]
@@ -88,7 +88,7 @@ class Compared(Standards, RightOrWrong):
     sided: ClassVar[bool] = True
 
     @abstractmethod
-    def arrangements(self, condition: Condition, pair: Pair) -> Sequence[Arrangement]:
+    def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:
         """Return the ways to show a pair; right answers alternate."""
 
     def cells(self, pool: Pool) -> list[Cell]:
@@ -126,21 +126,23 @@ class Compared(Standards, RightOrWrong):
             return {}
         return {STANDARD: "against the standard", ANOTHER: "against another"}
 
-    def _between(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+    def _between(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[StimulusPair]]]:
         for scene, _, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare or ""):
             names = {value: stimulus.name for value, stimulus in stimuli.items()}
             for pair in combinations(names.items(), 2):
-                yield scene, condition, ANOTHER, [Pair(*pair)]
+                yield scene, condition, ANOTHER, [StimulusPair(*pair)]
 
-    def _against_standard(self, pool: Pool) -> Iterator[tuple[str, Condition, str, list[Pair]]]:
+    def _against_standard(
+        self, pool: Pool
+    ) -> Iterator[tuple[str, Condition, str, list[StimulusPair]]]:
         standards = self.standards(pool)
-        found: dict[object, tuple[str, Condition, list[Pair]]] = {}
+        found: dict[object, tuple[str, Condition, list[StimulusPair]]] = {}
         for stimulus in pool.stimuli.pool():
             standard = standards.get(self.key(stimulus))
             if stimulus.scene not in pool.scenes or not standard or self.is_standard(stimulus):
                 continue
             told = {k: v for k, v in stimulus.condition.items() if k != self.compare}
-            pair = Pair((STANDARD, standard[-1]), ("comparison", stimulus.name))
+            pair = StimulusPair((STANDARD, standard[-1]), ("comparison", stimulus.name))
             same = stimulus.name if self.compare is None else tuple(told.items())
             found.setdefault(same, (stimulus.scene, told, []))[2].append(pair)
         for scene, condition, pairs in found.values():

@@ -11,7 +11,7 @@ from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frames
-from protocols.tasks.compared import Compared, Pair
+from protocols.tasks.compared import Compared, StimulusPair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition, Degrees
 
@@ -38,7 +38,7 @@ class WhichHalf(Compared):
         """Return the two halves."""
         return "left", "right"
 
-    def arrangements(self, condition: Condition, pair: Pair) -> Sequence[Arrangement]:
+    def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:
         """Return either stimulus whole at first, with the left and with the right half changed."""
         found = []
         for first, other in (pair, pair[::-1]):

@@ -32,7 +32,7 @@ from protocols.recipes.foveated_images import (
     FoveatedImages,
     FoveatedStimulus,
     Rings,
-    Shown,
+    ShownMethod,
 )
 from protocols.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
@@ -308,10 +308,10 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
         return colour_job(self.order, entry)
 
     @staticmethod
-    def _takes_path(shown: Shown) -> bool:
+    def _takes_path(shown: ShownMethod) -> bool:
         return check_condition_name(shown.condition).takes_path
 
-    def _files(self, shown: Shown) -> dict[str, Json] | None:
+    def _files(self, shown: ShownMethod) -> dict[str, Json] | None:
         """Hashes of pictures that were made elsewhere; None where none are."""
         if not self._takes_path(shown):
             return None

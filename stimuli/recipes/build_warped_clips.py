@@ -10,7 +10,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
-from protocols.recipes.warped_clips import BuiltinScene, ClipName, Method
+from protocols.recipes.warped_clips import BuiltinScene, ClipName, FillMethod
 from stimuli.build_plan import BuildPlan
 from stimuli.recipes.base import Builder, BuildEstimate, BuildOutcome, Report, Where
 from stimuli.recipes.warped_checks import SceneFindings, look_at_fills, look_at_scenes
@@ -122,7 +122,7 @@ def _without(parameters: Mapping[str, object], key: str) -> dict[str, object]:
     return {name: value for name, value in parameters.items() if name != key}
 
 
-def _amiss(method: Method, parameters: Mapping[str, object]) -> str:
+def _amiss(method: FillMethod, parameters: Mapping[str, object]) -> str:
     """Return what is wrong with a method's parameters first; empty: nothing."""
     if method.is_reference:
         return f"the true view takes none (got {', '.join(parameters)})" if parameters else ""

@@ -32,8 +32,8 @@ from protocols.recipes.foveated_images import (
     FoveatedImages,
     FoveatedStimulus,
     PanoramaView,
-    Picture,
-    Shown,
+    ScenePicture,
+    ShownMethod,
 )
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
@@ -70,7 +70,7 @@ class StillsPlan:
         """Gaze in a still, pixels."""
         return read_gaze(f"{entry.gaze.x_deg}deg,{entry.gaze.y_deg}deg", self.geometry)
 
-    def condition(self, shown: Shown) -> str:
+    def condition(self, shown: ShownMethod) -> str:
         """The condition's name, a folder in it made relative to `folder`."""
         kind, colon, path = shown.condition.partition(":")
         return f"{kind}:{self.folder / path}" if colon and path else shown.condition
@@ -82,7 +82,7 @@ class StillsPlan:
             entry.gaze
         )
 
-    def picture(self, picture: Picture, ctx: moderngl.Context | None = None) -> Colour:
+    def picture(self, picture: ScenePicture, ctx: moderngl.Context | None = None) -> Colour:
         """Return a scene in the size of the stills: (H, W, 3).
 
         Parameters
@@ -196,7 +196,7 @@ class StillMaker:
             release_context(self._ctx)
             self._ctx = None
 
-    def _scene(self, picture: Picture) -> Colour:
+    def _scene(self, picture: ScenePicture) -> Colour:
         if self._picture is None or self._picture[0] != picture.name:
             self._picture = picture.name, self.order.picture(picture, self._ctx)  # scene by scene
         return self._picture[1]
@@ -232,7 +232,7 @@ class StillMaker:
             return made
         return foveator(picture, gaze_px, seed=entry.seed, frame=self.order.number(entry))
 
-    def _foveator(self, shown: Shown) -> Foveator:
+    def _foveator(self, shown: ShownMethod) -> Foveator:
         foveator = self._foveators.get(shown.name)
         if foveator is None:
             recipe = self.order.recipe

@@ -8,8 +8,17 @@ from pathlib import Path
 from markupsafe import Markup
 from matplotlib.figure import Figure as Plot
 
-from protocols.blocks import Block, Cautions, Heading, Paragraph, Picture, Section, Shot, Shots
-from protocols.blocks import Table as Rows
+from protocols.blocks import (
+    Block,
+    Cautions,
+    FigurePlace,
+    Heading,
+    MediaFile,
+    MediaRow,
+    Paragraph,
+    Section,
+)
+from protocols.blocks import TableBlock as Rows
 from protocols.html_page import Figure, html_page
 from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
@@ -170,12 +179,12 @@ def _page(
             "Tables", "A star marks the best of a row, by the digits shown.", *map(_rows, tables)
         ),
         Section.of("Pictures", *_pictures(results)),
-        Section.of("Bands by eccentricity", *map(Picture, drawn["bands"]), name="bands"),
-        Section.of("Scene by scene", *map(Picture, drawn["scenes"]), name="scenes"),
+        Section.of("Bands by eccentricity", *map(FigurePlace, drawn["bands"]), name="bands"),
+        Section.of("Scene by scene", *map(FigurePlace, drawn["scenes"]), name="scenes"),
         Section.of(
             "Time against quality",
             *([Paragraph(timed, muted=True)] if drawn["time"] else []),
-            *map(Picture, drawn["time"]),
+            *map(FigurePlace, drawn["time"]),
             name="time",
         ),
         Section.of("Where methods err", *_maps(results, drawn), name="maps"),
@@ -244,9 +253,10 @@ def _pictures(results: ScoreResults) -> Iterator[Block]:
         yield _shots(scene, pictures, 20.0)
 
 
-def _shots(scene: str, pictures: list[tuple[str, str]], least_rem: float) -> Shots:
-    return Shots(
-        tuple(Shot(address, label, f"{scene}: {label}") for label, address in pictures), least_rem
+def _shots(scene: str, pictures: list[tuple[str, str]], least_rem: float) -> MediaRow:
+    return MediaRow(
+        tuple(MediaFile(address, label, f"{scene}: {label}") for label, address in pictures),
+        least_rem,
     )
 
 
@@ -259,7 +269,7 @@ def _maps(results: ScoreResults, drawn: dict[str, dict[str, Figure]]) -> Iterato
             f"{results.map_metric} of every pixel, averaged over {where}; black is no error. One"
             " scale for all pictures:"
         )
-        yield from map(Picture, drawn["scale"])
+        yield from map(FigurePlace, drawn["scale"])
     for scene, size, ((truth, address), *others) in maps:
         yield Heading(", ".join(filter(None, (scene, size))))
         yield _shots(scene, [(f"{truth}, middle frame", address), *others], 11.0)

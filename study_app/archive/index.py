@@ -33,7 +33,7 @@ def plain(name: str) -> str:
     return name
 
 
-class Entry(Model):
+class ArchivedFile(Model):
     """One file."""
 
     path: Annotated[str, AfterValidator(plain)]
@@ -56,7 +56,7 @@ class Index(Model):
     """True if the study's secret is in it."""
     clips: bool
     """True if the frames are in it, and not their manifest alone."""
-    files: tuple[Entry, ...]
+    files: tuple[ArchivedFile, ...]
 
     def to_bytes(self) -> bytes:
         """Return the file `archive.json`."""

@@ -39,7 +39,7 @@ _PLAIN_FILES = {0, stat.S_IFREG}
 
 
 @dataclass(frozen=True)
-class Findings:
+class ArchiveFindings:
     """Findings about an archive."""
 
     index: Index
@@ -80,7 +80,7 @@ def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iter
             yield plain_file
 
 
-def check(path: Path, file: IO[bytes]) -> Findings:
+def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
     """Prove an archive whole: each file against the list, each session as `session verify` does.
 
     Nothing is unpacked for that: what is sealed lies nowhere in the clear, and a killed program
@@ -98,10 +98,10 @@ def check(path: Path, file: IO[bytes]) -> Findings:
             if _copied(_pieces(path, archive, entry.path)) != (entry.bytes, entry.sha256)
         ]
         wrong, notes, sittings = _of_study(_as_folder(path, archive), index)
-        return Findings(index, sittings, (*problems, *wrong), notes)
+        return ArchiveFindings(index, sittings, (*problems, *wrong), notes)
 
 
-def check_folder(folder: Path) -> Findings:
+def check_folder(folder: Path) -> ArchiveFindings:
     """Prove whole what was unpacked by any program.
 
     Raises
@@ -121,7 +121,7 @@ def check_folder(folder: Path) -> Findings:
     found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()}
     problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
     wrong, notes, sittings = _of_study(folder, index)
-    return Findings(index, sittings, (*problems, *wrong), notes)
+    return ArchiveFindings(index, sittings, (*problems, *wrong), notes)
 
 
 def restore(path: Path, file: IO[bytes], out: Path) -> Index:

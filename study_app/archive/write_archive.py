@@ -21,8 +21,8 @@ from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
-from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, Entry, Index
-from study_app.archive.read_archive import Findings, check
+from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
+from study_app.archive.read_archive import ArchiveFindings, check
 from study_app.archive.seal import seal
 from study_app.session_folders import find_sittings
 
@@ -32,7 +32,7 @@ _PACKED_ALREADY = {".png", ".gz", ".webm"}
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ArchiveOptions:
     """Content that an archive is to hold, and how it is to be closed."""
 
     protocol: Path
@@ -55,8 +55,8 @@ class Wanted:
 
 
 def write_archive(
-    wanted: Wanted, out: Path, progress: Progress = lambda _what, _done, _all: None
-) -> tuple[Index, Findings]:
+    wanted: ArchiveOptions, out: Path, progress: Progress = lambda _what, _done, _all: None
+) -> tuple[Index, ArchiveFindings]:
     """Write a study into one file that did not exist before.
 
     Returns
@@ -107,7 +107,9 @@ def write_archive(
     return index, found
 
 
-def _members(wanted: Wanted, path: Path, protocol: StudyProtocol) -> Iterator[tuple[str, Path]]:
+def _members(
+    wanted: ArchiveOptions, path: Path, protocol: StudyProtocol
+) -> Iterator[tuple[str, Path]]:
     """Yield each file's place in the archive, and the file."""
     yield f"{STUDY}/{path.name}", path
     secret = path.with_suffix(SECRET_SUFFIX)
@@ -157,7 +159,7 @@ def _sittings(root: Path, study: str) -> Iterator[tuple[str, Path]]:
 
 def _pack(
     file: IO[bytes], members: Sequence[tuple[str, Path]], progress: Progress
-) -> tuple[Entry, ...]:
+) -> tuple[ArchivedFile, ...]:
     entries = []
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for done, (name, path) in enumerate(sorted(members), start=1):
@@ -166,7 +168,7 @@ def _pack(
             data = read_bytes(path, "a file of the study", "unpacked")
             packing = zipfile.ZIP_STORED if path.suffix in _PACKED_ALREADY else zipfile.ZIP_DEFLATED
             archive.writestr(zipfile.ZipInfo(name, _MOMENT), data, packing)
-            entries.append(Entry(path=name, bytes=len(data), sha256=sha256_bytes(data)))
+            entries.append(ArchivedFile(path=name, bytes=len(data), sha256=sha256_bytes(data)))
             progress("archiving", done, len(members))
     return tuple(entries)
 

@@ -17,7 +17,7 @@ from protocols.errors import StudyError
 from protocols.outside import check_limits_variable
 from study_app.cli.complete import completing
 from study_app.cli.errors import user_errors
-from study_app.cli.lazy import LazyGroup, Slot
+from study_app.cli.lazy import CommandSlot, LazyGroup
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -27,26 +27,38 @@ __all__ = ["SLOTS", "app", "main", "user_errors"]
 
 SLOTS = (
     # name, help (the first line of `metamerlab --help`), import path
-    Slot("doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"),
-    Slot("demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"),
-    Slot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
-    Slot("foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"),
-    Slot("live", "Show a picture that follows the gaze.", "study_app.cli.live:live"),
-    Slot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
-    Slot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
-    Slot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),
-    Slot("denoise", "Make metamers of noisy renders.", "study_app.cli.denoise_commands:app"),
-    Slot(
+    CommandSlot(
+        "doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"
+    ),
+    CommandSlot(
+        "demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"
+    ),
+    CommandSlot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
+    CommandSlot(
+        "foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"
+    ),
+    CommandSlot("live", "Show a picture that follows the gaze.", "study_app.cli.live:live"),
+    CommandSlot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
+    CommandSlot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
+    CommandSlot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),
+    CommandSlot("denoise", "Make metamers of noisy renders.", "study_app.cli.denoise_commands:app"),
+    CommandSlot(
         "new-study",
         "Make a folder to start a study from.",
         "study_app.cli.new_study_command:new_study",
         "WithFiles",
     ),
-    Slot("protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"),
-    Slot("stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"),
-    Slot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),
-    Slot("session", "Run sessions with participants.", "study_app.cli.session_commands:app"),
-    Slot("analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"),
+    CommandSlot(
+        "protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"
+    ),
+    CommandSlot(
+        "stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"
+    ),
+    CommandSlot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),
+    CommandSlot("session", "Run sessions with participants.", "study_app.cli.session_commands:app"),
+    CommandSlot(
+        "analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"
+    ),
 )
 
 

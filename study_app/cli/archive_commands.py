@@ -11,9 +11,9 @@ import typer
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from study_app.archive.index import INDEX_NAME
-from study_app.archive.read_archive import Findings, check, check_folder, opened
+from study_app.archive.read_archive import ArchiveFindings, check, check_folder, opened
 from study_app.archive.read_archive import restore as restore_archive
-from study_app.archive.write_archive import Wanted, write_archive
+from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.errors import user_errors
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line
@@ -68,7 +68,7 @@ def archive(
             raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
         if with_clips and stimuli is None:
             raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
-        wanted = Wanted(
+        wanted = ArchiveOptions(
             protocol,
             sessions,
             clips=stimuli,
@@ -134,7 +134,7 @@ def register(app: typer.Typer) -> None:
     app.command()(restore)
 
 
-def _tell(path: Path, found: Findings) -> None:
+def _tell(path: Path, found: ArchiveFindings) -> None:
     index = found.index
     verdict = "NOT as it was recorded" if found.problems else "whole"
     holds = [count_of(found.sittings, "session"), count_of(len(index.files), "file")]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Slot:
+class CommandSlot:
     """A place for one command or group of commands.
 
     `target` is ``module:attribute``: a `typer.Typer` (a group) or a function
@@ -45,7 +45,7 @@ class Slot:
 class LazyGroup(TyperGroup):
     """A group that lists its `slots` and imports only the one that is called."""
 
-    slots: ClassVar[tuple[Slot, ...]] = ()
+    slots: ClassVar[tuple[CommandSlot, ...]] = ()
 
     def __init__(self, **attrs: Any) -> None:
         super().__init__(**attrs)
@@ -56,7 +56,7 @@ class LazyGroup(TyperGroup):
 class _LazyCommand(TyperCommand):
     """Stands in for a slot's command in listings; becomes it when called."""
 
-    def __init__(self, slot: Slot) -> None:
+    def __init__(self, slot: CommandSlot) -> None:
         super().__init__(slot.name, help=slot.help)
         self._slot = slot
 

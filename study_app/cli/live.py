@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
-    from study_app.live.loop import Flip, LiveLoop
-    from study_app.live.renderer import View
+    from study_app.live.loop import DrawnFlip, LiveLoop
+    from study_app.live.renderer import LiveView
     from study_app.live.screen import WindowScreen
     from study_app.window import Window
 
@@ -267,14 +267,14 @@ class _Showing:
         self._pose: GazeSample | None = None
         self._dragged: tuple[float, float] | None = None
         self._log: LiveLog | None = None
-        self._last: Flip
+        self._last: DrawnFlip
 
     def run(self) -> None:
         """Show until it is ended; say the latency."""
         from study_app.gaze.lsl_head import open_head
         from study_app.gaze.open_source import open_gaze
         from study_app.gaze.saccades import SaccadeWatch, check_saccade_rate
-        from study_app.gaze.source import Desk
+        from study_app.gaze.source import TrackerContext
         from study_app.live.loop import LiveLoop
 
         window, screen = self._window, self._screen
@@ -282,7 +282,7 @@ class _Showing:
         window.show_cursor(self._show.gaze == "mouse", stays=True)
         gaze = open_gaze(
             self._show.gaze,
-            Desk(window.display, window.now, window.cursor_px, screen.refresh_hz),
+            TrackerContext(window.display, window.now, window.cursor_px, screen.refresh_hz),
         )
         try:
             if self._show.head is not None:
@@ -346,14 +346,14 @@ class _Showing:
                 head_s = math.nan if self._pose is None else self._pose.t_s
                 self._log.flip(flip, picture, head_s)
 
-    def _view(self, loop: LiveLoop) -> View:
+    def _view(self, loop: LiveLoop) -> LiveView:
         """View that is shown: the frame whose time has come, and where mouse and head turned to."""
-        from study_app.live.renderer import View
+        from study_app.live.renderer import LiveView
 
         source = self._renderer.source
         if not source.panorama:
             shown = (loop.number + loop.missed) * self._fps / self._screen.refresh_hz
-            return View(int(shown + 1e-6) % len(source.frames))
+            return LiveView(int(shown + 1e-6) % len(source.frames))
         here = self._window.cursor_px() if self._window.held_down() else None
         if here is not None and self._dragged is not None:
             per_px = math.degrees(1) / self._renderer.geometry.distance_px
@@ -370,7 +370,7 @@ class _Showing:
         right, down = (
             round(_STEPS_PER_DEG * angle) / _STEPS_PER_DEG for angle in _direction(right, down)
         )
-        return View(0, right, down)
+        return LiveView(0, right, down)
 
     def _keys(self, loop: LiveLoop) -> bool:
         """Do what keys say; False: end."""
@@ -402,13 +402,13 @@ class _Showing:
 
     def _warm_up(self) -> None:
         """Make what the first frame makes, before the clock counts."""
-        from study_app.live.renderer import Look, View
+        from study_app.live.renderer import GazeState, LiveView
 
         middle = self._renderer.geometry.centre_px
-        look = Look(middle, middle, self._seed)
+        look = GazeState(middle, middle, self._seed)
         self._renderer.prepare(self._seed)
         for _ in range(2):
-            self._renderer.hold(View())
+            self._renderer.hold(LiveView())
             self._screen.paint(self._renderer.draw(look), look)
             self._screen.flip()
 

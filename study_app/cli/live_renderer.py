@@ -1,4 +1,4 @@
-"""Fills the loop's `Renderer` with the conditions of foveation."""
+"""Fills the loop's `LiveRenderer` with the conditions of foveation."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
 from stimuli.frames_folder import frames_in
-from study_app.live.renderer import Described, Look, Place, View
+from study_app.live.renderer import Described, GazeState, LiveView, Place
 
 BUILTIN = "builtin:"
 REFERENCE = "reference"
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class LiveSource:
     """Pictures of one size in memory: one, the frames of a clip, or a panorama.
 
     Attributes
@@ -56,7 +56,7 @@ class Source:
         return height, width
 
 
-def read_source(path: Path, reading: PictureReading, *, panorama: bool) -> Source:
+def read_source(path: Path, reading: PictureReading, *, panorama: bool) -> LiveSource:
     """Read a picture, or a folder of frames.
 
     Raises
@@ -88,10 +88,10 @@ def read_source(path: Path, reading: PictureReading, *, panorama: bool) -> Sourc
             Equirectangular().of(*opened.size[::-1])
         notes = notes or opened.notes
         frames.append(frame)
-    return Source(frames, digest.hexdigest(), panorama, notes)
+    return LiveSource(frames, digest.hexdigest(), panorama, notes)
 
 
-def draw_source(name: str, geometry: FlatGeometry, ctx: moderngl.Context) -> Source:
+def draw_source(name: str, geometry: FlatGeometry, ctx: moderngl.Context) -> LiveSource:
     """Draw a picture of ours, ``builtin:NAME``, as large as a view.
 
     Raises
@@ -103,11 +103,11 @@ def draw_source(name: str, geometry: FlatGeometry, ctx: moderngl.Context) -> Sou
     colour = builtin_picture(name.removeprefix(BUILTIN), geometry, ctx)
     frame = np.pad(colour, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE["rgba32f"])
     said = hashlib.sha256(f"{name} {geometry}".encode()).hexdigest()
-    return Source([frame], said, panorama=False, notes=())
+    return LiveSource([frame], said, panorama=False, notes=())
 
 
 class FoveatingRenderer:
-    """One source in a context, shown by one condition at a time; see `Renderer`.
+    """One source in a context, shown by one condition at a time; see `LiveRenderer`.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class FoveatingRenderer:
     """
 
     def __init__(
-        self, ctx: moderngl.Context, source: Source, geometry: FlatGeometry, choice: Choice
+        self, ctx: moderngl.Context, source: LiveSource, geometry: FlatGeometry, choice: Choice
     ) -> None:
         if not source.panorama and source.size != (geometry.height_px, geometry.width_px):
             height, width = source.size
@@ -127,7 +127,7 @@ class FoveatingRenderer:
                 f" {geometry.width_px} x {geometry.height_px} px)"
             )
         self._ctx, self.source, self.geometry = ctx, source, geometry
-        self._view: View | None = None
+        self._view: LiveView | None = None
         self._cut: Cut | None = None
         self._cutting: tuple[CutPass, moderngl.Texture] | None = None
         self._foveator: Foveator | None = None
@@ -170,7 +170,7 @@ class FoveatingRenderer:
             self._foveator.release()
         self._foveator, self.choice, self._view = foveator, choice, None
 
-    def load(self, source: Source, cut: Cut | None) -> None:
+    def load(self, source: LiveSource, cut: Cut | None) -> None:
         """Take another source of the same size and kind, with a cut; no gaze was seen yet."""
         self.source, self._cut = source, cut
         self._view, self._frame, self._steady = None, -1, None
@@ -179,7 +179,7 @@ class FoveatingRenderer:
             target = create_texture(self._ctx, size, "rgba32f")
             self._cutting = CutPass(self._ctx, self.geometry), target
 
-    def hold(self, view: View) -> None:
+    def hold(self, view: LiveView) -> None:
         """Upload the frame, turn the panorama, and analyse what is seen."""
         if view == self._view:
             return
@@ -211,7 +211,7 @@ class FoveatingRenderer:
             self._steady = self._steady.after(eye_px, elapsed_s)
         return self._steady.eye_px, self._steady.field_px or self._steady.eye_px
 
-    def draw(self, look: Look) -> moderngl.Texture:
+    def draw(self, look: GazeState) -> moderngl.Texture:
         """Show what is held."""
         if self._foveator is None or self._foveator.passes is None:
             return self._seen
@@ -278,7 +278,7 @@ class FoveatingStudio:
 
     def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> FoveatingRenderer:
         """Return what draws a picture as said."""
-        source = Source([pixels], said.source_sha256, said.panorama, ())
+        source = LiveSource([pixels], said.source_sha256, said.panorama, ())
         geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
         choice = Choice(said.method, said.parameters)
         key = f"{place} {geometry} {choice}"

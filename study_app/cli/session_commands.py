@@ -36,7 +36,7 @@ from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.operator_view import standing
 from study_app.session_folders import Sitting, find_sittings
-from study_app.simulate import Simulation, participant_code, simulate_study
+from study_app.simulate import SimulatedStudy, participant_code, simulate_study
 from study_app.verification import checksums_of
 
 GAZE_HZ = 250.0
@@ -197,7 +197,7 @@ def simulate(
                 raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
             if stimuli is None:
                 raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
-        simulation = Simulation(
+        simulation = SimulatedStudy(
             study,
             screen,
             seed=seed,

@@ -27,7 +27,7 @@ from study_app.session_folders import Sitting
 from study_app.strip import Extras
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
-    from study_app.conduct import Outcome
+    from study_app.conduct import RunOutcome
     from study_app.display_check import DisplayCheck
     from study_app.gaze.source import CalibrationResult
     from study_app.luminance import LuminanceFit
@@ -286,7 +286,7 @@ def _say_gaze(options: SittingOptions) -> None:
         say("note: the mouse stands in for an eye; for rehearsals, not for data")
 
 
-def _tell(outcome: Outcome, options: SittingOptions) -> None:
+def _tell(outcome: RunOutcome, options: SittingOptions) -> None:
     folder = options.root / options.protocol.study.name / options.participant
     if outcome.reason == "completed" and not outcome.main_done:
         require_decisions([Sitting(folder, read_journal(folder / JOURNAL_NAME, lenient=True))])

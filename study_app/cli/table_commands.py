@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.tables.counts import Counted
     from analysis.tables.table import Table as AnyTable
     from protocols.blocks import Block
-    from protocols.blocks import Table as Rows
+    from protocols.blocks import TableBlock as Rows
 
 TrialsArgument = Annotated[
     Path,
@@ -364,7 +364,7 @@ def print_blocks(
 ) -> None:
     """Print a title, tables and their texts, sentences, and each note once."""
     from protocols.blocks import Cautions, Heading, Paragraph
-    from protocols.blocks import Table as Rows
+    from protocols.blocks import TableBlock as Rows
 
     console = PlainConsole()
     console.print(title)

@@ -24,7 +24,7 @@ from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgume
 from study_app.cli.terminal import PlainConsole, say
 
 if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
-    from study_app.web.export import Needs
+    from study_app.web.export import BrowserNeeds
 
 BudgetOption = Annotated[
     float, typer.Option(min=1, max=1e6, help="Most that one participant may have to fetch, in MB.")
@@ -167,7 +167,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     check_budget(needs, build)
 
 
-def needs_lines(needs: Needs) -> Iterator[str]:
+def needs_lines(needs: BrowserNeeds) -> Iterator[str]:
     """Yield what a study asks of a browser, in sentences."""
     width, height = needs.window_px
     rates = ", ".join(f"{rate:g}" for rate in needs.rates_hz)

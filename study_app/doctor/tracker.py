@@ -8,7 +8,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from study_app.doctor.findings import FOR_SESSIONS, Finding, Status
 from study_app.gaze.open_source import check_kind, open_gaze
-from study_app.gaze.source import Desk, GazeSample
+from study_app.gaze.source import GazeSample, TrackerContext
 
 LISTEN_S = 1.0
 _FEWEST = 0.8
@@ -25,7 +25,9 @@ def check_tracker(specification: str, display: Display) -> Finding:
     """
     check_kind(specification)
     middle_px = display.width_px / 2, display.height_px / 2
-    desk = Desk(display, time.monotonic, lambda: middle_px, display.refresh_hz, store=False)
+    desk = TrackerContext(
+        display, time.monotonic, lambda: middle_px, display.refresh_hz, store=False
+    )
     try:
         source = open_gaze(specification, desk)
     except StudyError as error:

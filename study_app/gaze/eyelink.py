@@ -20,7 +20,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.source import Desk
+    from study_app.gaze.source import TrackerContext
 
 HOST = "100.1.1.1"
 WAIT_S = 3.0
@@ -70,13 +70,13 @@ class EyelinkGaze:
     ----------
     rest : str
         ``HOST,eye=left|right``; both may be left out. Of two eyes the left is taken.
-    desk : Desk
+    desk : TrackerContext
         Display, clock and targets of the session.
     pylink : module, optional
         Left out, SR Research's.
     """
 
-    def __init__(self, rest: str, desk: Desk, pylink: Any = None) -> None:
+    def __init__(self, rest: str, desk: TrackerContext, pylink: Any = None) -> None:
         host, _, eye = rest.partition(",eye=")
         if eye not in ("", "left", "right") or "," in host:
             raise StudyError(f"--gaze: must read eyelink:HOST,eye=left|right (got {rest!r})")
@@ -352,7 +352,7 @@ class EyelinkGaze:
         return GazeSample(raw_s + self._offset_s, raw_s, float(x_px), float(y_px))
 
 
-def graphics(pylink: Any, desk: Desk) -> Any:
+def graphics(pylink: Any, desk: TrackerContext) -> Any:
     """Return what draws the tracker's targets in the session's window, and gives it our keys."""
     codes = {
         "enter": pylink.ENTER_KEY, "space": ord(" "), "up": pylink.CURS_UP,

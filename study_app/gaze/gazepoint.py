@@ -19,7 +19,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.source import Desk
+    from study_app.gaze.source import TrackerContext
 
 PORT = 4242
 WAIT_S = 5.0
@@ -38,13 +38,13 @@ class GazepointGaze:
     ----------
     rest : str
         ``HOST`` or ``HOST:PORT``; empty: this computer.
-    desk : Desk
+    desk : TrackerContext
         Display, clock and targets of the session.
     wait_s : float
         How long to wait for the first samples.
     """
 
-    def __init__(self, rest: str, desk: Desk, *, wait_s: float = WAIT_S) -> None:
+    def __init__(self, rest: str, desk: TrackerContext, *, wait_s: float = WAIT_S) -> None:
         self._where = address(rest, "gazepoint", "127.0.0.1", PORT)
         self._desk, self._wait_s = desk, wait_s
         self._screen = desk.display.width_px, desk.display.height_px

@@ -19,7 +19,7 @@ from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
-from study_app.gaze.source import Desk, GazeSource
+from study_app.gaze.source import GazeSource, TrackerContext
 from study_app.gaze.tobii import TobiiGaze
 from study_app.gaze.trusted import TrustedGaze
 
@@ -27,11 +27,11 @@ _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 """Of every `GazeSource`."""
 
 
-def _lsl(rest: str, desk: Desk) -> GazeSource:
+def _lsl(rest: str, desk: TrackerContext) -> GazeSource:
     return LslGaze(LslSpec.parse(rest), desk.display, desk.clock)
 
 
-def _mouse(_rest: str, desk: Desk) -> GazeSource:
+def _mouse(_rest: str, desk: TrackerContext) -> GazeSource:
     return MouseGaze(desk.cursor_px, desk.clock, desk.refresh_hz)
 
 
@@ -52,12 +52,12 @@ def recorded(rest: str) -> Recording:
     return load_recording(Path(file), eyes[eye])
 
 
-def _replay(rest: str, desk: Desk) -> GazeSource:
+def _replay(rest: str, desk: TrackerContext) -> GazeSource:
     here = recorded(rest).on_screen(desk.display.width_px, desk.display.height_px)
     return ReplaySource(here, desk.clock)
 
 
-ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
+ADAPTERS: dict[str, Callable[[str, TrackerContext], GazeSource]] = registered(
     "trackers",
     {
         "lsl": _lsl,
@@ -68,7 +68,7 @@ ADAPTERS: dict[str, Callable[[str, Desk], GazeSource]] = registered(
         "pupil": PupilGaze,
         "tobii": TobiiGaze,
     },
-    "name a function of (text after the colon, Desk)",
+    "name a function of (text after the colon, TrackerContext)",
     taking(2),
 )
 """By the word before the colon; entry points of ``metamerlab.trackers`` name such functions."""
@@ -108,7 +108,7 @@ def check_choice(rules: Gaze, given: str | None, *, simulate: bool) -> None:
         )
 
 
-def open_gaze(specification: str, desk: Desk) -> TrustedGaze:
+def open_gaze(specification: str, desk: TrackerContext) -> TrustedGaze:
     """Open the source that ``lsl``, ``lsl:NAME``, ``mouse`` or ``replay:FILE`` names.
 
     Whatever it sends, its samples can be judged: see `study_app.gaze.trusted`.

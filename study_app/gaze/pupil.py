@@ -29,7 +29,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address, first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.source import Desk
+    from study_app.gaze.source import TrackerContext
 
 HOST, PORT = "neon.local", 8080
 WAIT_S = 8.0
@@ -52,13 +52,13 @@ class PupilGaze:
     ----------
     rest : str
         ``HOST`` or ``HOST:PORT`` of the phone; empty: `HOST`.
-    desk : Desk
+    desk : TrackerContext
         Display, clock and targets of the session.
     wait_s : float
         How long to wait for the first samples.
     """
 
-    def __init__(self, rest: str, desk: Desk, *, wait_s: float = WAIT_S) -> None:
+    def __init__(self, rest: str, desk: TrackerContext, *, wait_s: float = WAIT_S) -> None:
         host, port = self._where = address(rest, "pupil", HOST, PORT)
         self._desk, self._wait_s = desk, wait_s
         self._datagrams = _Datagrams(desk)
@@ -308,7 +308,7 @@ class PupilGaze:
 class _Datagrams:
     """Two UDP ports, read and stamped by a thread: the stream's, and its clock's reports."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: TrackerContext) -> None:
         self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
         for each in self._sockets:
             each.bind(("", 0))
@@ -329,7 +329,7 @@ class _Datagrams:
         for each in self._sockets:
             each.close()
 
-    def _run(self, desk: Desk) -> None:
+    def _run(self, desk: TrackerContext) -> None:
         while not self._closed.is_set():
             for ready in select.select(self._sockets, (), (), RETRY_S)[0]:
                 self._came.append((desk.clock(), self._sockets.index(ready), ready.recv(1 << 16)))

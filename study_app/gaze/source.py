@@ -22,7 +22,7 @@ def _no_window(*_: object) -> bool:
 
 
 @dataclass(frozen=True)
-class Desk:
+class TrackerContext:
     """Parts of the session that an adapter may use."""
 
     display: Display
@@ -117,7 +117,7 @@ class GazeSource(Protocol):
 class Tracker(GazeSource, Protocol):
     """A source with a drift check, a recording and a connection of its own. None of it is a must.
 
-    Both routines show their targets in the session's window, by `Desk.look_at`.
+    Both routines show their targets in the session's window, by `TrackerContext.look_at`.
     """
 
     def check_drift(self, point_px: tuple[float, float]) -> float | None:

@@ -17,7 +17,7 @@ from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, Source
 from study_app.gaze.wire import first_rate
 
 if TYPE_CHECKING:
-    from study_app.gaze.source import Desk
+    from study_app.gaze.source import TrackerContext
 
 WAIT_S = 5.0
 """Longest wait for the first samples."""
@@ -51,13 +51,13 @@ class TobiiGaze:
     ----------
     rest : str
         Its address, such as ``tet-tcp://169.254.5.184``; empty: the one that is found.
-    desk : Desk
+    desk : TrackerContext
         Display, clock and targets of the session.
     titta : module, optional
         Left out, TittaPy.
     """
 
-    def __init__(self, rest: str, desk: Desk, titta: Any = None) -> None:
+    def __init__(self, rest: str, desk: TrackerContext, titta: Any = None) -> None:
         self._address, self._desk, self._titta = rest, desk, titta or load_titta()
         self._tracker: Any = None
         self._keeps, self._raw = False, list[str]()

@@ -16,15 +16,15 @@ from protocols.recipes.base import LiveMethod
 from protocols.script import Live, ScriptPhase, Size, TrialScript
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSample
-from study_app.live.loop import SPARE_SHARE, Flip, Gaze, LiveLoop, Screen
-from study_app.live.renderer import Described, Look, Place, Renderer, Studio, View
+from study_app.live.loop import SPARE_SHARE, DrawnFlip, GazeSamples, LiveLoop, Screen
+from study_app.live.renderer import Described, GazeState, LiveRenderer, LiveView, Place, Studio
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
     import numpy as np
     from numpy.typing import NDArray
 
-    from study_app.live.log import Pixels
+    from study_app.live.log import FrameReadback
 
 TRIED = 9
 """Frames of each method that are drawn before a session."""
@@ -33,7 +33,7 @@ TRIED = 9
 class LiveFrame(NamedTuple):
     """A frame that was drawn to the gaze."""
 
-    flip: Flip
+    flip: DrawnFlip
     sha256: str
     """Of all that decides it beside gaze, field and seed: `Described`."""
 
@@ -84,12 +84,12 @@ def live_entry(phase: ScriptPhase) -> Live | None:
 
 
 class Unseen:
-    """A `Renderer` for stages without pixels. The field's gaze is the eye's."""
+    """A `LiveRenderer` for stages without pixels. The field's gaze is the eye's."""
 
     def __init__(self, _place: int, said: Described, _pixels: object) -> None:
         self._said, self._eye_px = said, said.centre_px
 
-    def hold(self, view: View) -> None:
+    def hold(self, view: LiveView) -> None:
         """Nothing to hold."""
 
     def prepare(self, seed: int) -> None:
@@ -101,7 +101,7 @@ class Unseen:
             self._eye_px = eye_px
         return self._eye_px, self._eye_px
 
-    def draw(self, look: Look) -> moderngl.Texture:  # noqa: ARG002
+    def draw(self, look: GazeState) -> moderngl.Texture:  # noqa: ARG002
         """There is none."""
         return cast("moderngl.Texture", None)
 
@@ -110,7 +110,7 @@ class Unseen:
         return self._said
 
 
-class SessionGaze(Gaze, Protocol):
+class SessionGaze(GazeSamples, Protocol):
     """The gaze of a session, which also knows when it last saw the eye, and how the eye moves."""
 
     @property
@@ -131,7 +131,7 @@ class _NoGaze:
 
 @dataclass(frozen=True)
 class _Stimulus:
-    renderer: Renderer
+    renderer: LiveRenderer
     live: LiveMethod
     sha256: str
     corner_px: Place
@@ -161,7 +161,7 @@ class LiveShow:
         self._loop = LiveLoop(screen, self._gaze, (0, 0), polled=False)
         self._stimuli: dict[int, _Stimulus] = {}
         self._drawn: dict[int, tuple[int, moderngl.Texture]] = {}
-        self._pixels: Pixels | None = None
+        self._pixels: FrameReadback | None = None
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
         """Say whose gaze it is; `polled` as in `LiveLoop`."""
@@ -199,7 +199,7 @@ class LiveShow:
             draws = self._studio if self._studio is not None and pixels is not None else Unseen
             renderer = draws(number, said, cast("NDArray[np.uint8]", pixels))
             renderer.prepare(live.seed)
-            renderer.hold(View())
+            renderer.hold(LiveView())
             corner = float(entry.at[0] + across), float(entry.at[1] + down)
             self._stimuli[number] = _Stimulus(renderer, live, sha256_json(said), corner)
 
@@ -207,7 +207,7 @@ class LiveShow:
         """Return what a stimulus shows to an eye before its middle."""
         one = self._stimuli[number]
         middle = one.renderer.describe().centre_px
-        return one.renderer.draw(Look(middle, middle, one.live.seed))
+        return one.renderer.draw(GazeState(middle, middle, one.live.seed))
 
     def show(self, entry: Live, last_flip_s: float, *, begins: bool) -> LiveFrame:
         """Show one frame.
@@ -223,7 +223,7 @@ class LiveShow:
         self._loop.corner_px, self._loop.change = one.corner_px, one.live.change
         if begins:
             self._loop.begin(last_flip_s, self._gaze.seen)
-        flip, picture = self._loop.step(one.renderer, View(), one.live.seed)
+        flip, picture = self._loop.step(one.renderer, LiveView(), one.live.seed)
         self._drawn[entry.stimulus] = flip.number, picture
         return LiveFrame(flip, one.sha256)
 
@@ -236,9 +236,9 @@ class LiveShow:
         if not drawn:
             return {}
         if self._pixels is None:
-            from study_app.live.log import Pixels
+            from study_app.live.log import FrameReadback
 
-            self._pixels = Pixels()
+            self._pixels = FrameReadback()
         found = {}
         for number, picture in drawn:
             sha256, some = self._pixels.of(picture)
@@ -275,7 +275,7 @@ class LiveShow:
         for live in kinds.values():
             said = described(live, "0" * 64, entry, size_px, self._display)
             renderer = self._studio(0, said, pixels)
-            renderer.hold(View())
+            renderer.hold(LiveView())
             taken_s = []
             for number in range(TRIED + 1):  # the first one also makes what is kept
                 place = width * (0.2 + 0.6 * (number % 2)), height * (0.2 + 0.6 * number / TRIED)
@@ -283,7 +283,7 @@ class LiveShow:
                 renderer.prepare(seed)
                 settle()
                 begin_s = self._screen.now()
-                look = Look(*renderer.follow(place, 0.1), seed)
+                look = GazeState(*renderer.follow(place, 0.1), seed)
                 self._screen.paint(renderer.draw(look), look)
                 taken_s.append(self._screen.now() - begin_s)
             found = max(found, (median(taken_s[1:]), live.method))

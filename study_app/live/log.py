@@ -34,8 +34,8 @@ from protocols.read_file import read_bytes
 from protocols.recipes.base import Change
 from protocols.units import Count, Model, Sha256
 from study_app.gaze.saccades import Saccade
-from study_app.live.loop import Flip
-from study_app.live.renderer import Described, Look, View
+from study_app.live.loop import DrawnFlip
+from study_app.live.renderer import Described, GazeState, LiveView
 
 FORMAT: Literal[1] = 1
 EVERY = 30
@@ -119,14 +119,14 @@ class LiveFlip(_Line):
     """
 
     @property
-    def view(self) -> View:
+    def view(self) -> LiveView:
         """View that was drawn."""
-        return View(self.frame, *self.turned_deg)
+        return LiveView(self.frame, *self.turned_deg)
 
     @property
-    def look(self) -> Look:
+    def look(self) -> GazeState:
         """Gaze and seed that it was drawn for."""
-        return Look(self.gaze_px, self.field_px, self.seed)
+        return GazeState(self.gaze_px, self.field_px, self.seed)
 
 
 class LiveSaccade(_Line):
@@ -158,7 +158,7 @@ LiveLine: TypeAlias = Annotated[
 _LINE: TypeAdapter[LiveLine] = TypeAdapter(LiveLine)
 
 
-class Pixels:
+class FrameReadback:
     """Reads frames back into memory that is taken once, and says what is kept of them."""
 
     def __init__(self) -> None:
@@ -194,7 +194,7 @@ class LiveLog:
     def __init__(self, path: Path, **start: Json) -> None:
         self._file = path.open("xb", buffering=0)
         self._chain = first_link(b"")
-        self._pixels = Pixels()
+        self._pixels = FrameReadback()
         self.next_kept = 0
         """The first flip from which on pixels are kept again."""
         self._write({"kind": "start", "format": FORMAT, **start})
@@ -205,7 +205,7 @@ class LiveLog:
         self._write({"kind": "choice", "described": plain, "sha256": sha256_json(described)})
         self.next_kept = 0
 
-    def flip(self, flip: Flip, picture: moderngl.Texture, head_s: float = math.nan) -> None:
+    def flip(self, flip: DrawnFlip, picture: moderngl.Texture, head_s: float = math.nan) -> None:
         """Write the saccades that ended, the flip, and of every `EVERY`th what its pixels are.
 
         `head_s` is the stamp of the head's pose that turned the view.

@@ -15,7 +15,7 @@ from protocols.recipes.base import Change
 from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.latency_histogram import AHEAD_S, SILENT_S, Latency
-from study_app.live.renderer import Follower, Look, Place, View, on_grid
+from study_app.live.renderer import Follower, GazeState, LiveView, Place, on_grid
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
@@ -39,21 +39,21 @@ class Screen(Protocol):
     def wait_until(self, t_s: float) -> None:
         """Take what events come until then."""
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
         """Put a picture, and what lies over it, into the next frame; return once it is drawn."""
 
     def flip(self) -> float:
         """Show the next frame, and return when that was."""
 
 
-class Gaze(Protocol):
+class GazeSamples(Protocol):
     """Source of gaze samples."""
 
     def poll(self) -> Sequence[GazeSample]:
         """Return the samples since the last call, oldest first. Never waits."""
 
 
-class Flip(NamedTuple):
+class DrawnFlip(NamedTuple):
     """One frame that was shown, with all that decided it."""
 
     number: int
@@ -65,8 +65,8 @@ class Flip(NamedTuple):
     """Time at which it was drawn."""
     refreshes: int
     """Since the flip before; 0 for the first one, and after a pause."""
-    view: View
-    look: Look
+    view: LiveView
+    look: GazeState
     eye: EyeState
     sample_s: float
     """Stamp of the sample whose gaze is shown, not a number before the first one."""
@@ -112,7 +112,7 @@ class LiveLoop:
     def __init__(
         self,
         screen: Screen,
-        gaze: Gaze,
+        gaze: GazeSamples,
         corner_px: Place,
         *,
         polled: bool,
@@ -135,8 +135,8 @@ class LiveLoop:
         self._flip_s = self._poll_s = math.nan
 
     def step(
-        self, renderer: Follower, view: View | Callable[[], View], seed: int
-    ) -> tuple[Flip, moderngl.Texture]:
+        self, renderer: Follower, view: LiveView | Callable[[], LiveView], seed: int
+    ) -> tuple[DrawnFlip, moderngl.Texture]:
         """Show one frame; return it with its picture, which the next step draws over.
 
         A view that is called for is as young as gaze.
@@ -153,7 +153,7 @@ class LiveLoop:
         free = free or bool(self._suppressed(begin_s + self._need_s))
         eye_px = self._eye_px() if free else (math.nan, math.nan)
         gaze_px, field_px = renderer.follow(eye_px, elapsed / hz)
-        look = Look(gaze_px, field_px, seed)
+        look = GazeState(gaze_px, field_px, seed)
         picture = renderer.draw(look)
         screen.paint(picture, look)
         drawn_s = screen.now()
@@ -162,7 +162,7 @@ class LiveLoop:
         began = math.isnan(self._flip_s)
         refreshes = 0 if began else max(0, round((t_s - self._flip_s) * hz))
         sample_s = math.nan if self._seen is None else self._seen.t_s
-        flip = Flip(
+        flip = DrawnFlip(
             self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s,
             free, ended, self._suppressed(t_s),
         )  # fmt: skip

@@ -15,7 +15,7 @@ from protocols.latency import LatencySummary
 from study_app.gaze.source import GazeSample
 from study_app.live.latency_histogram import Latency
 from study_app.live.loop import LiveLoop, Screen
-from study_app.live.renderer import Follower, Look, Place, View
+from study_app.live.renderer import Follower, GazeState, LiveView, Place
 
 GAZE_HZ = 1000.0
 WARM_UP_FRAMES = 10
@@ -46,14 +46,14 @@ class GreySquare:
     def __init__(self, ctx: moderngl.Context) -> None:
         self._texture = ctx.texture((_EDGE_PX, _EDGE_PX), 4, b"\x80" * (4 * _EDGE_PX**2))
 
-    def hold(self, view: View) -> None:
+    def hold(self, view: LiveView) -> None:
         """Analyse nothing."""
 
     def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:  # noqa: ARG002
         """Return the eye's own place."""
         return eye_px, eye_px
 
-    def draw(self, look: Look) -> moderngl.Texture:  # noqa: ARG002
+    def draw(self, look: GazeState) -> moderngl.Texture:  # noqa: ARG002
         """Return the square."""
         return self._texture
 
@@ -67,7 +67,7 @@ def measure_latency(screen: Screen, square: Follower, frames: int = FRAMES) -> L
     loop = LiveLoop(screen, SyntheticGaze(screen.now), (0, 0), polled=False)
     latency = Latency()
     for number in range(WARM_UP_FRAMES + frames):
-        flip, _ = loop.step(square, View(), 0)
+        flip, _ = loop.step(square, LiveView(), 0)
         if number >= WARM_UP_FRAMES:
             latency.add(flip.eye, flip.age_s)
     return latency.summary()

@@ -10,8 +10,8 @@ import moderngl
 import numpy as np
 
 from protocols.hashing import sha256_json
-from study_app.live.log import GRID, LiveChoice, LiveFlip, Pixels, ReadLog
-from study_app.live.renderer import Look, Renderer
+from study_app.live.log import GRID, FrameReadback, LiveChoice, LiveFlip, ReadLog
+from study_app.live.renderer import GazeState, LiveRenderer
 
 NEAR = 1
 """Of 255: how far another renderer, or another version of its driver, may be off."""
@@ -29,7 +29,7 @@ class Redrawn:
 
 
 def redraw(
-    log: ReadLog, renderer_of: Callable[[LiveChoice], Renderer], *, exactly: bool
+    log: ReadLog, renderer_of: Callable[[LiveChoice], LiveRenderer], *, exactly: bool
 ) -> Redrawn:
     """Draw frames of a log again.
 
@@ -41,7 +41,7 @@ def redraw(
         On the renderer that drew them first every bit must be the same; on another one pixels
         within `NEAR`.
     """
-    pixels, renderer = Pixels(), None
+    pixels, renderer = FrameReadback(), None
     flips = drawn = equal = 0
     problems = []
     for line in log.lines:
@@ -71,14 +71,16 @@ def redraw(
     return Redrawn(flips, drawn, equal, tuple(problems))
 
 
-def compared(pixels: Pixels, picture: moderngl.Texture, sha256: str, grid: str) -> tuple[bool, int]:
+def compared(
+    pixels: FrameReadback, picture: moderngl.Texture, sha256: str, grid: str
+) -> tuple[bool, int]:
     """Return whether a picture is bit for bit what was kept, and by how much some pixels differ."""
     found, some = pixels.of(picture)
     kept = np.frombuffer(base64.b64decode(grid), np.uint8).reshape(GRID, GRID, 3)
     return found == sha256, int(np.abs(kept.astype(int) - some).max())
 
 
-def must_show(look: Look, off: int) -> str:
+def must_show(look: GazeState, off: int) -> str:
     return (
         f"must show what gaze {look.gaze_px[0]:g}, {look.gaze_px[1]:g} and seed {look.seed} give"
         f" (pixels differ, those that were kept by up to {off} of 255)"

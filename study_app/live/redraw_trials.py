@@ -27,9 +27,9 @@ from protocols.script import Live, ScriptPhase, Scripts, TrialScript
 from study_app.draw import Painter
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S
 from study_app.live.in_trials import described, live_entry
-from study_app.live.log import Grid, Pixels
+from study_app.live.log import FrameReadback, Grid
 from study_app.live.redraw import NEAR, Redrawn, compared, must_show
-from study_app.live.renderer import STEPS_PER_PX, Look, Studio, View
+from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, Studio
 from study_app.paint import bitmaps_of, paint
 from study_app.session_folders import Sitting
 from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
@@ -64,7 +64,7 @@ class TrialDrawer:
     pixels_of: Callable[[str], NDArray[np.uint8]]
     studio: Studio
     drawn_by: tuple[str, str]
-    _pixels: Pixels = field(default_factory=Pixels)
+    _pixels: FrameReadback = field(default_factory=FrameReadback)
 
     def __post_init__(self) -> None:
         size = self.manifest.clips[0].width_px, self.manifest.clips[0].height_px
@@ -176,7 +176,7 @@ class TrialDrawer:
             stamp_s = float(row["t_s"]) - float(row["age_s"] or "nan")
             moved = live.change != "always" and _moves(row, before)
             seen_little = moved and _falls_into_a_saccade(row, attempt, self.display.refresh_hz)
-            look = Look((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
+            look = GazeState((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
             kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
             if not all(map(math.isfinite, (*look.gaze_px, *look.field_px))):
                 raise ValueError(f"gaze {look.gaze_px} must be finite")
@@ -197,7 +197,7 @@ class TrialDrawer:
             return _Found((0, 0), tuple(problems))
         renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
         renderer.prepare(look.seed)
-        renderer.hold(View())
+        renderer.hold(LiveView())
         picture = renderer.draw(look)
         same, off = (
             compared(self._pixels, picture, row["pixels_sha256"], row["grid"])
@@ -239,7 +239,7 @@ def _samples(folder: Path, attempt: Attempt) -> Samples:
         }
 
 
-def _is_of(look: Look, corner_px: tuple[int, int], stamp_s: float, samples: Samples) -> bool:
+def _is_of(look: GazeState, corner_px: tuple[int, int], stamp_s: float, samples: Samples) -> bool:
     """Return whether a gaze is that of the sample with this stamp."""
     if not math.isfinite(stamp_s):
         return False

@@ -1,7 +1,7 @@
 """Renderer as the loop asks for it. The front door fills it, so that a session knows no method.
 
-A frame is decided by what `Renderer.describe` says, a `View` and a `Look`, and by nothing else:
-whoever draws these again gets it again, bit for bit on the same renderer.
+A frame is decided by what `LiveRenderer.describe` says, a `LiveView` and a `GazeState`, and by
+nothing else: whoever draws these again gets it again, bit for bit on the same renderer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STEPS_PER_PX = 16
 """Gaze is rounded to this part of a pixel before it is used: what is logged is what was used."""
 
 
-class View(NamedTuple):
+class LiveView(NamedTuple):
     """View of a source: a frame of a clip, or a direction in a panorama."""
 
     frame: int = 0
@@ -36,7 +36,7 @@ class View(NamedTuple):
     down_deg: float = 0.0
 
 
-class Look(NamedTuple):
+class GazeState(NamedTuple):
     """Gaze and seed that a view is drawn for; places are pixels of the picture."""
 
     gaze_px: Place
@@ -68,7 +68,7 @@ class Described(Grown):
 class Follower(Protocol):
     """Picture for each gaze: all that the loop asks for."""
 
-    def hold(self, view: View) -> None:
+    def hold(self, view: LiveView) -> None:
         """Analyse what is looked at, unless it is what is held."""
 
     def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
@@ -77,11 +77,11 @@ class Follower(Protocol):
         Not a number: the eye is lost, and both hold; the middle until it was ever found.
         """
 
-    def draw(self, look: Look) -> moderngl.Texture:
+    def draw(self, look: GazeState) -> moderngl.Texture:
         """Show what is held, in a texture that stays the renderer's: rgba32f or rgba8."""
 
 
-class Renderer(Follower, Protocol):
+class LiveRenderer(Follower, Protocol):
     """Draws one source by one method, and says how, so that its frames can be drawn again."""
 
     def prepare(self, seed: int) -> None:
@@ -94,7 +94,7 @@ class Renderer(Follower, Protocol):
 class Studio(Protocol):
     """Gives what draws the live stimuli of trials."""
 
-    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> Renderer:
+    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> LiveRenderer:
         """Return what draws a picture as `said`: it holds the picture, and no gaze yet.
 
         Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study_app.draw import VERTEX, Painter, uniform_of
-from study_app.live.renderer import Look, Place
+from study_app.live.renderer import GazeState, Place
 from study_app.text_image import text_image, typeface_for
 from study_app.window import Window
 
@@ -88,7 +88,7 @@ class WindowScreen:
         """Change what the overlay says."""
         self._text.write(self._written(lines).tobytes())
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
         """Draw the picture, and over it the overlay where it is on."""
         self._painter.clear()
         self._painter.image(picture, self._corner)

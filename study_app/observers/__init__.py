@@ -9,7 +9,7 @@ from protocols.plugins import misfit, registered, taking
 from protocols.schema import StudyProtocol
 from study_app.observers.observer_model import ArtificialObserver, ObserverModel, rng_of
 from study_app.observers.preference_observer import DEFAULT_UTILITIES, PreferenceModel
-from study_app.observers.rating_observer import RatingModel
+from study_app.observers.rating_observer import RaterModel
 from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
 
 Maker = Callable[[StudyProtocol], ObserverModel]
@@ -23,7 +23,7 @@ OBSERVERS: Mapping[str, Maker] = registered(
         "identification": SensitivityModel.of,
         "abx": DifferenceModel.of,
         "which-half": DifferenceModel.of,
-        "rating": RatingModel.of,
+        "rating": RaterModel.of,
     },
     "name a function from a study to an observer model",
     taking(1),

@@ -15,7 +15,7 @@ import numpy as np
 
 from protocols.hashing import Json, canonical_json
 from protocols.plan import PlannedTrial
-from protocols.script import Question
+from protocols.script import ScriptQuestion
 from protocols.session_schema import Response
 from protocols.tasks.confidence_question import CONFIDENCE
 from study_app.stage import Page, PageResult
@@ -90,7 +90,7 @@ class ArtificialObserver:
         return keys[0], median_s * math.exp(float(rng.normal()) * model.rt_sigma)
 
     def answer_further(
-        self, question: Question, trial: PlannedTrial, attempt: int
+        self, question: ScriptQuestion, trial: PlannedTrial, attempt: int
     ) -> tuple[str, float]:
         """Return the key and the reaction time: confidence by the model, all else by chance."""
         purpose = self._seed, "answer", self._participant, trial.id, attempt

@@ -20,7 +20,7 @@ REACH = 1.5
 
 
 @dataclass(frozen=True)
-class RatingModel(ObserverModel):
+class RaterModel(ObserverModel):
     """A population of observers whose noise is normal with standard deviation 1.
 
     A stimulus lies at ``strength[by]`` plus a participant's and a scene's deviation. Thresholds

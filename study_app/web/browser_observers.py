@@ -28,7 +28,7 @@ from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.recorder import Recorder
 from study_app.session import RunTrial
 from study_app.session_folders import Sitting, find_sittings
-from study_app.simulate import Simulation, participant_code
+from study_app.simulate import SimulatedStudy, participant_code
 from study_app.virtual import Asked
 from study_app.web.chromium import Chromium, running_chromium
 from study_app.web.export import STUDY_FILE
@@ -59,7 +59,7 @@ _STILL_S = 120.0
 """A page that neither asks nor ends for so long stands still."""
 
 
-class Desk:
+class BrowserObserver:
     """Observer before the page: follows its lines, and answers as it is asked.
 
     Parameters
@@ -73,7 +73,7 @@ class Desk:
     """
 
     def __init__(
-        self, simulation: Simulation, number: int, on_attempt: Callable[[Attempt], None]
+        self, simulation: SimulatedStudy, number: int, on_attempt: Callable[[Attempt], None]
     ) -> None:
         model = simulation.model or default_model(simulation.protocol)
         self.simulation, self.on_attempt = simulation, on_attempt
@@ -89,7 +89,7 @@ class Desk:
         self._asked: Asked | None = None
         self._ends = ExitStack()
 
-    def __enter__(self) -> Desk:
+    def __enter__(self) -> BrowserObserver:
         self._folder = self._ends.enter_context(
             tempfile.TemporaryDirectory(prefix="metamerlab-browser-")
         )
@@ -146,7 +146,7 @@ class Desk:
 class _Handler(FolderHandler):
     """Answers the page's questions in place of a participant."""
 
-    desk: Desk
+    desk: BrowserObserver
 
     def do_POST(self) -> None:  # noqa: N802
         said = json.loads(self.body())
@@ -159,7 +159,7 @@ class _Handler(FolderHandler):
 
 
 def simulate_in_browser(
-    simulation: Simulation,
+    simulation: SimulatedStudy,
     folder: Path,
     root: Path,
     participants: int,
@@ -210,7 +210,9 @@ def simulate_in_browser(
     misses = simulation.missed_per_flip
     with running_chromium() as browser:
         for number in left:
-            desk = Desk(simulation, number, partial(on_attempt, participant_code(number)))
+            desk = BrowserObserver(
+                simulation, number, partial(on_attempt, participant_code(number))
+            )
             link = f"simulated&slot={next(free)}&language={study.text.default_language}"
             chance = f"const drawn = {draws[number]}, hz = {rate_hz:g}, misses = {misses};"
             with (
@@ -230,7 +232,7 @@ def simulate_in_browser(
     return done
 
 
-def _checked(folder: Path, simulation: Simulation) -> tuple[float, tuple[int, int]]:
+def _checked(folder: Path, simulation: SimulatedStudy) -> tuple[float, tuple[int, int]]:
     """Return the refresh rate and the window for an export; it must be one of the study.
 
     Raises
@@ -259,7 +261,7 @@ def _checked(folder: Path, simulation: Simulation) -> tuple[float, tuple[int, in
     return own if own in rates else rates[0], exported.window_px
 
 
-def _lines_of(browser: Chromium, desk: Desk) -> str:
+def _lines_of(browser: Chromium, desk: BrowserObserver) -> str:
     """Wait until the page is over; return what it would save as a file.
 
     Raises

@@ -33,14 +33,14 @@ from protocols.web_study import (
     BUDGET_MB,
     DECODED_MB,
     MB,
-    ClosingQuestion,
     Pack,
-    Pages,
     PictureFile,
-    Rate,
+    RefreshRate,
     ShownPicture,
     WebEntry,
+    WebPages,
     WebPhase,
+    WebQuestion,
     WebScript,
     WebStudy,
     deviations_s,
@@ -57,7 +57,7 @@ _SLOTS_LOOKED_AT = 8
 
 
 @dataclass(frozen=True)
-class Needs:
+class BrowserNeeds:
     """Needs of a study on a participant's browser."""
 
     rates: Mapping[float, list[str]]
@@ -140,7 +140,7 @@ class WebBuild:
         shown = set(self.shown.shown())
         return [clip for clip in self.manifest.clips if clip.name in shown]
 
-    def needs(self, frame_bytes: Mapping[str, int] | None = None) -> Needs:
+    def needs(self, frame_bytes: Mapping[str, int] | None = None) -> BrowserNeeds:
         """Return what the study asks of a browser.
 
         Parameters
@@ -169,7 +169,7 @@ class WebBuild:
             key=lambda names: sum(sizes[name] for name in names),
         )
         trials = len(planned_trials(self.shown.ordered_by(0), "web", 0))
-        return Needs(
+        return BrowserNeeds(
             self.rates,
             sum(sizes[name] for name in seen),
             of_trial,
@@ -184,7 +184,7 @@ class WebBuild:
         *,
         budget_mb: float = BUDGET_MB,
         decoded_mb: float = DECODED_MB,
-    ) -> Needs:
+    ) -> BrowserNeeds:
         """Fill a folder with all that a browser needs.
 
         Parameters
@@ -260,7 +260,7 @@ class WebBuild:
             )
         return needs
 
-    def page(self, language: str) -> Pages:
+    def page(self, language: str) -> WebPages:
         """Return what a participant reads beside trials."""
         texts, response = self.study.text.languages[language], self.study.response
 
@@ -269,7 +269,7 @@ class WebBuild:
             kept = text.replace("{done}", "\0").replace("{total}", "\1")
             return fill(kept, response).replace("\0", "{done}").replace("\1", "{total}")
 
-        return Pages(
+        return WebPages(
             consent=filled(consent_text(texts, self.study.privacy.contact)),
             instructions=tuple(map(filled, texts.instructions)),
             practice=filled(texts.practice),
@@ -280,7 +280,7 @@ class WebBuild:
             quit_question=filled(texts.quit_question),
             thanks=filled(texts.thanks),
             questions=tuple(
-                ClosingQuestion(name=one.name, text=one.text, choices=one.choices)
+                WebQuestion(name=one.name, text=one.text, choices=one.choices)
                 for one in texts.questions
             ),
         )
@@ -314,9 +314,9 @@ class WebBuild:
         chosen = any(trial.track is not None for trial in trials)
         return planned | ({clip.name for clip in self.stimuli} if chosen else set())
 
-    def _rate(self, refresh_hz: float) -> Rate:
+    def _rate(self, refresh_hz: float) -> RefreshRate:
         kinds = scripts_at(self.study, self._at(refresh_hz), self.study.text.default_language)
-        return Rate(
+        return RefreshRate(
             refresh_hz=refresh_hz,
             deviations_s=deviations_s(self.shown, self._at(refresh_hz)),
             scripts={
@@ -433,7 +433,10 @@ def colour_chunks(png: bytes) -> list[str]:
 
 
 def check_budget(
-    needs: Needs, build: WebBuild, budget_mb: float = BUDGET_MB, decoded_mb: float = DECODED_MB
+    needs: BrowserNeeds,
+    build: WebBuild,
+    budget_mb: float = BUDGET_MB,
+    decoded_mb: float = DECODED_MB,
 ) -> None:
     """Refuse a study that takes more than a participant's line or browser has, with what would fit.
 

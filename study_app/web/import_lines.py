@@ -47,15 +47,21 @@ from protocols.read_file import read_bytes
 from protocols.result_folder import whole_folder
 from protocols.schema import StudyProtocol
 from protocols.script import Scripts, TrialScript
-from protocols.web_lines import LINE, AnyLine, End, Resume, Start
-from protocols.web_lines import Answer as AnswerLine
-from protocols.web_lines import Attempt as AttemptLine
-from protocols.web_lines import BlockEnd as BlockEndLine
-from protocols.web_lines import BlockStart as BlockStartLine
-from protocols.web_lines import Break as BreakLine
-from protocols.web_lines import Consent as ConsentLine
-from protocols.web_lines import Note as NoteLine
-from protocols.web_lines import Pause as PauseLine
+from protocols.web_lines import (
+    LINE,
+    AnswerLine,
+    AnyLine,
+    AttemptLine,
+    BlockEndLine,
+    BlockStartLine,
+    BreakLine,
+    ConsentLine,
+    EndLine,
+    NoteLine,
+    PauseLine,
+    ResumeLine,
+    StartLine,
+)
 from protocols.web_study import deviations_s
 from study_app.attempt import Log, run_attempt
 from study_app.attempt_record import attempt_event
@@ -73,7 +79,7 @@ from study_app.session import (
     next_step,
 )
 from study_app.session_folders import find_sittings, sitting_folder
-from study_app.stage import KeyPress, Page, PageResult, Picture, Shown
+from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 from study_app.trial import Trial
 
 EVIDENCE = "animation frame"
@@ -94,7 +100,7 @@ class ContradictionError(StudyError):
 
 
 @dataclass
-class Found:
+class ParticipantLines:
     """All lines of one participant of a study."""
 
     lines: dict[int, AnyLine] = field(default_factory=dict)
@@ -117,7 +123,9 @@ class Found:
 class Inbox:
     """Lines of results by study and participant, and what is no line."""
 
-    found: dict[tuple[str, str], Found] = field(default_factory=lambda: defaultdict(Found))
+    found: dict[tuple[str, str], ParticipantLines] = field(
+        default_factory=lambda: defaultdict(ParticipantLines)
+    )
     damaged: list[str] = field(default_factory=list)
     """Places where something stands that is no line of ours, and what."""
 
@@ -223,7 +231,7 @@ def import_results(
 
 def _import_one(
     who: str,
-    found: Found,
+    found: ParticipantLines,
     study: StudyProtocol,
     display: Display,
     manifest: Manifest,
@@ -295,7 +303,7 @@ def _continue(folder: Path, made: Path) -> None:
         os.fsync(file.fileno())
 
 
-def whole_lines(found: Found) -> list[AnyLine]:
+def whole_lines(found: ParticipantLines) -> list[AnyLine]:
     """Return the lines of a participant in order.
 
     Raises
@@ -338,7 +346,7 @@ class Session:
         lines: Sequence[AnyLine],
     ) -> None:
         begun = lines[0]
-        if not isinstance(begun, Start):
+        if not isinstance(begun, StartLine):
             raise ContradictionError(f"line number 0 must be the start (got {begun.kind})")
         for what, now, then in (
             ("study file", study.sha256, begun.protocol_sha256),
@@ -430,7 +438,7 @@ class Session:
         """
         self.line, self._now_s = line, line.t_s
         match line:
-            case Resume():
+            case ResumeLine():
                 self.reason = ""
                 recorder.append(
                     SessionResume(
@@ -449,7 +457,7 @@ class Session:
             case NoteLine(text=text):
                 recorder.append(Note(**recorder.stamps(), text=text))
                 return
-            case End(reason=reason):
+            case EndLine(reason=reason):
                 self.reason = reason
                 done = sum(
                     isinstance(event, Attempt)
@@ -504,7 +512,7 @@ class Session:
             if planned != found:
                 raise self._wrong(f"{what} must be {planned}, as the plan has it", found)
         script = self.scripts.of(step.trial)
-        stage = Observed(line, self.begun.rate_hz)
+        stage = ReplayedStage(line, self.begun.rate_hz)
         made: list[Attempt] = []
 
         def write(trial: Trial, log: Log) -> None:
@@ -547,7 +555,7 @@ class Session:
         return ContradictionError(f"line number {self.line.n}: {what} (got {found})")
 
 
-class Observed:
+class ReplayedStage:
     """A stage that shows again what a browser showed: its stamps, its keys.
 
     Once the outcome is written, flips come in time and nothing happens any more.
@@ -567,7 +575,7 @@ class Observed:
         """Return the stamp of the last flip."""
         return self._stamps_s[self._shown - 1]
 
-    def show(self, _picture: Picture) -> Shown:
+    def show(self, _picture: FlipPicture) -> FlipReport:
         """Return the next flip that was observed; `ValueError` where the trial needs more."""
         if self._shown == len(self._stamps_s):
             if not self.written:
@@ -575,7 +583,7 @@ class Observed:
             self._stamps_s.append(self._stamps_s[-1] + self._period_s)
         self._shown += 1
         self.used = min(self._shown, len(self._line.flips_us))
-        return Shown(self._stamps_s[self._shown - 1], self._shown - 1, EVIDENCE)
+        return FlipReport(self._stamps_s[self._shown - 1], self._shown - 1, EVIDENCE)
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that were read after this flip."""

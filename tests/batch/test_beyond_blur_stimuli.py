@@ -14,7 +14,7 @@ from pipeline.foveation.conditions import condition_names
 from pipeline.foveation.drawn import cut_shares, draw_ring
 from pipeline.foveation.geometry import Equirectangular, Flat, eccentricity_deg, pixel_centres
 from protocols.load import load_study
-from protocols.recipes.foveated_images import FoveatedImages, Shown
+from protocols.recipes.foveated_images import FoveatedImages, ShownMethod
 from stimuli.foveated.builtin_pictures import builtin_picture, notices, picture_names
 from stimuli.recipes.foveated_work import StillMaker, StillsPlan
 
@@ -159,7 +159,7 @@ def test_a_condition_changes_the_picture_from_the_foveas_border_on_all_around(me
             "torch", reason="needs the extra `metamers`: script/setup --metamers installs it"
         )
         more = {"steps": 1}
-    shown = Shown(name=method, parameters={"law": "v1", "fovea_deg": FOVEA_DEG, **more})
+    shown = ShownMethod(name=method, parameters={"law": "v1", "fovea_deg": FOVEA_DEG, **more})
     order = small("beyond-blur-preference", methods=(shown,))
     bench = StillMaker(order)
     picture = rng.random((TALL, WIDE, 3)).astype(np.float32)

@@ -30,9 +30,9 @@ from protocols.recipes.foveated_images import (
     FoveatedImages,
     GazePoint,
     PanoramaView,
-    Picture,
     Rings,
-    Shown,
+    ScenePicture,
+    ShownMethod,
 )
 from stimuli.check import check_batch
 from stimuli.png import decode
@@ -56,11 +56,14 @@ def recipe(**more) -> FoveatedImages:
         "kind": "foveated-images",
         "width_px": WIDTH,
         "height_px": HEIGHT,
-        "pictures": (Picture(name="one", file="one.png"), Picture(name="two", file="two.png")),
+        "pictures": (
+            ScenePicture(name="one", file="one.png"),
+            ScenePicture(name="two", file="two.png"),
+        ),
         "methods": (
-            Shown(name="reference"),
-            Shown(name="soft", method="blur", parameters={"scaling": 0.9}),
-            Shown(name="metamer"),
+            ShownMethod(name="reference"),
+            ShownMethod(name="soft", method="blur", parameters={"scaling": 0.9}),
+            ShownMethod(name="metamer"),
         ),
     }
     return FoveatedImages.model_validate(given | more)
@@ -208,14 +211,14 @@ def test_a_cut_goes_through_the_gaze_and_keeps_both_sides(rng):
 
 def test_the_papers_counts_come_out():
     """6.1: 6 methods x 5 eccentricities x (5 open + 5 closed); 6.3: 3 x (6 + 6) + 6 per scene."""
-    methods = tuple(Shown(name=name) for name in ("reference", "a", "b", "c", "d", "e"))
+    methods = tuple(ShownMethod(name=name) for name in ("reference", "a", "b", "c", "d", "e"))
     rings = recipe(
-        pictures=(Picture(name="one", file="one.png"),),
+        pictures=(ScenePicture(name="one", file="one.png"),),
         methods=methods,
         rings=Rings(eccentricities_deg=(5.0, 10.0, 15.0, 20.0, 25.0)),
     )
     cuts = recipe(
-        pictures=tuple(Picture(name=f"s{k}", file=f"{k}.png") for k in range(7)),
+        pictures=tuple(ScenePicture(name=f"s{k}", file=f"{k}.png") for k in range(7)),
         methods=methods[:4],
         cuts=Cuts(),
     )
@@ -261,8 +264,8 @@ def test_conditions_are_columns():
     [
         ({"cuts": Cuts(), "rings": Rings(eccentricities_deg=(5.0,))}, "two experiments"),
         ({"cuts": Cuts(), "draws": 2}, "draws is for whole pictures"),
-        ({"cuts": Cuts(), "methods": (Shown(name="reference"),)}, "beside 'reference'"),
-        ({"methods": (Shown(name="blur"), Shown(name="blur"))}, "named once"),
+        ({"cuts": Cuts(), "methods": (ShownMethod(name="reference"),)}, "beside 'reference'"),
+        ({"methods": (ShownMethod(name="blur"), ShownMethod(name="blur"))}, "named once"),
         ({"gazes": (GazePoint(name="off", x_deg=90.0),)}, "within 90 degrees"),
     ],
 )
@@ -296,7 +299,7 @@ def test_a_ring_is_foveated_with_its_scene(folder):
         folder,
         recipe(
             rings=Rings(eccentricities_deg=(12.0,), places=1, height_deg=6.0, grey=0.0),
-            methods=(Shown(name="reference"), Shown(name="blur")),
+            methods=(ShownMethod(name="reference"), ShownMethod(name="blur")),
         ),
     )
     found = {one.name: made.colour(one) for one in made.wanted if one.picture.name == "one"}
@@ -328,7 +331,7 @@ def test_a_cut_shows_the_method_on_one_side_alone(folder):
 
 def test_unknown_methods_and_rings_off_the_picture_are_problems(folder):
     wrong = recipe(
-        methods=(Shown(name="metamere"), Shown(name="blur", parameters={"scale": 1.0})),
+        methods=(ShownMethod(name="metamere"), ShownMethod(name="blur", parameters={"scale": 1.0})),
         rings=Rings(eccentricities_deg=(40.0,)),
     )
     said = [str(problem) for problem in builder(folder, wrong).problems()]
@@ -417,9 +420,9 @@ def test_keys_change_with_what_decides_the_pixels_and_nothing_else(folder):
 
     labelled = recipe(
         methods=(
-            Shown(name="reference"),
-            Shown(name="soft", method="blur", parameters={"scaling": 0.9}, label="Soft"),
-            Shown(name="metamer"),
+            ShownMethod(name="reference"),
+            ShownMethod(name="soft", method="blur", parameters={"scaling": 0.9}, label="Soft"),
+            ShownMethod(name="metamer"),
         )
     )
     assert builder(folder, labelled).key(first) == key
@@ -676,7 +679,9 @@ def test_a_panorama_is_shown_through_a_flat_view(folder):
     around = Equirectangular().of(720, 360)
     rays = around.directions(*pixel_centres(around))
     Image.fromarray(np.rint(255 * (0.5 + 0.5 * rays)).astype(np.uint8)).save(folder / "one.png")
-    looked = Picture(name="one", file="one.png", view=PanoramaView(right_deg=170.0, down_deg=-40.0))
+    looked = ScenePicture(
+        name="one", file="one.png", view=PanoramaView(right_deg=170.0, down_deg=-40.0)
+    )
     made = builder(folder, recipe(pictures=(looked,)))
     colour = made.colour(made.wanted[0])
     geometry = made.geometry
@@ -693,14 +698,16 @@ def test_a_panorama_is_shown_through_a_flat_view(folder):
 
 def test_a_view_of_what_is_no_panorama_is_refused(folder):
     made = builder(
-        folder, recipe(pictures=(Picture(name="one", file="one.png", view=PanoramaView()),))
+        folder, recipe(pictures=(ScenePicture(name="one", file="one.png", view=PanoramaView()),))
     )
 
     with pytest.raises(InputError, match=r"one\.png: an equirectangular panorama must be twice"):
         made.colour(made.wanted[0])
     made.close()
     with pytest.raises(ValueError, match="down_deg from -90 to 90"):
-        recipe(pictures=(Picture(name="one", file="one.png", view=PanoramaView(down_deg=91.0)),))
+        recipe(
+            pictures=(ScenePicture(name="one", file="one.png", view=PanoramaView(down_deg=91.0)),)
+        )
 
 
 def test_pictures_made_elsewhere_are_found_by_picture_and_gaze(folder):
@@ -708,7 +715,7 @@ def test_pictures_made_elsewhere_are_found_by_picture_and_gaze(folder):
     for number in range(4):
         data = np.full((HEIGHT, WIDTH, 3), 50 * number, np.uint8)
         Image.fromarray(data).save(folder / f"made/{number:06d}.png")
-    elsewhere = Shown(name="lab", method="files:made")
+    elsewhere = ShownMethod(name="lab", method="files:made")
     gazes = (GazePoint(name="middle"), GazePoint(name="left", x_deg=-5.0))
     made = builder(folder, recipe(methods=(elsewhere,), gazes=gazes))
     greys = [round(255 * float(made.colour(one).mean())) for one in made.wanted]

@@ -34,7 +34,7 @@ from study_app.gaze.trusted import TrustedGaze
 from study_app.live.log import LiveChoice, LiveFlip, LiveLog, LiveSaccade, read_log
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw import redraw
-from study_app.live.renderer import STEPS_PER_PX, Look, View, on_grid
+from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, on_grid
 from study_app.virtual import VirtualClock
 
 HZ = 60.0
@@ -72,7 +72,7 @@ def tape(tmp_path):
     return path
 
 
-def run(renderer, tape, *, seed=5, count=FRAMES, cost_s=PERIOD_COST_S, log=None, view=View):
+def run(renderer, tape, *, seed=5, count=FRAMES, cost_s=PERIOD_COST_S, log=None, view=LiveView):
     """Show frames to a recording on a virtual clock; yield flips and pixels of 8 bits."""
     clock = VirtualClock()
     gaze = TrustedGaze(ReplaySource(recorded(str(tape)).on_screen(WIDTH, HEIGHT), clock), clock)
@@ -293,7 +293,7 @@ def test_a_view_of_a_panorama_is_drawn_again_where_it_was_turned_to(
     shown = [
         pixels
         for _, pixels in run(
-            renderer, tape, count=4, log=log, view=lambda k: View(0, 20.0 * (k // 2), 5.0)
+            renderer, tape, count=4, log=log, view=lambda k: LiveView(0, 20.0 * (k // 2), 5.0)
         )
     ]
     log.close()
@@ -344,17 +344,17 @@ def test_only_what_the_gpu_draws_can_be_live(gl_context, frames):
 def test_a_look_is_all_that_a_frame_depends_on(gl_context, frames):
     source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
-    look = Look((30.0, 20.0), (31.0, 22.0), 3)
+    look = GazeState((30.0, 20.0), (31.0, 22.0), 3)
 
     def drawn():
         renderer.prepare(look.seed)
-        renderer.hold(View(2))
+        renderer.hold(LiveView(2))
         return read_back(renderer.draw(look)).copy()
 
     first = drawn()
-    renderer.hold(View(4))
+    renderer.hold(LiveView(4))
     renderer.prepare(9)
-    renderer.draw(Look((80.0, 60.0), (10.0, 10.0), 9))
+    renderer.draw(GazeState((80.0, 60.0), (10.0, 10.0), 9))
     renderer.choose(Choice("blur"))
     renderer.choose(Choice("warped-metamer"))
 
@@ -404,7 +404,7 @@ def shown(gl_context, tmp_path, monkeypatch, rng):
         log.choice(renderer.describe())
         flips, pixels = [], []
         while clock() < SECONDS - 0.02:
-            flip, drawn = loop.step(renderer, View(), 5)
+            flip, drawn = loop.step(renderer, LiveView(), 5)
             log.flip(flip, drawn)
             flips.append(flip)
             pixels.append(read_back(drawn).copy())

@@ -27,7 +27,7 @@ from protocols.latency import LatencySummary, LiveFrames
 from protocols.load import load_study, shipped
 from protocols.manifest import write_manifest
 from protocols.phases import Image as Still
-from protocols.phases import Live, Phase
+from protocols.phases import LiveImage, Phase
 from protocols.plan import make_plan
 from protocols.script import example_scripts
 from protocols.viewing import Viewing
@@ -48,12 +48,12 @@ from study_app.gaze.trusted import TrustedGaze
 from study_app.live.in_trials import LiveShow, Unseen, too_dear
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw_trials import TrialDrawer
-from study_app.live.renderer import STEPS_PER_PX, View
+from study_app.live.renderer import STEPS_PER_PX, LiveView
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
 from study_app.run import SittingOptions, require_live
 from study_app.session_folders import Sitting
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.virtual import VirtualClock, VirtualStage
 
 WIDTH, HEIGHT, HZ = 96, 64, 60.0
@@ -440,7 +440,7 @@ def looks_of(taken, rows, display):
     )  # fmt: skip
     loop.begin(begin_s, None)
     unseen = Unseen(0, SimpleNamespace(centre_px=(0.0, 0.0)), None)
-    return [loop.step(unseen, View(), 0)[0].look.gaze_px for _ in rows]
+    return [loop.step(unseen, LiveView(), 0)[0].look.gaze_px for _ in rows]
 
 
 class Played:
@@ -544,7 +544,7 @@ class Halves:
     stimuli_per_trial, confidence = 2, None
 
     def __init__(self, *, both=False):
-        self.show = (Live(0, -5.0), Live(1, 5.0)) if both else (Still(0, half="left"),)
+        self.show = (LiveImage(0, -5.0), LiveImage(1, 5.0)) if both else (Still(0, half="left"),)
 
     def answers(self):
         return "yes", "no"
@@ -569,7 +569,7 @@ def test_the_shipped_live_studies_simulate_whole_and_are_reported_with_their_lat
     path.write_text(text, encoding="utf-8")
     study, display = load_study(path, None)
     assert len(make_plan(study, virtual_manifest(study, display), "P01", 0).trials) == decisions
-    done = simulate_study(Simulation(study, display), tmp_path / "s", 2)
+    done = simulate_study(SimulatedStudy(study, display), tmp_path / "s", 2)
     assert {code: one.main_done for code, one in done.items()} == dict.fromkeys(
         ("S001", "S002"), decisions
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from protocols.script import Frames, GazeMode, Question, ScriptPhase, TrialScript
+from protocols.script import Frames, GazeMode, ScriptPhase, ScriptQuestion, TrialScript
 
 
-def asking(*answers: str, name: str = "answer") -> Question:
+def asking(*answers: str, name: str = "answer") -> ScriptQuestion:
     """Return a question with a key per answer: a, b, c, ..."""
     keys = tuple((key,) for key in "abcdefghi"[: len(answers)])
-    return Question(name=name, answers=answers, keys=keys)
+    return ScriptQuestion(name=name, answers=answers, keys=keys)
 
 
 def shows(stimulus: int, every: int = 0, x_px: int = 0) -> Frames:

@@ -14,12 +14,12 @@ from protocols.load import load_display, load_protocol
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import conduct
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze_check import Calibrated, Targets
+from study_app.gaze_check import Targets, TrackerCalibration
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
-from study_app.simulate import Simulation
+from study_app.simulate import SimulatedStudy
 from study_app.validation import summarise, unfit_gaze, validate
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -130,7 +130,7 @@ def study_of(**changes) -> StudyProtocol:
 
 
 def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **changes) -> Sat:
-    """Conduct a session; `make` makes the adapter of a `Desk`."""
+    """Conduct a session; `make` makes the adapter of a `TrackerContext`."""
     study, shown = study_of(**changes), []
     observer = Operated(PreferenceModel(), study.response, 0, "S001")
     stage, targets = VirtualStage(clock, 60.0, observer), Targets()
@@ -149,13 +149,15 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
                 return True
 
     targets.show = look_at
-    desk = Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, targets, store=study.privacy.store_gaze)
+    desk = TrackerContext(
+        FHD, clock, lambda: MIDDLE_PX, 60.0, targets, store=study.privacy.store_gaze
+    )
     gaze = TrustedGaze(make(desk), clock)
     gaze.open()
     observer.tracker = eye, gaze
-    setting = Simulation(study, FHD).setting(folder, clock)
+    setting = SimulatedStudy(study, FHD).setting(folder, clock)
     recorder, plan = begin(setting, "S001", "en", stage, gaze)
-    calibrated = Calibrated(gaze, targets, study.gaze, VIEWING, recorder)
+    calibrated = TrackerCalibration(gaze, targets, study.gaze, VIEWING, recorder)
     asked = []
 
     def validation():

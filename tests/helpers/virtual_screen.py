@@ -6,7 +6,7 @@ import math
 
 import moderngl
 
-from study_app.live.renderer import Look
+from study_app.live.renderer import GazeState
 from study_app.virtual import VirtualClock
 
 
@@ -24,7 +24,7 @@ class VirtualScreen:
         """Move the clock."""
         self._clock.move_to(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: Look) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
         """Take as long as drawing does."""
         self._clock.move_to(self._clock() + self._cost_s)
 

@@ -29,7 +29,7 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
 from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
-from study_app.strip import Seen
+from study_app.strip import CapturedPicture
 
 WIDTH, HEIGHT = 640, 480
 # Before any of these texts where an artificial observer sits: it reads and decides fast.
@@ -413,7 +413,7 @@ class Screen:
         also: str = "",
         code: str = "P01",
         timeout_s: float = 240,
-    ) -> list[Seen]:
+    ) -> list[CapturedPicture]:
         """Let an artificial observer do a study while another process watches the screen.
 
         Parameters
@@ -452,7 +452,7 @@ class Screen:
         finally:
             out, _ = watcher.communicate(input="stop\n", timeout=60)
         lines = (line.split() for line in out.splitlines())
-        return [Seen(int(number), content) for number, content in lines]
+        return [CapturedPicture(int(number), content) for number, content in lines]
 
     def session(self, verb: str, study: Study, *more: object, code: str = "P01") -> list[object]:
         """Arguments of `session run` or `session resume`."""

@@ -14,7 +14,7 @@ from protocols.phases import Optotype
 from protocols.script import ScriptPhase, landolt_ring
 from study_app.paint import ring_image
 from study_app.presenter import Presenter
-from study_app.stage import Picture
+from study_app.stage import FlipPicture
 
 
 @pytest.mark.parametrize("gap_deg", [None, 90.0])
@@ -33,7 +33,7 @@ def test_a_phase_with_an_optotype_shows_the_ring_and_nothing_else(gl_context, tm
 
     picture = landolt_ring(ring, display)
     presenter._ready[id(picture)] = picture, presenter._texture(picture)
-    presenter._draw(Picture(ScriptPhase(name="ring", frames=9, show=(picture,))))
+    presenter._draw(FlipPicture(ScriptPhase(name="ring", frames=9, show=(picture,))))
 
     shown = np.frombuffer(screen.read(components=3), np.uint8).reshape(size[1], size[0], 3)[::-1]
     image = ring_image(picture.of)

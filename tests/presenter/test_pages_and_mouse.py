@@ -10,7 +10,7 @@ from PIL import Image
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
 from protocols.participant_texts import fill
 from protocols.script import example_scripts, text_picture
-from study_app.pages import Pages
+from study_app.pages import PageLayout
 from study_app.paint import drawn
 from study_app.stage import Page
 
@@ -59,7 +59,7 @@ def events(study, kind):
 @pytest.mark.slow
 def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, wait, tmp_path):
     texts, response = study.protocol.text.languages["en"], study.protocol.response
-    pages = Pages((640, 480), texts.key_names, 128)
+    pages = PageLayout((640, 480), texts.key_names, 128)
     script, other = example_scripts(study.protocol, study.display, "en")
     by_name = {phase.name: phase for phase in script.phases}
     fixed = {

@@ -12,7 +12,7 @@ from protocols.against_plan import contradictions, plan_of
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.plan import make_plan
-from protocols.script import Question, trial_script
+from protocols.script import ScriptQuestion, trial_script
 from protocols.session_schema import POINTER
 from study_app.attempt import run_attempt
 from study_app.observers import ArtificialObserver, default_model
@@ -31,7 +31,7 @@ def pointed(study):
 
 @pytest.mark.parametrize(("at", "answer"), [(-0.1, "a"), (0.3, "a"), (0.34, "b"), (1.0, "c")])
 def test_a_click_gives_the_answer_of_its_column_where_it_may(at, answer):
-    question = Question(
+    question = ScriptQuestion(
         name="which", answers=("a", "b", "c"), keys=(("1",), ("2",), ("3",)), pointer=True
     )
     assert question.answer_of(POINTER, at) == answer

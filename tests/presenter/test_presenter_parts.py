@@ -24,14 +24,14 @@ from study_app.keys import key_name
 from study_app.luminance import LEVELS, fit_gamma, store_luminance
 from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
-from study_app.pages import Pages, words_image
+from study_app.pages import PageLayout, words_image
 from study_app.paint import target_image
 from study_app.session_folders import find_sittings, next_slot
 from study_app.stage import Page
 from study_app.strip import (
     BLOCK_PX,
     BLOCKS,
-    Seen,
+    CapturedPicture,
     code_of,
     compare,
     crc8,
@@ -98,13 +98,19 @@ def test_both_strips_are_read_at_the_edges_and_must_agree():
 def test_comparing_names_every_flip_that_differs_and_no_other():
     names = {"a": "clip/0", "b": "clip/1", "c": "clip/2"}
     logged = {7: None, 8: "clip/0", 9: "clip/1", 10: "clip/2", 11: None}
-    right = [Seen(7, "x"), Seen(8, "a"), Seen(9, "b"), Seen(10, "c"), Seen(11, "y")]
+    right = [
+        CapturedPicture(7, "x"),
+        CapturedPicture(8, "a"),
+        CapturedPicture(9, "b"),
+        CapturedPicture(10, "c"),
+        CapturedPicture(11, "y"),
+    ]
 
     assert compare(logged, right, names) == []
     assert [str(d) for d in compare(logged, [right[0], *right[2:]], names)] == [
         "flip 8: must show clip/0 (found no such flip)"
     ]
-    swapped = [right[0], Seen(8, "b"), Seen(9, "a"), *right[3:]]
+    swapped = [right[0], CapturedPicture(8, "b"), CapturedPicture(9, "a"), *right[3:]]
     assert [(d.number, d.found) for d in compare(logged, swapped, names)] == [
         (8, "clip/1"), (9, "clip/0")
     ]  # fmt: skip
@@ -122,21 +128,27 @@ def differences(logged, captured, **more):
 def test_what_was_shown_besides_the_log_is_named():
     """5 and 6 are of a page, 7 to 11 of an attempt, 12 of the wait after it."""
     logged = {7: None, 8: "clip/0", 9: "clip/1", 10: "clip/2", 11: None}
-    page = [Seen(5, "p"), Seen(6, "q")]
-    right = [Seen(7, "x"), Seen(8, "a"), Seen(9, "b"), Seen(10, "c"), Seen(11, "y")]
-    wait = [Seen(12, "p")]
+    page = [CapturedPicture(5, "p"), CapturedPicture(6, "q")]
+    right = [
+        CapturedPicture(7, "x"),
+        CapturedPicture(8, "a"),
+        CapturedPicture(9, "b"),
+        CapturedPicture(10, "c"),
+        CapturedPicture(11, "y"),
+    ]
+    wait = [CapturedPicture(12, "p")]
     assert differences(logged, [*page, *right, *wait]) == []
     assert differences(logged, [*page, page[-1], *right, *wait]) == []  # seen twice at once
 
     # A flip that the log lacks: within the attempt, or with a clip frame anywhere.
     lacking = {number: frame for number, frame in logged.items() if number != 9}
     assert differences(lacking, [*page, *right, *wait]) == [(9, "clip/1")]
-    blank_9 = [*right[:2], Seen(9, "grey"), *right[3:]]
+    blank_9 = [*right[:2], CapturedPicture(9, "grey"), *right[3:]]
     assert differences(lacking, [*page, *blank_9]) == []  # could have been a page's
     assert differences(lacking, [*page, *blank_9], attempts=[range(7, 12)]) == [
         (9, "a flip within an attempt")
     ]
-    assert differences(logged, [*page, *right, Seen(12, "b")]) == [(12, "clip/1")]
+    assert differences(logged, [*page, *right, CapturedPicture(12, "b")]) == [(12, "clip/1")]
 
     # A clip frame where the log says that no clip was shown, and a frame that is as grey as blank.
     leaked = [right[0]._replace(content="c"), *right[1:]]
@@ -149,9 +161,11 @@ def test_what_was_shown_besides_the_log_is_named():
         assert (7, f"the flip again, after {right[place - 1].number}") in differences(
             logged, [*page, *again, *wait]
         )
-    warm = [*page, Seen(6, "a"), *right]  # drawn to warm up, and seen
+    warm = [*page, CapturedPicture(6, "a"), *right]  # drawn to warm up, and seen
     assert differences(logged, warm) == [(6, "the flip again, after 6")]
-    assert differences(logged, [page[1], Seen(4, "p"), *right]) == [(4, "an earlier flip after 6")]
+    assert differences(logged, [page[1], CapturedPicture(4, "p"), *right]) == [
+        (4, "an earlier flip after 6")
+    ]
 
 
 def test_intervals_are_summed_up_and_vsync_is_judged():
@@ -346,7 +360,7 @@ def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
 
     texts = load_protocol(Path("demo")).text.languages["en"]
     page = Page("question", texts.questions[1].text, (), choices=texts.questions[1].choices)
-    made = Pages((640, 480), texts.key_names, 128)
+    made = PageLayout((640, 480), texts.key_names, 128)
     with_circles = made.question(page, "", 1).image()
 
     def no_circles(wanted, size_px):
@@ -363,7 +377,7 @@ def test_choices_have_marks_in_fonts_without_circles(monkeypatch):
 def test_short_pages_stand_in_the_middle_and_long_questions_above_the_answers():
     protocol = load_protocol(Path("demo"))
     texts = protocol.text.languages["en"].model_copy(update={"question": "Which one? " * 30})
-    made = Pages((640, 480), texts.key_names, 128)
+    made = PageLayout((640, 480), texts.key_names, 128)
     columns = np.nonzero(made.page("Thank you.").image()[..., 3].any(axis=0))[0]
     assert columns.min() + columns.max() == pytest.approx(639, abs=4)
 

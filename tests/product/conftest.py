@@ -14,7 +14,7 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.schema import StudyProtocol
 from study_app.cli import app
 from study_app.gaze.simulated import STEADY
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.withdrawal import withdraw
 
 DISPLAY = """
@@ -83,7 +83,7 @@ def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     study.path.write_text(text, encoding="utf-8")
     (study.folder / "desk.toml").write_text(DISPLAY, encoding="utf-8")
     display = load_display("desk.toml", beside=study.path)
-    simulation = Simulation(study.protocol, display, gaze=STEADY, gaze_rate_hz=120.0)
+    simulation = SimulatedStudy(study.protocol, display, gaze=STEADY, gaze_rate_hz=120.0)
     simulate_study(simulation, study.sessions, 2)
     cut(study.sitting("S002"), attempts=5)
     simulate_study(simulation, study.sessions, 5)

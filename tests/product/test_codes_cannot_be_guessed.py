@@ -19,7 +19,7 @@ from protocols.load import load_display, load_protocol
 from protocols.plan import Plan, planned_trials
 from protocols.schema import StudyProtocol
 from study_app.gaze.simulated import STEADY
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 CODES = [f"S{number:03d}" for number in range(1, 31)]
 SLOTS = range(8)
@@ -124,7 +124,9 @@ def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
         path.write_text(text)
         study = load_protocol(path)
         display = load_display(study.display.display)
-        simulate_study(Simulation(study, display, gaze=STEADY, gaze_rate_hz=60.0), folder / "s", 5)
+        simulate_study(
+            SimulatedStudy(study, display, gaze=STEADY, gaze_rate_hz=60.0), folder / "s", 5
+        )
         made[kind] = (path, folder / "s")
     return made
 
@@ -186,7 +188,9 @@ def test_new_names_follow_from_nothing_that_is_public(studies, tmp_path):
     study = load_protocol(path)
     display = load_display(study.display.display)
     for seed in (9, 10):
-        simulate_study(Simulation(study, display, gaze=STEADY, seed=seed), tmp_path / str(seed), 5)
+        simulate_study(
+            SimulatedStudy(study, display, gaze=STEADY, seed=seed), tmp_path / str(seed), 5
+        )
     orders = [order_of(path, at) for at in (sessions, tmp_path / "9", tmp_path / "10")]
     orders.append(order_of(*studies["with a secret"]))
 

@@ -12,9 +12,9 @@ from protocols.display import Display
 from protocols.key_docs import key_docs
 from protocols.load import load_display, load_protocol, shipped
 from protocols.new_study import clip_fps, explained, study_files
-from protocols.recipes.warped_clips import BuiltinScene, Clips, Method, Size
+from protocols.recipes.warped_clips import BuiltinScene, Clips, FillMethod, Size
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Exclusions, Practice, Question, Texts
+from protocols.session_schema import ClosingQuestion, Exclusions, Practice, Texts
 from protocols.tasks.pairs import CatchPair, PrimaryComparison
 from protocols.tasks.task_kinds import TASKS
 from study_app.cli.new_study_command import slug
@@ -61,7 +61,7 @@ def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display)
         *((name, name) for name in ("response", "privacy")),
         ("stimuli.scenes", BuiltinScene),
         ("stimuli.sizes", Size),
-        ("stimuli.methods", Method),
+        ("stimuli.methods", FillMethod),
         ("stimuli.clips", Clips),
         ("task", TASKS["two-interval"]),
         ("analysis", TASKS["two-interval"].analysis),
@@ -70,7 +70,7 @@ def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display)
         ("analysis.primary", PrimaryComparison),
         ("analysis.exclusions", Exclusions),
         ("text.languages.en", Texts),
-        ("text.languages.en.questions", Question),
+        ("text.languages.en.questions", ClosingQuestion),
     ],
 )
 def test_every_key_of_every_section_is_there_and_explained(made, section, model):

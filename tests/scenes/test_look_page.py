@@ -14,7 +14,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from protocols.recipes.warped_clips import View
+from protocols.recipes.warped_clips import CameraView
 from stimuli.scene_views import ScenePreview, look_interactively
 from stimuli.view_page import VIEW_PX, CameraPlace
 from stimuli.world import Viewpoint
@@ -48,7 +48,7 @@ def served(gl_context, tmp_path):
             box.apply_translation((1.5 * place, 1.0, -0.5 * place**2))
             boxes.add_geometry(box)
         boxes.export(tmp_path / "shed.glb")
-        chosen = [View(position_m=(0.0, 1.6, 4.0), look_at_m=(0.0, 1.0, 0.0))]
+        chosen = [CameraView(position_m=(0.0, 1.6, 4.0), look_at_m=(0.0, 1.0, 0.0))]
         preview = ScenePreview(str(tmp_path / "shed.glb"), chosen=chosen)
         look_interactively(gl_context, preview, opened=opened, say=said.append)
         if failed:

@@ -10,11 +10,11 @@ from analysis.parts import computed
 from analysis.parts.choice_models import ChoiceModels, ChoiceModelsPart
 from analysis.parts.preferences import PreferencesPart
 from analysis.plans.preference_plan import from_decisions
-from protocols.blocks import Table
+from protocols.blocks import TableBlock
 
 
 @pytest.fixture(scope="module")
-def analysed(make_decisions) -> tuple[ChoiceModels, list[Table]]:
+def analysed(make_decisions) -> tuple[ChoiceModels, list[TableBlock]]:
     """Nine people; the reference always wins, and two methods divide people for good."""
     table = make_decisions(people=9, scenes=3, sizes=("small",))
     pair = (table["first"] != "reference") & (table["second"] != "reference")
@@ -29,7 +29,7 @@ def analysed(make_decisions) -> tuple[ChoiceModels, list[Table]]:
     found, _ = computed((PreferencesPart(), part), rows, settings)
     models = found[part.name]
     blocks = part.show(models, settings).blocks
-    return models, [block for block in blocks if isinstance(block, Table)]
+    return models, [block for block in blocks if isinstance(block, TableBlock)]
 
 
 def test_a_statistic_is_named_as_what_it_is(analysed):

@@ -24,7 +24,7 @@ from protocols.journal import (
 )
 from protocols.journal_file import read_journal
 from protocols.schema import StudyProtocol
-from protocols.session_schema import Question
+from protocols.session_schema import ClosingQuestion
 
 CHOICES = ("under 30", "30 to 49", "50 or more")
 GERMAN = ("unter 30", "30 bis 49", "ab 50")
@@ -78,7 +78,7 @@ def answering(text: str) -> Callable[[list[AnyEvent]], list[AnyEvent]]:
 def study(demo_protocol) -> StudyProtocol:
     """The demonstration with a question that has choices, in two languages."""
     english = demo_protocol.text.languages["en"]
-    asked = Question(name="age-group", text="How old are you?", choices=CHOICES)
+    asked = ClosingQuestion(name="age-group", text="How old are you?", choices=CHOICES)
     languages = {
         "en": english.model_copy(update={"questions": (asked,)}),
         "de": english.model_copy(

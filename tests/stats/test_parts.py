@@ -25,7 +25,7 @@ from analysis.tasks import ANALYSES, analysis_of
 from analysis.tasks.note import write_note
 from analysis.tasks.time_tables import TimesPlan
 from protocols.blocks import Cautions, Paragraph
-from protocols.blocks import Table as Rows
+from protocols.blocks import TableBlock as Rows
 from protocols.errors import StudyError
 from protocols.results import read_results
 from study_app.cli import app

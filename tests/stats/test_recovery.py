@@ -14,7 +14,7 @@ from analysis.report.write_report import report_sessions
 from protocols.load import load_display, load_protocol, shipped
 from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 UTILITIES = {"reference": 2.0, "metameric": 1.2, "push-pull": 0.0}
 PARTICIPANT_SD, SCENE_SD, LAPSE = 0.5, 0.3, 0.02
@@ -41,7 +41,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
     assert count == 4
     (folder / "study.toml").write_text(text, encoding="utf-8")
     protocol = load_protocol(folder / "study.toml")
-    simulation = Simulation(
+    simulation = SimulatedStudy(
         protocol,
         load_display(protocol.display.display),
         seed=7,

@@ -40,7 +40,7 @@ from protocols.load import load_display, load_protocol
 from protocols.schema import StudyProtocol
 from study_app.cli import app
 from study_app.observers import default_model
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 VALIDATOR = Path(sys.executable).parent / "bids-validator-deno"
 VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
@@ -254,7 +254,7 @@ def reported(request, tmp_path_factory) -> SimpleNamespace:
     folder = tmp_path_factory.mktemp(request.param)
     protocol = protocol_of(TEXTS[request.param], folder)
     model = replace(default_model(protocol), strength={"reference": 0.8, "ours": 2.2})
-    simulate_study(Simulation(protocol, load_display("fhd27-60hz"), 3, model), folder / "s", 6)
+    simulate_study(SimulatedStudy(protocol, load_display("fhd27-60hz"), 3, model), folder / "s", 6)
     made = report_sessions(folder / "s", protocol, folder / "r", figure_files=False)
     return SimpleNamespace(
         task=request.param,

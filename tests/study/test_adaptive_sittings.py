@@ -16,7 +16,7 @@ from protocols.plan import chosen, make_plan
 from protocols.schema import StudyProtocol
 from study_app.gaze.simulated import STEADY, GazeBehaviour
 from study_app.session import RunTrial, following, next_step, remaining
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 
 FHD = load_display("fhd27-60hz")
 LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0)
@@ -79,8 +79,8 @@ OF_LEVELS = pytest.mark.parametrize("rule", ["up-down", "quest-plus"])
 RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3)
 
 
-def simulation(rule: str, gaze: GazeBehaviour = RESTLESS) -> Simulation:
-    return Simulation(STUDIES[rule], FHD, seed=6, gaze=gaze)
+def simulation(rule: str, gaze: GazeBehaviour = RESTLESS) -> SimulatedStudy:
+    return SimulatedStudy(STUDIES[rule], FHD, seed=6, gaze=gaze)
 
 
 def attempts_of(root: Path, rule: str) -> tuple[Attempt, ...]:

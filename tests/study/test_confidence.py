@@ -26,7 +26,7 @@ from stimuli.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers import ArtificialObserver
 from study_app.observers.right_or_wrong import SensitivityModel
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 SECTION = """
 [task.confidence]
@@ -97,7 +97,7 @@ def test_steps_alone_are_answered_by_the_digits_that_label_them(load):
 
 def test_tables_events_and_their_dictionary_have_confidence(load, tmp_path):
     study, display = load("yes-no")
-    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 1)
+    simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 1)
     tidy = read_sessions(tmp_path / "out", study)
     given = tidy.decisions["confidence"]
     assert given.between(1, 4).all()
@@ -116,7 +116,7 @@ def test_tables_events_and_their_dictionary_have_confidence(load, tmp_path):
 @pytest.mark.parametrize("task", ["two-interval", "yes-no", "abx"])
 def test_a_report_of_a_study_that_asks_for_it_says_what_confidence_tells(load, tmp_path, task):
     study, display = load(task)
-    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 3)
+    simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 3)
     with undrawn():
         made = report_sessions(tmp_path / "out", study, tmp_path / "report", figure_files=False)
     found = json.loads(made.json.read_text())
@@ -131,7 +131,7 @@ def test_a_report_of_a_study_that_asks_for_it_says_what_confidence_tells(load, t
 
 def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load, tmp_path):
     study, display = load("yes-no")
-    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 1)
+    simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 1)
     journal = read_journal(next((tmp_path / "out").rglob("journal.jsonl")))
     plan = plan_of(study, journal.start)
     assert not list(contradictions(study, plan, journal.attempts))
@@ -152,7 +152,7 @@ def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load
 @pytest.mark.parametrize("form", ["bids", "psych-ds"])
 def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
     study, display = load("yes-no")
-    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 1)
+    simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 1)
     words = [
         "analysis", "export", tmp_path / "out", "--protocol", tmp_path / "study.toml",
         "--format", form,

@@ -18,7 +18,7 @@ from protocols.hashing import canonical_json
 from protocols.journal_file import read_journal
 from protocols.load import load_study
 from study_app.gaze.simulated import HUMAN
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 
 BEFORE = json.loads(Path(__file__).with_name("oracles").joinpath("before_scripts.json").read_text())
 PROGRAM = ("chain", "revision", "versions", "platform")
@@ -39,7 +39,7 @@ def simulated(name: str, folder: Path) -> dict[str, object]:
         study, display = load_study(Path(name))
         study, model, ignored = study.in_any_order(), None, ()
     gaze = RESTLESS if name in CASES else HUMAN
-    simulation = Simulation(
+    simulation = SimulatedStudy(
         study, display, seed=7, model=model, gaze=gaze, gaze_rate_hz=60.0, **FAULTS
     )
     simulate_sitting(simulation, folder / "sessions", "S001")

@@ -11,7 +11,7 @@ from protocols.journal import Note, SessionEnd
 from protocols.side_files import check_side_files
 from study_app.gaze.eyelink import EyelinkGaze, graphics
 from study_app.gaze.open_source import open_gaze
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.virtual import VirtualClock
 
 
@@ -125,7 +125,7 @@ def test_the_quit_key_ends_the_setup_and_other_keys_reach_the_tracker():
             on_key(key)
         return going[0]
 
-    drawn = graphics(fake, Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at))
+    drawn = graphics(fake, TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at))
     assert [key.code for key in drawn.get_input_key()] == [13, ord("c"), fake.CURS_UP]
     going[0] = False
     assert [key.code for key in drawn.get_input_key()] == [fake.TERMINATE_KEY]
@@ -133,7 +133,7 @@ def test_the_quit_key_ends_the_setup_and_other_keys_reach_the_tracker():
 
 def opened(rest, fake, clock):
     source = pumped(EyelinkGaze, fake, fake.eye, clock)(
-        rest, Desk(FHD, clock, lambda: MIDDLE_PX, 60.0), fake
+        rest, TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0), fake
     )
     source.open()
     return source
@@ -146,10 +146,10 @@ def test_what_is_not_there_is_told_with_a_cure(monkeypatch):
     with pytest.raises(StudyError, match=r"Host PC must be reachable at 100\.1\.1\.1 .*cable"):
         opened("", fake, clock)
     with pytest.raises(StudyError, match="must read eyelink:HOST,eye=left"):
-        EyelinkGaze("host,eye=both", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0), fake)
+        EyelinkGaze("host,eye=both", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0), fake)
     monkeypatch.setitem(__import__("sys").modules, "pylink", None)
     with pytest.raises(StudyError, match=r"pip install 'metamerlab\[eyelink\]'"):
-        open_gaze("eyelink", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0))
+        open_gaze("eyelink", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0))
 
 
 def test_samples_that_the_link_lost_are_said():
@@ -165,7 +165,7 @@ def test_samples_that_the_link_lost_are_said():
 def test_pylinks_own_dummy_mode_takes_every_command_and_sends_nothing(monkeypatch):
     pytest.importorskip("pylink", reason="SR Research's pylink is not installed (extra eyelink)")
     monkeypatch.setattr("study_app.gaze.eyelink.WAIT_S", 0.1)
-    source = EyelinkGaze("dummy", Desk(FHD, VirtualClock(), lambda: MIDDLE_PX, 60.0))
+    source = EyelinkGaze("dummy", TrackerContext(FHD, VirtualClock(), lambda: MIDDLE_PX, 60.0))
     with pytest.raises(StudyError, match="must send samples"):
         source.open()
     source.close()

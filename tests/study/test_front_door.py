@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.errors import StudyError
 from study_app.cli import SLOTS, app, user_errors
-from study_app.cli.lazy import LazyGroup, Slot
+from study_app.cli.lazy import CommandSlot, LazyGroup
 
 HEAVY = ("numpy", "pandas", "scipy", "moderngl", "glfw", "pydantic", "matplotlib", "PIL", "cv2")
 
@@ -133,7 +133,7 @@ def test_a_message_about_a_megabyte_leaves_its_middle_out(capsys):
 
 def lazy_app(target: str) -> typer.Typer:
     class Group(LazyGroup):
-        slots = (Slot("job", "A job.", target),)
+        slots = (CommandSlot("job", "A job.", target),)
 
     return typer.Typer(cls=Group, callback=lambda: None)
 

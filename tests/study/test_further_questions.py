@@ -27,7 +27,7 @@ from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample
 from study_app.observers import ArtificialObserver, default_model
 from study_app.paint import bitmaps_of, drawn
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 from study_app.trial import Watch
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -149,7 +149,7 @@ def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monk
     monkeypatch.setattr(TwoInterval, "phases", speeded)
     study, display = load_study(Path("demo"))
     slow = replace(default_model(study), rt_median_s=1.5, rt_sigma=0.1)
-    simulate_sitting(Simulation(study, display, model=slow), tmp_path, "S001")
+    simulate_sitting(SimulatedStudy(study, display, model=slow), tmp_path, "S001")
     attempts = read_journal(tmp_path / "demo" / "S001" / "journal.jsonl").attempts
     assert {a.outcome for a in attempts} == {"completed"}
     assert {(s.frames_shown, s.frames_planned) for a in attempts for s in a.stimuli} == {(30, 30)}

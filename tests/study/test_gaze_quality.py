@@ -14,7 +14,7 @@ from protocols.load import load_protocol
 from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze_check import Calibrated, GazeCheck, Targets
+from study_app.gaze_check import GazeCheck, Targets, TrackerCalibration
 from study_app.stage import PageResult
 from study_app.validation import PointQuality, point_quality, summarise
 
@@ -113,7 +113,9 @@ class Asking:
 def test_a_quit_key_during_the_trackers_own_routine_stops_the_block_and_asks_anew_later():
     targets, going = Targets(lambda *_: going[0]), [False]
     tracker = Asking(targets)
-    calibrated = Calibrated(tracker, targets, load_protocol(Path("demo")).gaze, VIEWING, None)
+    calibrated = TrackerCalibration(
+        tracker, targets, load_protocol(Path("demo")).gaze, VIEWING, None
+    )
 
     assert not calibrated()
     going[0] = True

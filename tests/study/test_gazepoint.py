@@ -17,7 +17,7 @@ from protocols.journal import Calibration, Note, SessionEnd
 from protocols.side_files import check_side_files
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.open_source import open_gaze
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
@@ -137,8 +137,8 @@ def test_stamps_and_places_come_through_unchanged(server_of):
             assert sample.t_s - sample.raw_t == pytest.approx(source.info().clock_offset_s)
 
 
-def desk(clock) -> Desk:
-    return Desk(FHD, clock, lambda: MIDDLE_PX, 60.0)
+def desk(clock) -> TrackerContext:
+    return TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0)
 
 
 def test_what_is_not_there_or_says_nothing_is_told_with_a_cure(server_of):
@@ -185,7 +185,7 @@ def test_a_calibration_point_off_the_screen_is_never_drawn(server_of, place):
         return True
 
     source = pumped(GazepointGaze, server, eye, clock)(
-        f"127.0.0.1:{server.port}", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at)
+        f"127.0.0.1:{server.port}", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at)
     )
     source.open()
     server._send(f'<CAL ID="CALIB_START_PT" PT="1" CALX="{place}" CALY="0.5" />')

@@ -23,7 +23,7 @@ from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
-from study_app.simulate import Simulation
+from study_app.simulate import SimulatedStudy
 from study_app.sleep_watch import SleepWatch
 from study_app.trial import Watch
 from study_app.virtual import VirtualClock, VirtualStage
@@ -133,7 +133,7 @@ def sit(folder: Path, send_of):
     observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)
     gaze = TrustedGaze(Tracker(send_of(clock)), clock)
-    setting = Simulation(study, FHD).setting(folder, clock)
+    setting = SimulatedStudy(study, FHD).setting(folder, clock)
     recorder, plan = begin(setting, "S001", "en", stage, gaze)
     with recorder:
         conduct(setting, plan, recorder, stage, gaze)
@@ -208,7 +208,7 @@ def test_a_machine_that_stands_still_for_seconds_voids_the_attempt(tmp_path):
 
     observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer, on_prepare=faults)
-    setting = Simulation(study, FHD).setting(tmp_path, clock)
+    setting = SimulatedStudy(study, FHD).setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "en", stage, None)
     with recorder:
         conduct(setting, plan, recorder, stage, None)

@@ -22,7 +22,7 @@ from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.recorder import Recorder
 from study_app.session_folders import find_sittings
-from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
 from study_app.verification import verify
 from study_app.virtual import VirtualClock
 
@@ -240,7 +240,7 @@ def test_a_sitting_goes_on_only_where_its_journal_fits_the_plan(sessions):
     before = path.read_bytes()
 
     with pytest.raises(StudyError, match="repeat must be 0, as planned"):
-        simulate_sitting(Simulation(DEMO, DISPLAY), sessions, "S001")
+        simulate_sitting(SimulatedStudy(DEMO, DISPLAY), sessions, "S001")
     assert path.read_bytes() == before
 
 
@@ -290,7 +290,7 @@ def test_the_report_of_the_display_is_held_to_its_hash(tmp_path):
     report = root / REPORTS / "fhd.json"
     report.parent.mkdir(parents=True)
     report.write_bytes(b"{}\n")
-    simulate_study(Simulation(DEMO, DISPLAY), root, 1)
+    simulate_study(SimulatedStudy(DEMO, DISPLAY), root, 1)
     path = journal_path(root)
     events = list(read_journal(path).events)
     pointer = {"file": f"{REPORTS}/fhd.json", "sha256": sha256_bytes(b"{}\n")}

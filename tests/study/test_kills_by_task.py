@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from attack.kills import CASES, RESTLESS, journal_of, kill_sittings, write_study
 
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -49,7 +49,7 @@ def test_levels_and_pairs_follow_the_answers(tmp_path, name):
 
     def shown(seed: int) -> list[object]:
         root = tmp_path / f"seed-{seed}"
-        sim = Simulation(simulation.protocol, simulation.display, seed=seed, gaze=RESTLESS)
+        sim = SimulatedStudy(simulation.protocol, simulation.display, seed=seed, gaze=RESTLESS)
         simulate_sitting(sim, root, "S001")
         main = [a for a in journal_of(root).attempts if a.role == "main"]
         return [

@@ -28,7 +28,7 @@ from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
-from study_app.simulate import Simulation
+from study_app.simulate import SimulatedStudy
 from study_app.trial import Watch
 from study_app.virtual import EPOCH, Fault, VirtualClock, VirtualStage
 from study_app.window import FlipStamp
@@ -66,7 +66,7 @@ class Sitting:
         )
         dot_px = VIEWING.to_px(0.0, 0.0)
         self.gaze = TrustedGaze(of(lambda: dot_px, self.clock, 144.0), self.clock)
-        self.setting = Simulation(study, FAST).setting(folder, self.clock)
+        self.setting = SimulatedStudy(study, FAST).setting(folder, self.clock)
         self.path = folder / "demo" / "S001" / "journal.jsonl"
 
     def run(self, open_=begin):

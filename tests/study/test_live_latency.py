@@ -16,7 +16,7 @@ from study_app.gaze.trusted import AHEAD_S, TrustedGaze
 from study_app.live.latency_histogram import SILENT_S, Latency
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.own_latency import measure_latency
-from study_app.live.renderer import View
+from study_app.live.renderer import LiveView
 from study_app.virtual import VirtualClock
 
 HZ, COST_S, SECONDS = 60.0, 0.004, 4.0
@@ -68,7 +68,7 @@ def shown(stamps_s, arrivals_s, seconds=SECONDS):
     )
     flips = []
     while clock() < seconds:
-        flips.append(loop.step(Still(), View(), 0)[0])
+        flips.append(loop.step(Still(), LiveView(), 0)[0])
     return flips, loop.latency.summary()
 
 
@@ -164,7 +164,7 @@ def test_while_the_eye_is_lost_the_last_gaze_is_held_and_none_is_counted_as_fres
     loop = LiveLoop(VirtualScreen(clock, HZ, COST_S), Blink(), (0, 0), polled=True)
     flips = []
     while clock() < 0.6:
-        flips.append(loop.step(Still(), View(), 0)[0])
+        flips.append(loop.step(Still(), LiveView(), 0)[0])
     held = [flip for flip in flips if flip.eye == "lost"]
 
     assert len(held) == 12

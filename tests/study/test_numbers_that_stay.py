@@ -23,7 +23,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes, sha256_file, sha256_json
 from protocols.load import load_protocol, load_study
 from protocols.plan import PlannedTrial, make_plan
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 DATA = Path(__file__).parent / "golden"
 STUDIES = ("demo", "inpainting-2afc", "showcase")
@@ -73,7 +73,7 @@ def sessions(tmp_path_factory) -> Path:
     protocol, display = load_study(Path("showcase"))
     faults = {"missed_per_flip": 0.002, "late_per_flip": 0.002, "doubled_per_flip": 0.001}
     root = tmp_path_factory.mktemp("sessions")
-    simulate_study(Simulation(protocol, display, seed=11, **faults), root, 5)
+    simulate_study(SimulatedStudy(protocol, display, seed=11, **faults), root, 5)
     return root / "showcase"
 
 

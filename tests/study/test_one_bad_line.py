@@ -18,7 +18,7 @@ from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.cli.terminal import PlainConsole, say, visible
 from study_app.session_folders import find_sittings, next_slot
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 
 DEMO = load_protocol(Path("demo"))
 BAD = {
@@ -89,7 +89,7 @@ def test_a_sitting_without_its_first_line_is_left_out_and_the_study_goes_on(sess
     # The slot of S001 is not known, and is not given away.
     assert [s.journal.start.slot for s in find_sittings(sessions) if s.participant == "S002"] == [1]
     assert next_slot(sessions, "demo") == 2
-    simulate_sitting(Simulation(DEMO, load_display(DEMO.display.display)), sessions, "S003")
+    simulate_sitting(SimulatedStudy(DEMO, load_display(DEMO.display.display)), sessions, "S003")
     assert read_journal(sessions / "demo" / "S003" / "journal.jsonl").start.slot == 2
 
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from analysis.tables.table import Table as AnyTable
 from analysis.tables.write_table import write_table
-from protocols.blocks import Section, Table
+from protocols.blocks import Section, TableBlock
 from protocols.outside import json_bytes, markdown, page_bytes, visible
 from protocols.preregister import to_markdown
 from protocols.session_schema import Privacy
@@ -44,7 +44,7 @@ def test_json_with_half_characters_reads_back():
 )
 def test_markdown_shows_a_text_as_it_is(text, there):
     assert markdown(text) == there
-    section = Section.of("t", text, [text], Table.of("", [(text, "")], [(text,)]))
+    section = Section.of("t", text, [text], TableBlock.of("", [(text, "")], [(text,)]))
     assert to_markdown("t", [section]).count(there) == 4
 
 

@@ -11,7 +11,7 @@ from attack.planted import RATES_HZ, check_capture, check_timing, planted, stage
 from protocols.load import load_display
 from study_app.attempt import BLANK
 from study_app.pacing import Pacer
-from study_app.stage import Picture
+from study_app.stage import FlipPicture
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
@@ -38,7 +38,7 @@ def test_refreshes_add_up_to_the_time_passed():
     faults = planted(200, 3000, seed=9)
     stage = stage_with(faults, 120)
     pacer = Pacer(120)
-    flips = [pacer.flip(stage.show(Picture(BLANK)).t_s) for _ in range(3000)]
+    flips = [pacer.flip(stage.show(FlipPicture(BLANK)).t_s) for _ in range(3000)]
 
     assert sum(flip.refreshes for flip in flips) == math.floor(
         (flips[-1].t_s - flips[0].t_s) * 120 + 0.5
@@ -56,6 +56,6 @@ def test_a_shipped_display_s_rate_paces_its_virtual_twin():
     display = load_display("fhd24-144hz")
     stage = stage_with({}, display.refresh_hz)
     pacer = Pacer(display.refresh_hz)
-    flips = [pacer.flip(stage.show(Picture(BLANK)).t_s) for _ in range(1440)]
+    flips = [pacer.flip(stage.show(FlipPicture(BLANK)).t_s) for _ in range(1440)]
 
     assert {flip.kind for flip in flips[1:]} == {"on-time"}

@@ -16,7 +16,7 @@ from protocols.journal import Calibration, Note, SessionEnd
 from protocols.side_files import check_side_files
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.pupil import PupilGaze, homography, on_screen
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
@@ -34,8 +34,8 @@ def phone_of():
         phone.close()
 
 
-def desk(clock) -> Desk:
-    return Desk(FHD, clock, lambda: MIDDLE_PX, 60.0)
+def desk(clock) -> TrackerContext:
+    return TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0)
 
 
 def test_a_session_calibrates_at_our_targets_and_survives_loss_break_and_death(tmp_path, phone_of):

@@ -19,8 +19,8 @@ from protocols.preregister import preregistration
 from protocols.script import Frames, example_scripts
 from stimuli.example_pictures import example_files
 from study_app.cli import app
-from study_app.observers.rating_observer import REACH, RatingModel
-from study_app.simulate import Simulation, simulate_study
+from study_app.observers.rating_observer import REACH, RaterModel
+from study_app.simulate import SimulatedStudy, simulate_study
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
 FILES = study_files("pilot", "Pilot", DISPLAY, "rating")
@@ -69,7 +69,7 @@ def test_a_trial_shows_one_stimulus_or_its_standard_and_then_it(load):
 
 def test_it_is_simulated_tabled_and_reported_from_study_to_results(load, tmp_path):
     study, display = load(STANDARD, ("# baseline = 0.0", "baseline = 0.5"))
-    simulate_study(Simulation(study, display, seed=3), tmp_path / "out", 4)
+    simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 4)
     rows = read_sessions(tmp_path / "out", study).analysed
     scale = list(study.task.scale)
     assert set(rows["rating"]) <= set(scale)
@@ -94,7 +94,7 @@ def test_observers_rate_as_their_model_says(load):
     """At 0 and without lapses, shares are those of a normal between evenly spaced thresholds."""
     study, display = load()
     trial = make_plan(study, virtual_manifest(study, display), "P1", 0).trials[-1]
-    model = RatingModel(participant_sd=0.0, scene_sd=0.0, lapse=0.0, by="blur_px")
+    model = RaterModel(participant_sd=0.0, scene_sd=0.0, lapse=0.0, by="blur_px")
     count = 4000
     answers = Counter(
         model.decide(trial, 1, "P1", np.random.default_rng(seed)).answer for seed in range(count)

@@ -13,7 +13,7 @@ from protocols.errors import StudyError
 from protocols.load import load_display
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.recording import load_recording
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 
 WIDE, HIGH = 1280, 1024
 
@@ -199,8 +199,8 @@ def test_real_recordings_are_of_their_own_display_without_a_note(shared_data):
     assert (right.x_px[0], right.y_px[0]) == (508.0, 399.5)
 
 
-def desk() -> Desk:
+def desk() -> TrackerContext:
     display: Display = load_display("fhd27-60hz").model_copy(
         update={"width_px": WIDE, "height_px": HIGH}
     )
-    return Desk(display, lambda: 0.0, lambda: (0.0, 0.0), 60.0)
+    return TrackerContext(display, lambda: 0.0, lambda: (0.0, 0.0), 60.0)

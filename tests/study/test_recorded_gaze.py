@@ -30,7 +30,7 @@ from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.pupil import PupilGaze, homography
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.gaze.tobii import TobiiGaze
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
@@ -110,8 +110,8 @@ def polled(adapter, source, count: int) -> list:
     return samples + list(adapter.poll(source))
 
 
-def desk(clock) -> Desk:
-    return Desk(FHD, clock, lambda: MIDDLE_PX, 60.0)
+def desk(clock) -> TrackerContext:
+    return TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0)
 
 
 def by_eyelink(rows, _end) -> Came:

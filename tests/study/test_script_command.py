@@ -20,7 +20,7 @@ from protocols.publish import schema_path
 from protocols.script import TrialScript, example_scripts, trial_script
 from study_app.cli import app
 from study_app.preview import preview_page
-from study_app.simulate import Simulation
+from study_app.simulate import SimulatedStudy
 
 
 def script(*words):
@@ -42,7 +42,7 @@ def test_the_json_is_what_the_published_schemas_say_and_what_a_session_compiles(
     plan = Plan.model_validate_json(json.dumps(whole["plan"]))
     assert (plan.slot, plan.participant) == (2, "P01")
     assert [one["trial"] for one in whole["scripts"]] == [trial.id for trial in plan.trials]
-    manifest = Simulation(study, display).shown
+    manifest = SimulatedStudy(study, display).shown
     for trial, found in list(zip(plan.trials, whole["scripts"], strict=True))[::40]:
         made = trial_script(study, display, manifest, trial, study.text.default_language)
         assert TrialScript.model_validate_json(json.dumps(found)) == made

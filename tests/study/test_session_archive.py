@@ -18,9 +18,9 @@ from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
 from study_app.archive import read_archive
-from study_app.archive.index import INDEX_NAME, Entry, Index
+from study_app.archive.index import INDEX_NAME, ArchivedFile, Index
 from study_app.cli import app, archive_commands, new_study_command
-from study_app.simulate import Simulation, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_sitting
 
 SECRET = "a secret of the lab"
 
@@ -51,7 +51,7 @@ def lab(tmp_path_factory) -> Path:
     manifest = virtual_manifest(study, display)
     (root / "clips").mkdir()
     write_manifest(root / "clips", manifest)
-    simulation = Simulation(study, display, gaze_rate_hz=60, manifest=manifest)
+    simulation = SimulatedStudy(study, display, gaze_rate_hz=60, manifest=manifest)
     for code in ("S001", "S002"):
         simulate_sitting(simulation, root / "sessions", code)
     (root / "sessions" / "another-study").mkdir()
@@ -432,7 +432,7 @@ def test_what_is_wrong_inside_is_found_without_unpacking(monkeypatch):
 def test_a_file_that_is_a_folder_as_well_is_refused_by_verify_too():
     def both(members):
         index = Index.model_validate_json(members[INDEX_NAME])
-        more = Entry(path="study/study.toml/x", bytes=1, sha256=sha256_bytes(b"x"))
+        more = ArchivedFile(path="study/study.toml/x", bytes=1, sha256=sha256_bytes(b"x"))
         members[more.path] = b"x"
         entries = (*index.files, more)
         members[INDEX_NAME] = index.model_copy(update={"files": entries}).to_bytes()

@@ -17,7 +17,7 @@ from protocols.schema import StudyProtocol
 from study_app import fonts, text_image
 from study_app.cli import app
 from study_app.cli.protocol_commands import _feasibility_table
-from study_app.pages import Pages
+from study_app.pages import PageLayout
 from study_app.shown_texts import require_showable, shortcomings, shown_texts
 from study_app.stage import Page
 
@@ -138,7 +138,7 @@ def test_a_text_that_nobody_sees_is_refused(tmp_path, blank, old, place):
 
 
 def test_a_long_word_is_whole_and_letters_shrink_for_it():
-    maker = Pages((960, 540), {}, 128)
+    maker = PageLayout((960, 540), {}, 128)
     word = "https://example.org/" + "consent-" * 4
     for sheet in (maker.page(word), maker.question(Page("question", word, ()), "", -1)):
         columns = np.flatnonzero(sheet.image()[..., 3].any(axis=0))
@@ -150,7 +150,7 @@ def test_a_long_word_is_whole_and_letters_shrink_for_it():
 
 
 def test_typing_never_ends_a_session_and_shows_what_was_typed_last():
-    maker = Pages((640, 480), {}, 128)
+    maker = PageLayout((640, 480), {}, 128)
     page = Page("question", "What did you look for?", ())
     typed = "first " + "word " * 800 + "last"
     shown = " ".join(maker.question(page, typed, -1).blocks[0].lines)

@@ -47,7 +47,7 @@ from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
 from study_app.session_folders import find_sittings, next_slot
-from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
 from study_app.stage import PageResult
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -74,8 +74,8 @@ NO_GAZE = changed(SHORT, gaze={"mode": "none"})
 RESTLESS = GazeBehaviour(away_per_s=0.25, blink_per_s=0.3, loss_per_s=0.05)
 
 
-def simulation(protocol=SHORT, **fields) -> Simulation:
-    return Simulation(protocol, FHD, **({"gaze": STEADY} | fields))
+def simulation(protocol=SHORT, **fields) -> SimulatedStudy:
+    return SimulatedStudy(protocol, FHD, **({"gaze": STEADY} | fields))
 
 
 def facts(attempts) -> list[tuple[object, ...]]:
@@ -367,7 +367,7 @@ def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh
     clock = VirtualClock()
     observer = ArtificialObserver(PreferenceModel(), patient.response, 0, "S001")
     stage = VirtualStage(clock, refresh_hz, observer, on_prepare=faults)
-    setting = Simulation(patient, display).setting(tmp_path, clock)
+    setting = SimulatedStudy(patient, display).setting(tmp_path, clock)
     recorder, plan = begin(setting, "S001", "en", stage, None)
     with recorder:
         conduct(setting, plan, recorder, stage, None)
@@ -698,7 +698,7 @@ def start(
     true_hz=None,
 ):
     clock = VirtualClock()
-    sim = Simulation(protocol, display, gaze=STEADY, manifest=manifest)
+    sim = SimulatedStudy(protocol, display, gaze=STEADY, manifest=manifest)
     stage = VirtualStage(
         clock,
         true_hz or display.refresh_hz,

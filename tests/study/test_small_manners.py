@@ -21,7 +21,7 @@ from study_app.cli.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
 from study_app.dialogue import Dialogue
 from study_app.observers import ArtificialObserver, default_model
-from study_app.pages import Pages
+from study_app.pages import PageLayout
 from study_app.shown_texts import require_showable
 from study_app.stage import Page, PageResult
 
@@ -100,7 +100,7 @@ def test_a_mouse_for_an_eye_and_a_timer_for_a_display_are_a_rehearsal(tmp_path):
 
 @pytest.mark.parametrize(("background", "grey"), [(128, 0), (20, 255)])
 def test_a_page_of_a_break_has_a_bar_as_full_as_much_is_done(background, grey):
-    lay_out = Pages((640, 480), {}, background)
+    lay_out = PageLayout((640, 480), {}, background)
     plain, bar = (lay_out.page("Rest.", "space", share).image() for share in (0.0, 0.25))
     drawn = (bar != plain).any(axis=-1)
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
@@ -157,7 +157,7 @@ def test_keys_are_called_in_the_participants_language_where_the_study_says_how()
     assert key_label("space", named.key_names) == "Leertaste"
     assert key_label("left", named.key_names) == "\N{LEFTWARDS ARROW}"
     pictures = [
-        Pages((640, 480), each.key_names, 128).page("Text", "space").image()
+        PageLayout((640, 480), each.key_names, 128).page("Text", "space").image()
         for each in (texts, named)
     ]
     assert (pictures[0] != pictures[1]).any()

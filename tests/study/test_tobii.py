@@ -12,7 +12,7 @@ from protocols.errors import StudyError
 from protocols.journal import Note
 from protocols.side_files import check_side_files
 from study_app.gaze.open_source import open_gaze
-from study_app.gaze.source import Desk
+from study_app.gaze.source import TrackerContext
 from study_app.gaze.tobii import TobiiGaze
 from study_app.validation import nine_points_px
 from study_app.virtual import VirtualClock
@@ -63,7 +63,7 @@ def test_a_calibration_that_fails_ends_the_run_with_a_cure_and_leaves_that_mode(
         clock.move_to(clock() + 1 / 60)
         return True
 
-    source = TobiiGaze("", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at), titta)
+    source = TobiiGaze("", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at), titta)
     source._tracker = titta
     with pytest.raises(StudyError, match=f"must succeed .*{step} failed"):
         source.calibrate(nine_points_px(VIEWING))
@@ -74,7 +74,7 @@ def test_stamps_and_places_come_through_and_eyes_are_averaged():
     eye, clock = Eye(), VirtualClock()
     titta = FakeTitta(eye, clock)
     source = pumped(TobiiGaze, titta, eye, clock)(
-        "", Desk(FHD, clock, lambda: MIDDLE_PX, 60.0), titta
+        "", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0), titta
     )
     source.open()
     clock.move_to(clock() + 0.5)
@@ -90,7 +90,7 @@ def test_stamps_and_places_come_through_and_eyes_are_averaged():
 
 def test_what_is_not_there_is_told_with_a_cure(monkeypatch):
     clock = VirtualClock()
-    desk = Desk(FHD, clock, lambda: MIDDLE_PX, 60.0)
+    desk = TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0)
     for trackers, said in ((0, "found none"), (2, "found tet-tcp://0, tet-tcp://1")):
         with pytest.raises(StudyError, match=f"one Tobii must be found .{said}"):
             TobiiGaze("", desk, FakeTitta(Eye(), clock, trackers)).open()

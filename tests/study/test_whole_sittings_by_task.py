@@ -20,7 +20,7 @@ from study_app.conduct import conduct
 from study_app.observers import ArtificialObserver, ObserverModel
 from study_app.observers.observer_model import Decision
 from study_app.opening import begin
-from study_app.simulate import Simulation
+from study_app.simulate import SimulatedStudy
 from study_app.virtual import VirtualClock, VirtualStage
 
 FEEDBACK_FLIPS = 12  # 0.2 s at 60 Hz
@@ -52,7 +52,7 @@ class Learner(ObserverModel):
 
 def sit(study, display, root, code):
     """Run a session on the virtual stage; return its journal, its pages and its pictures."""
-    setting = Simulation(study, display).setting(root, clock := VirtualClock())
+    setting = SimulatedStudy(study, display).setting(root, clock := VirtualClock())
     pages = []
 
     class Reader(ArtificialObserver):

@@ -18,7 +18,7 @@ from typing import Any
 from markupsafe import Markup
 from rich.console import Console
 
-from protocols.blocks import Shot, Shots, Table
+from protocols.blocks import MediaFile, MediaRow, TableBlock
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.html_page import html_page
@@ -112,13 +112,13 @@ class _Demo:
         write_whole(self.out / PAGE_NAME, page_bytes(text))
         return self.out / PAGE_NAME
 
-    def _done(self, steps: list[Step]) -> Table:
+    def _done(self, steps: list[Step]) -> TableBlock:
         """Return the table of steps with their times, in numbers and as bars."""
         seconds = {step.name: self.record[step.name]["seconds"] for step in steps}
         longest_s = max(seconds.values()) or 1.0
         link = Markup('<a href="#{}">{}</a>').format
         bar = Markup('<i style="width: {:.1f}%"></i>').format
-        return Table.each(
+        return TableBlock.each(
             "",
             steps,
             ("Step", "l strong", lambda step: link(step.name, step.title)),
@@ -126,7 +126,7 @@ class _Demo:
             ("", "lasts", lambda step: bar(100 * seconds[step.name] / longest_s)),
         )
 
-    def _shown(self, step: Step) -> Shots:
+    def _shown(self, step: Step) -> MediaRow:
         """Return the pictures, videos and pages that the page shows of a step."""
         paths = [path for pattern in step.shows for path in sorted(self.out.glob(pattern))]
         shots = []
@@ -134,8 +134,8 @@ class _Demo:
             address = path.relative_to(self.out).as_posix()
             name = path.name.partition(".")[0].replace("__", ", ") if path.suffix == ".webm" else ""
             alt = step.title if path.suffix == ".html" else f"{step.title}: {address}"
-            shots.append(Shot(address, name, alt, link=address))
-        return Shots(tuple(shots), least_rem=20.0 if len(shots) > 1 else 60.0)
+            shots.append(MediaFile(address, name, alt, link=address))
+        return MediaRow(tuple(shots), least_rem=20.0 if len(shots) > 1 else 60.0)
 
     def _run(self, step: Step, label: str) -> None:
         key = self.keys[step.name] = sha256_json(

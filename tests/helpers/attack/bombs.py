@@ -542,7 +542,7 @@ def _archive_with(members: dict[str, tuple[bytes, bytes, int, bytes]], folder: P
     """Write an archive whose list is right for members that unpack to much."""
     from protocols.hashing import sha256_bytes
     from protocols.load import load_protocol
-    from study_app.archive.index import Entry, Index
+    from study_app.archive.index import ArchivedFile, Index
 
     content = shipped("studies")["demo"].read_bytes()
     members = {"study__demo.toml": (content, b" ", 0, b""), **members}
@@ -552,7 +552,7 @@ def _archive_with(members: dict[str, tuple[bytes, bytes, int, bytes]], folder: P
         for done in range(0, times, 1 << 20):
             digest.update(block[: min(1 << 20, times - done)])
         digest.update(tail)
-        entries.append(Entry(path=name.replace("__", "/"), sha256=digest.hexdigest(),
+        entries.append(ArchivedFile(path=name.replace("__", "/"), sha256=digest.hexdigest(),
                              bytes=len(head) + len(piece) * times + len(tail)))  # fmt: skip
     index = Index(
         format=1, study="demo", protocol="study/demo.toml", revision="0", secret=False, clips=False,

@@ -30,7 +30,7 @@ from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.plan import PlannedTrial, planned_trials
 from protocols.schema import StudyProtocol
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 
 Row = dict[str, str]
 STUDIES = (
@@ -74,7 +74,7 @@ def secretly(path: Path, places: str, secret: str) -> StudyProtocol:
     return load_protocol(path)
 
 
-def write_shipped(folder: Path, name: str) -> Simulation:
+def write_shipped(folder: Path, name: str) -> SimulatedStudy:
     """Write a study that comes with the program, with short trials and without gaze."""
     text = shipped("studies")[name].read_text(encoding="utf-8")
     for key in ("duration_s", "stimulus_s", "gap_s", "fixation_s", "iti_s"):
@@ -82,10 +82,10 @@ def write_shipped(folder: Path, name: str) -> Simulation:
     path = folder / "study.toml"
     path.write_text(re.sub(r"^mode = .*$", 'mode = "none"', text, flags=re.M), encoding="utf-8")
     study = load_protocol(path)
-    return Simulation(study, load_display(study.display.display))
+    return SimulatedStudy(study, load_display(study.display.display))
 
 
-def recorded(folder: Path, name: str, places: str, people: int, secret: str) -> Simulation:
+def recorded(folder: Path, name: str, places: str, people: int, secret: str) -> SimulatedStudy:
     """Write a study with a secret, and sessions of it into ``sessions``."""
     folder.mkdir(parents=True, exist_ok=True)
     made = write_study(folder, CASES[name]) if name in CASES else write_shipped(folder, name)
@@ -97,7 +97,7 @@ def recorded(folder: Path, name: str, places: str, people: int, secret: str) -> 
     return simulation
 
 
-def export_and_guess(simulation: Simulation, folder: Path, form: Format, out: Path) -> Found:
+def export_and_guess(simulation: SimulatedStudy, folder: Path, form: Format, out: Path) -> Found:
     """Write the public export of `recorded` sessions, and guess its participants' slots."""
     study, sessions = simulation.protocol, folder / "sessions"
     options = ExportOptions(public=True, displays=(simulation.display,))

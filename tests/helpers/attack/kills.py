@@ -27,7 +27,7 @@ from study_app.gaze.simulated import GazeBehaviour
 from study_app.observers import default_model
 from study_app.recorder import DiskError
 from study_app.session_folders import Sitting
-from study_app.simulate import Simulation, simulate_sitting, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
 from study_app.verification import verify
 
 RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)
@@ -132,7 +132,7 @@ def with_example(text: str, first_line: str, last_line: str) -> str:
     return before + "\n".join(lines) + after
 
 
-def write_study(folder: Path, case: Case) -> Simulation:
+def write_study(folder: Path, case: Case) -> SimulatedStudy:
     """Write a short new study of a task; return what simulates it."""
     display = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
     files = study_files("killed", "Killed", display, case.task)
@@ -174,7 +174,7 @@ def write_study(folder: Path, case: Case) -> Simulation:
         protocol = protocol.model_copy(update={"task": task})
     # What is cut off are writes: answers come fast, and little gaze lies between them.
     fast = replace(default_model(protocol), rt_median_s=0.2, rt_hard_s=0.1)
-    return Simulation(protocol, display, seed=5, model=fast, gaze=RESTLESS, gaze_rate_hz=60.0)
+    return SimulatedStudy(protocol, display, seed=5, model=fast, gaze=RESTLESS, gaze_rate_hz=60.0)
 
 
 def journal_of(root: Path) -> Journal:
@@ -246,7 +246,7 @@ def disturbed_at_write(point: int, part: float, full: bool = False) -> None:
     os.write, os.fsync = write, sync  # type: ignore[assignment]
 
 
-def writes_of(simulation: Simulation, root: Path) -> int:
+def writes_of(simulation: SimulatedStudy, root: Path) -> int:
     """Return how often an undisturbed session writes or syncs."""
     calls = [0]
     real_write, real_sync = os.write, os.fsync
@@ -332,7 +332,7 @@ def _check_whole(
     undisturbed: Journal,
     wanted: list[tuple[object, ...]],
     saved: bytes,
-    simulation: Simulation,
+    simulation: SimulatedStudy,
 ) -> None:
     assert journal.path.read_bytes().startswith(saved), "what was saved is lost"
     assert told(journal.attempts) == wanted

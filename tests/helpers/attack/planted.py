@@ -8,8 +8,8 @@ from random import Random
 from study_app.attempt import BLANK
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.pacing import LATE_SHARE, Pacer
-from study_app.stage import Picture
-from study_app.strip import Seen, compare
+from study_app.stage import FlipPicture
+from study_app.strip import CapturedPicture, compare
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 RATES_HZ = (60, 90, 120, 144, 240)
@@ -61,7 +61,7 @@ def check_timing(count: int, rate_hz: float, off_share: float, seed: object) -> 
     pacer = Pacer(stage.refresh_hz)
     found = {}
     for number in range(flips):
-        flip = pacer.flip(stage.show(Picture(BLANK)).t_s)
+        flip = pacer.flip(stage.show(FlipPicture(BLANK)).t_s)
         if flip.kind not in ("first", "on-time"):
             found[number] = (flip.kind, flip.missed)
     wanted = {
@@ -85,16 +85,16 @@ def check_capture(seed: object) -> None:
     capture, attempts, number = [], [], 0
     for _ in range(2):
         for _ in range(chance.randint(1, 4)):  # a page
-            capture.append(Seen(number, "page"))
+            capture.append(CapturedPicture(number, "page"))
             number += 1
         first = number
         shown = [None, *chance.sample(sorted(names), 6), None]
         for content in shown:
-            capture.append(Seen(number, content or "grey"))
+            capture.append(CapturedPicture(number, content or "grey"))
             logged[number] = names.get(content or "")
             number += 1
         attempts.append(range(first, number))
-    capture += [Seen(number, "page"), Seen(number + 1, "page")]
+    capture += [CapturedPicture(number, "page"), CapturedPicture(number + 1, "page")]
     assert compare(logged, capture, names, attempts=attempts) == []
 
     place = chance.choice([i for i, seen in enumerate(capture) if logged.get(seen.number)])

@@ -60,15 +60,15 @@ from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth
 from stimuli.score.viewing_conditions import open_viewing, read_gaze
 from study_app.archive.read_archive import check, opened, restore
-from study_app.archive.write_archive import Wanted, write_archive
+from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
 from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
-from study_app.live.loop import Flip
-from study_app.live.renderer import Described, Look, View
+from study_app.live.loop import DrawnFlip
+from study_app.live.renderer import Described, GazeState, LiveView
 from study_app.session_folders import Sitting
-from study_app.simulate import Simulation, simulate_study
+from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.verification import verify
 
 SIZE = (20, 14)
@@ -297,10 +297,12 @@ def _write_live_log(path: Path) -> None:
     )
     log.next_kept = 3
     latency = Latency()
-    look = Look((3.0625, 4.5), (3.0, 4.5), 5)
+    look = GazeState((3.0625, 4.5), (3.0, 4.5), 5)
     for n in range(3):
         t_s = 10 + n / 60
-        flip = Flip(n, t_s, t_s - 0.01, t_s - 0.004, int(n > 0), View(), look, "found", t_s - 0.02)
+        flip = DrawnFlip(
+            n, t_s, t_s - 0.01, t_s - 0.004, int(n > 0), LiveView(), look, "found", t_s - 0.02
+        )
         latency.add(flip.eye, flip.age_s)
         log.flip(flip, None)
     log.end(flips=3, missed=0, left_out=0, latency=latency.summary().model_dump(mode="json"))
@@ -390,7 +392,7 @@ def _write_studies(folder: Path) -> None:
         clip.model_copy(update={"frames_sha256": clip.frames_sha256[:2]}) for clip in manifest.clips
     ]
     write_manifest(folder / "manifest", manifest.model_copy(update={"clips": tuple(kept)}))
-    simulate_study(Simulation(study, display, gaze=STEADY, gaze_rate_hz=30), folder, 1)
+    simulate_study(SimulatedStudy(study, display, gaze=STEADY, gaze_rate_hz=30), folder, 1)
     whole = folder / "demo" / "S001" / "journal.jsonl"
     few = folder / "few" / "demo" / "S001"
     few.mkdir(parents=True)
@@ -399,7 +401,7 @@ def _write_studies(folder: Path) -> None:
     )
     for beside in ("gaze", "flips"):
         shutil.rmtree(whole.parent / beside, ignore_errors=True)
-    wanted = Wanted(folder / "study.toml", folder / "few", as_it_is=True)
+    wanted = ArchiveOptions(folder / "study.toml", folder / "few", as_it_is=True)
     write_archive(wanted, folder / "study.zip")
 
 
