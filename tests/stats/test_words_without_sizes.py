@@ -17,7 +17,7 @@ from analysis.plots.scales import jod_plot
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of
 from analysis.tasks.preference import PreferenceOfPairs
-from protocols.blocks import Table
+from protocols.blocks import TableBlock
 from protocols.load import load_protocol
 
 PLAN = from_protocol(load_protocol(Path("beyond-blur-preference")))
@@ -54,7 +54,7 @@ def words(value: object):
 
 
 def tables(value: object):
-    if isinstance(value, Table):
+    if isinstance(value, TableBlock):
         yield value
     elif isinstance(value, list | tuple):
         for one in value:
