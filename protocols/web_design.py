@@ -36,7 +36,7 @@ class WebCell(Model):
 
     scene: str
     parity: int
-    """Index of the arrangement that comes first at place 0."""
+    """Index, modulo their number, of the arrangement that comes first at place 0."""
     arrangements: tuple[WebArrangement, ...]
 
 

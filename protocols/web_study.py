@@ -98,7 +98,7 @@ class Pack(Model):
     sha256: tuple[Sha256, ...]
     """Of each frame, as the manifest has it."""
     ends: tuple[Count, ...]
-    """End of each frame in the file."""
+    """End of each frame in the file, in bytes from its beginning."""
 
 
 class WebQuestion(Model):

@@ -15,7 +15,7 @@ EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt each, with torch 
 ASKED_EXTRA=""                          # script/setup --NAME, script/docs
 MINIMUM_PYTHON=3.11
 
-# What a Debian or Ubuntu machine needs beside Python, and how any other system
+# Packages that a Debian or Ubuntu machine needs beside Python, and how any other system
 # can be asked for it: a library (lib:), a command (cmd:) or nothing (-).
 SYSTEM_PACKAGES="
 libegl1             lib:libEGL.so.1
@@ -30,7 +30,7 @@ xdotool             cmd:xdotool
 openbox             cmd:openbox
 "
 
-# What tests of the web part, of desktops and of the statistics need beside these, and which commands do as well.
+# Packages that tests of the web part, of desktops and of the statistics need beside these, and which commands do as well.
 TOOLS="
 chromium            chromium google-chrome chromium-browser
 firefox-esr         firefox-esr firefox

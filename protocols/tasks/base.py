@@ -45,7 +45,7 @@ class Cell:
     scene: str
     arrangements: tuple[Arrangement, ...]
     parity: int = 0
-    """Index of the arrangement that comes first at place 0."""
+    """Index, modulo their number, of the arrangement that comes first at place 0."""
 
     def arranged(self, turn: int) -> Arrangement:
         """Return the arrangement of a repeat at a place: `turn` is the sum of both."""
