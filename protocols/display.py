@@ -21,17 +21,17 @@ class Display(Model):
     name: Name
     """Its name in manifests and journals."""
     description: str = ""
-    """For readers."""
+    """Text for readers."""
     width_px: Pixels
-    """In the mode it runs in."""
+    """Width in the mode it runs in."""
     height_px: Pixels
-    """In the mode it runs in."""
+    """Height in the mode it runs in."""
     width_mm: Millimetres
     """Visible area, measured with a ruler."""
     height_mm: Millimetres
     """Visible area, measured with a ruler."""
     distance_mm: Millimetres
-    """From the eye to the screen's centre, perpendicular to the screen."""
+    """Distance from the eye to the screen's centre, perpendicular to the screen."""
     refresh_hz: Hertz
     """Nominal refresh rate. Times are counted in its refreshes."""
     refresh_tolerance_share: Annotated[float, Field(ge=1e-6, le=0.02)] = 0.005

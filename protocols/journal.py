@@ -107,7 +107,7 @@ class Machine(Model):
     refresh_hz: Hertz
     """Measured, over at least 300 frames."""
     missed_share: Share
-    """Of the refreshes of that measurement."""
+    """Share of the refreshes of that measurement."""
     window_px: tuple[Pixels, Pixels]
     """Device pixels of the canvas."""
     device_pixel_ratio: Annotated[float, Field(gt=0)]
@@ -128,9 +128,9 @@ class Remote(Model):
     """
 
     study_file_sha256: Sha256
-    """Of the export's `study.json`."""
+    """Hash of the export's `study.json`."""
     revision: Text
-    """Of metamerlab, which made the export."""
+    """Revision of metamerlab, which made the export."""
     slot_from: SlotFrom
     machine: Machine
     deviations_s: dict[str, float]
@@ -306,7 +306,7 @@ class FurtherAnswer(Model):
     """The answer given."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
-    """From the onset of the question to the key press."""
+    """Time from the onset of the question to the key press, s."""
 
 
 class Attempt(Event, Grown):
@@ -330,7 +330,7 @@ class Attempt(Event, Grown):
     track: str | None
     """The adaptive track that chose the condition. Null if it was planned."""
     stimuli: tuple[ShownStimulus, ...]
-    """In the order that the task defines."""
+    """Stimuli in the order that the task defines."""
     answers: tuple[Name, ...]
     """The answer that each response key gives, from left to right."""
     expected: Name | None
@@ -344,13 +344,13 @@ class Attempt(Event, Grown):
     """True if the answer was right. Null without an answer or a right answer."""
     key: str | None
     rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
-    """From the onset of the question to the key press."""
+    """Time from the onset of the question to the key press, s."""
     phases: tuple[PhaseRecord, ...]
     """The phases that were shown, in order."""
     dropped: Count
     """Missed refreshes from the first watched phase to the answer phase."""
     warned: bool
-    """In mode `warn`: the participant was told that gaze had left the target."""
+    """True in mode `warn` if the participant was told that gaze had left the target."""
     gaze: GazeQuality | None
     gaze_file: SideFile | None
     """Samples: CSV with t_s, raw_t, x_px, y_px (empty: lost)."""
@@ -414,7 +414,7 @@ class Answer(Event):
     kind: Literal["answer"] = "answer"
     question: Name
     text: str
-    """As typed or chosen. Escape it before use."""
+    """Text as typed or chosen. Escape it before use."""
 
 
 class Note(Event, Grown):

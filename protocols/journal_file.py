@@ -31,7 +31,7 @@ class DamagedLine:
     """A line that is no event."""
 
     line: int
-    """From 1, as editors count."""
+    """Number from 1, as editors count."""
     reason: str
 
 

@@ -90,7 +90,7 @@ class Dot(Model):
     diameter_px: Annotated[float, Field(ge=0)]
     """Outer diameter."""
     grey: Grey
-    """Of the cross."""
+    """Grey of the cross."""
 
     @property
     def edge_px(self) -> int:
@@ -107,7 +107,7 @@ class Ring(Model):
     height_px: Annotated[float, Field(ge=0)]
     """Outer diameter."""
     middle_px: tuple[float, float]
-    """Of the ring, from the upper left corner of its picture."""
+    """Middle of the ring, from the upper left corner of its picture."""
     grey: Grey
 
     @property
@@ -122,10 +122,10 @@ class Words(Model):
     kind: Literal["words"] = "words"
     size_px: Size
     background: Grey
-    """Of the screen: letters are black or white on it."""
+    """Grey of the screen: letters are black or white on it."""
     text: Text
     labels: tuple[Text, ...] = ()
-    """Of the answers, from left to right."""
+    """Labels of the answers, from left to right."""
     keys: tuple[Text, ...] = ()
     """Text below each label."""
 
@@ -136,7 +136,7 @@ class Stored(Model):
     kind: Literal["stored"] = "stored"
     size_px: Size
     sha256: Sha256
-    """Of the text `WIDTHxHEIGHT` and the pixels, four bytes each, rows from the top."""
+    """Hash of the text `WIDTHxHEIGHT` and the pixels, four bytes each, rows from the top."""
 
 
 Drawn: TypeAlias = Annotated[Dot | Ring | Words | Stored, Field(discriminator="kind")]
@@ -220,7 +220,7 @@ class ScriptQuestion(Model):
     name: Name
     """`answer`: the study's own question."""
     answers: tuple[Name, ...]
-    """From left to right."""
+    """Names from left to right."""
     keys: tuple[tuple[Text, ...], ...]
     """A list of keys per answer."""
     pointer: bool = False
@@ -290,9 +290,9 @@ class ScriptStimulus(Grown):
     """One of the trial's stimuli."""
 
     name: Text
-    """In the manifest."""
+    """Name in the manifest."""
     sha256: Sha256
-    """Of the hashes of its frames."""
+    """Hash of the hashes of its frames."""
     frames: Positive
     live: LiveMethod | None = None
     """Method that draws it to the gaze. Left out where its frames are shown as they are."""
@@ -308,16 +308,16 @@ class TrialScript(Model):
     display: Text
     """Name of the display."""
     size_px: Size
-    """Of its screen."""
+    """Size of its screen."""
     refresh_hz: Hertz
     background: Grey
     stimuli: tuple[ScriptStimulus, ...]
-    """As phases count them. Empty until an adaptive rule has chosen them."""
+    """Stimuli as phases count them. Empty until an adaptive rule has chosen them."""
     stimulus_px: Size
     """Width and height of each."""
     phases: Annotated[tuple[ScriptPhase, ...], Field(min_length=1)]
-    """In their order. The last one is the blank that ends the trial; a void attempt goes there at
-    once."""
+    """Phases in their order. The last one is the blank that ends the trial; a void attempt goes
+    there at once."""
     correct: Name | None
     """The right answer to the study's question. Null where there is none."""
     gaze: Annotated[GazeMode, WithJsonSchema({"enum": [mode.value for mode in GazeMode]})]

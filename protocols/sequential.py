@@ -21,7 +21,7 @@ class Sequential(Model):
     looks: Annotated[tuple[Positive, ...], Field(min_length=2)]
     """Number of participants at each look, rising. The last is `study.participants`."""
     bayes_factor: Annotated[float, Field(gt=1, le=1e9)] = 10.0
-    """For `bayes-factor`: stop at this factor, or at its inverse."""
+    """Factor of `bayes-factor`: stop at it, or at its inverse."""
 
     @model_validator(mode="after")
     def _looks_rise(self) -> Sequential:

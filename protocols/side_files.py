@@ -17,7 +17,7 @@ class WrongFile:
     """A file that is not as it was recorded."""
 
     file: str
-    """As the journal names it."""
+    """Name of the file in the journal."""
     reason: str
     """`is missing`, `was changed`, ..."""
 

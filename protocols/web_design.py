@@ -28,7 +28,7 @@ class WebArrangement(Model):
     correct: Name | None
     """The right answer. Null where there is none."""
     level: Number | None = None
-    """Of the column that an adaptive rule chooses. Null where there is none."""
+    """Value in the column that an adaptive rule chooses. Null where there is none."""
 
 
 class WebCell(Model):
@@ -49,7 +49,7 @@ class QuestPlusRule(Model):
     correct: tuple[tuple[Share, ...], ...]
     """Probability of a right answer: a row for each level, a column for each grid point."""
     log_prior: tuple[float | None, ...]
-    """Of each grid point. Null where its prior is 0."""
+    """Logarithm of the prior of each grid point. Null where its prior is 0."""
 
 
 class UpDownRule(Model):
@@ -90,7 +90,7 @@ class WebPractice(Model):
     """Practice trials."""
 
     trials: Positive
-    """Of a round."""
+    """Trials of a round."""
     rounds: Positive
     criterion_share: Share | None
     """Share of right answers below which another round follows. Null: one round only."""
@@ -101,9 +101,9 @@ class WebDesign(Model):
     """The design of a study, as a browser plans it."""
 
     answers: tuple[Name, ...]
-    """From left to right, where keys are not swapped."""
+    """Names from left to right, where keys are not swapped."""
     scenes: tuple[str, ...]
-    """Of the main trials. One empty name where the stimuli tell none."""
+    """Scenes of the main trials. One empty name where the stimuli tell none."""
     repeats: Positive
     blocks: Few
     scene_order: Literal["random", "balanced"]
@@ -116,7 +116,7 @@ class WebDesign(Model):
     questions: tuple[Name, ...]
     """The closing questions, which are the same in every language."""
     cells: tuple[WebCell, ...]
-    """Of the main trials. Empty where a rule chooses."""
+    """Cells of the main trials. Empty where a rule chooses."""
     catch_trials: Count
     catch_cells: tuple[WebCell, ...]
     practice: WebPractice | None

@@ -43,9 +43,9 @@ class Line(Model):
     n: Count
     """Number of the line, from 0, over all runs."""
     t_s: Stamp
-    """On the page's clock: monotonic, 0 when this run opened it."""
+    """Time on the page's clock: monotonic, 0 when this run opened it."""
     at: UtcTime
-    """On the participant's clock, UTC."""
+    """Time on the participant's clock, UTC."""
 
 
 class StartLine(Line):
@@ -56,15 +56,15 @@ class StartLine(Line):
     protocol_sha256: Sha256
     manifest_sha256: Sha256
     study_file_sha256: Sha256
-    """Of `study.json`, so of the export."""
+    """Hash of `study.json`, so of the export."""
     revision: Text
-    """Of metamerlab, which made the export."""
+    """Revision of metamerlab, which made the export."""
     slot: Count
     slot_from: SlotFrom
     seed: WebSeed
     language: LanguageCode
     rate_hz: Hertz
-    """Of the study's refresh rates, the one that is used."""
+    """Refresh rate that is used, of those of the study."""
     machine: Machine
     identifier: Annotated[str, StringConstraints(max_length=200)] | None = None
     """Value of the link's parameter that the study names."""
@@ -124,7 +124,7 @@ class Press(Model):
     at_us: Microseconds
     """Time on the page's clock."""
     x: Share | None = None
-    """Of the pointer: place across the study's screen."""
+    """Place of the pointer across the study's screen."""
 
 
 class AttemptLine(Line):

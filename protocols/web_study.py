@@ -41,7 +41,7 @@ class PictureFile(Model):
     """A picture that Python made: a PNG file."""
 
     file: Text
-    """In the folder `pictures`."""
+    """Name in the folder `pictures`."""
     sha256: Sha256
     size_px: Size
 
@@ -93,10 +93,10 @@ class Pack(Model):
     """The frames of a stimulus: PNG files one after the other in one file."""
 
     file: Text
-    """In the folder `packs`."""
+    """Name in the folder `packs`."""
     bytes: Count
     sha256: tuple[Sha256, ...]
-    """Of each frame, as the manifest has it."""
+    """Hash of each frame, as the manifest has it."""
     ends: tuple[Count, ...]
     """End of each frame in the file, in bytes from its beginning."""
 
@@ -143,7 +143,7 @@ class WebStudy(Model):
     window_px: Size
     """Smallest part of the screen, about its middle, that shows all of a trial."""
     screen_px: Size
-    """Of the screen that the study was made for: a click answers by its share of the width."""
+    """Size of the screen that the study was made for: a click answers by its share of the width."""
     design: WebDesign
     break_s: Annotated[float, Field(ge=0)]
     """Shortest break between two blocks."""
@@ -155,9 +155,9 @@ class WebStudy(Model):
     quit_keys: Keys
     stimulus_px: Size
     stimuli: dict[str, Pack]
-    """By their names in the manifest."""
+    """Stimuli by their names in the manifest."""
     pictures: dict[Sha256, PictureFile]
-    """By the hash of what they show."""
+    """Pictures by the hash of what they show."""
     decoded_bytes: Count
     """Largest memory that a trial's stimuli and the next one's take."""
     identifier: str | None

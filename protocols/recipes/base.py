@@ -39,7 +39,7 @@ class Group(NamedTuple):
     parity: int
     """Sum of the places of all other values among those declared: for taking turns."""
     stimuli: dict[str, Stimulus]
-    """By their value in that column, as text."""
+    """Stimuli by their value in that column, as text."""
     condition: dict[str, Scalar]
     """All other columns."""
 
@@ -63,9 +63,9 @@ class LiveMethod(Grown):
     method: Text
     """A condition of `metamerlab foveate --list`; `reference`: the picture itself."""
     parameters: Parameters
-    """Of the condition. Others keep their defaults."""
+    """Parameters of the condition. Others keep their defaults."""
     seed: Seed
-    """Of noise or displacement."""
+    """Seed of noise or displacement."""
     cut: Cut | None = None
     """Null: the whole picture is drawn by the method."""
     change: Change = "always"

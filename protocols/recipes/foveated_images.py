@@ -74,7 +74,7 @@ class ScenePicture(Grown):
     """Path relative to the study file, or `builtin:NAME`, drawn in the study's size and at the
     display's angles."""
     view: PanoramaView | None = None
-    """For a whole 2:1 equirectangular panorama: the view to show, at the display's angles. Default:
+    """View of a whole 2:1 equirectangular panorama to show, at the display's angles. Default:
     the picture is flat."""
     crop: Crop | None = None
     """Part of this picture that `fit = "cover"` keeps. Default: `stimuli.crop`."""
@@ -118,7 +118,7 @@ class Rings(Model):
     """Landolt rings drawn into the picture before foveation, one per stimulus."""
 
     eccentricities_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
-    """From the gaze to the ring's centre."""
+    """Angles from the gaze to the ring's centre."""
     height_deg: Degrees = 1.25
     """Outer diameter. Stroke and gap are a fifth of it (ISO 8596)."""
     places: Few = 5
@@ -139,7 +139,7 @@ class Rings(Model):
     background: Literal["foveated", "undistorted"] = "foveated"
     """Surroundings of the ring: the method's picture, or the original."""
     rim_deg: Degrees = 0.625
-    """For an undistorted background: how far around the ring the method's picture is shown."""
+    """Width of the method's picture around the ring, for an undistorted background."""
 
     def arcs(self, eccentricity_deg: float) -> tuple[float, float]:
         """Return where a ring fits in the first quarter of its circle: polar angles from, to.
@@ -230,7 +230,7 @@ class FoveatedStimulus:
     shown: ShownMethod
     gaze: GazePoint
     seed: int
-    """Of noise or displacement."""
+    """Seed of noise or displacement."""
     eccentricity_deg: float | None = None
     polar_deg: float | None = None
     """Counter-clockwise from the right; None: no ring."""
@@ -250,9 +250,9 @@ class FoveatedImages(Grown, Recipe):
     """Draw every frame to the gaze of that moment, on the machine of the session. What is built and
     hashed is the picture itself. Default: pictures are made beforehand, for `gazes`."""
     change: Change = "always"
-    """Of live pictures. `during-saccades`: the first frame of a phase shows the gaze of its moment,
-    which is held until a flip is due in a saccade or up to 50 ms behind it. Default: every frame
-    follows."""
+    """Changes of live pictures. `during-saccades`: the first frame of a phase shows the gaze of its
+    moment, which is held until a flip is due in a saccade or up to 50 ms behind it. Default: every
+    frame follows."""
     width_px: Pixels
     """Width of every stimulus. Stimuli are never rescaled on the screen."""
     height_px: Pixels

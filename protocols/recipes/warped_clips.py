@@ -80,7 +80,7 @@ class LinePath(Model):
 
     kind: Literal["line"]
     direction: Vector3 = (1.0, 0.0, 0.0)
-    """In camera axes: x right, y down, z forward."""
+    """Direction in camera axes: x right, y down, z forward."""
     there_and_back: bool = True
     """Return to the start within the clip."""
 
@@ -221,7 +221,7 @@ class MeshScene(SceneBase):
     """`sun` adds a sun with shadows, and sky light. Default: `sun` for files without textures and
     vertex colours."""
     sun_direction: Vector3 | None = None
-    """From the scene towards the sun, y up. Default: high, from the left and the front."""
+    """Direction from the scene to the sun, y up. Default: high, from the left and the front."""
 
     @model_validator(mode="after")
     def _a_sun_to_turn(self) -> MeshScene:

@@ -32,7 +32,7 @@ class RatingsAnalysis(MixedAnalysis):
     baseline: Scalar | None = None
     """Value that the others are compared with. Default: all pairs are compared."""
     link: Literal["probit", "logit"] = "probit"
-    """Of the model."""
+    """Link of the model."""
     correction: Literal["holm", "none"] = "holm"
     """Over all comparisons."""
 
