@@ -14,7 +14,7 @@ from typing import Final
 import psutil
 
 from pipeline.errors import InputError
-from protocols.outside import LIMITS_VARIABLE, limit
+from protocols.limits import LIMITS_VARIABLE, limit
 
 MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
 """Memory (bytes) and time (s) that each byte of a photograph allows beyond the limits, ..."""
@@ -50,7 +50,7 @@ def check_values(path: Path, *shape: int) -> None:
     """
     if min(shape, default=1) == 0:
         raise InputError(f"{path}: must hold at least one number (is {_by(shape)})")
-    most, count = limit("values", InputError), 1
+    most, count = limit("values"), 1
     for edge in shape:
         count *= edge
     if count > most or min(shape, default=1) < 0:
@@ -60,7 +60,7 @@ def check_values(path: Path, *shape: int) -> None:
             f" {LIMITS_VARIABLE}=values={max(count, 0)}"
         )
     if count > RATIO_FROM and path.is_file():
-        packed, ratio = max(path.stat().st_size, 1), limit("ratio", InputError)
+        packed, ratio = max(path.stat().st_size, 1), limit("ratio")
         if count > packed * ratio:
             raise InputError(
                 f"{path}: must hold at most {ratio:,} numbers in each byte (says that it holds"
@@ -119,7 +119,7 @@ def check_memory(path: Path, need: int, what: str, packed: int) -> None:
 def _check_small(
     path: Path, name: str, need: float, allowed: float, what: str, packed: int
 ) -> None:
-    most = limit(name, InputError) + allowed
+    most = limit(name) + allowed
     if need > most:
         memory = name == "memory"
         least, found = (
@@ -151,7 +151,7 @@ def check_vertices(path: Path, count: int) -> None:
     InputError
         With the count, the limit and how to raise it.
     """
-    most = limit("vertices", InputError)
+    most = limit("vertices")
     if count > most:
         raise InputError(
             f"{path}: no list of a mesh must be longer than {most:,} (one has {count:,}); simplify"

@@ -88,7 +88,10 @@ def find(
 
 
 def parameters_of(kind: type[Any]) -> dict[str, inspect.Parameter]:
-    """Return the parameters of a class by name, those of its bases first."""
+    """Return the parameters of a class by name, those of its bases first.
+
+    A class that takes ``**settings`` for its `settings_class` has the fields of that, too.
+    """
     found: dict[str, inspect.Parameter] = {}
     for base in kind.__mro__:
         if "__init__" in vars(base):
@@ -96,6 +99,8 @@ def parameters_of(kind: type[Any]) -> dict[str, inspect.Parameter]:
             found = {p.name: p for p in every if p.kind is p.KEYWORD_ONLY} | found
             if not any(p.kind is p.VAR_KEYWORD for p in every):
                 break
+            if hasattr(kind, "settings_class"):
+                found = dict(inspect.signature(kind.settings_class).parameters) | found
     return found
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 from protocols.load import load_display, protocol_of, with_tuples
 from protocols.new_study import study_files
 from protocols.schema import StudyProtocol
 
 NAME = "from-numbers"
-MOST = 1000
+MOST = FIXED["design"].most
 """Of pairs, of scenes, of repeats, of participants: more is a slip of the hand."""
 
 

@@ -20,7 +20,7 @@ from protocols.journal import (
     Withdrawal,
 )
 from protocols.journal_checksums import due, first_link, stated
-from protocols.outside import check_within
+from protocols.limits import check_within
 from protocols.read_file import read_bytes
 
 JOURNAL_NAME = "journal.jsonl"

@@ -1,18 +1,160 @@
-"""Limits of what a study or a file of one may ask for before anything is made of it.
+"""The one table of limits of what files and devices of users may ask for, and its checks.
 
-Each limit is raised by the environment variable ``METAMERLAB_LIMITS``, as those of pictures are:
-``trials=1e6,unpacked=1e10``.
+Those of `LIMITS` are raised by the environment variable ``METAMERLAB_LIMITS``, such as
+``values=4e9,trials=1e6``. docs/images.md shows both tables.
 """
 
 from __future__ import annotations
 
 import gzip
 import io
+import os
 import zlib
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from protocols.errors import StudyError
-from protocols.outside import LIMITS_VARIABLE, check_within, limit
+
+LIMITS_VARIABLE = "METAMERLAB_LIMITS"
+"""The environment variable that raises limits: ``values=4e9,trials=1e6``."""
+
+
+class Limit(NamedTuple):
+    """The largest number that is accepted, and of what."""
+
+    most: int
+    of: str
+
+
+LIMITS: Final = {
+    "values": Limit(
+        1_000_000_000,
+        "numbers in a picture, an array or a video frame: pixels times channels",
+    ),
+    "ratio": Limit(400, "numbers for each byte of a picture's file, beyond 100,000,000 numbers"),
+    "memory": Limit(
+        1 << 30,
+        "bytes of memory that a command takes for a picture or a mesh; bytes of an ONNX network"
+        " with its weights, of a checkpoint",
+    ),
+    "seconds": Limit(20, "seconds that a command takes for a picture"),
+    "unpacked": Limit(2_000_000_000, "bytes in an archive"),
+    "text": Limit(
+        250_000_000,
+        "bytes of a recording, a manifest, an .obj file or a sheet of a spreadsheet",
+    ),
+    "table": Limit(100_000_000, "bytes of a table or a journal"),
+    "toml": Limit(2_000_000, "bytes of a study or display file"),
+    "rows": Limit(5_000_000, "lines of a table or a recording"),
+    "cells": Limit(3_000_000, "cells of a table, values in JSON"),
+    "events": Limit(300_000, "lines of a journal"),
+    "files": Limit(100_000, "files of an archive, stimuli of a table"),
+    "vertices": Limit(50_000_000, "entries of a list of a mesh: positions, indices, ..."),
+    "nodes": Limit(
+        10_000,
+        "meshes, nodes, materials, textures or groups of a mesh, files that it names, each",
+    ),
+    "triangles": Limit(20_000_000, "triangles of a mesh"),
+    "trials": Limit(100_000, "trials of one participant"),
+}
+"""Limits that can be raised, by name."""
+FIXED: Final = {
+    "edge": Limit(65_536, "pixels of an edge of a picture in a study"),
+    "frame_edge": Limit(
+        16_384,
+        "pixels of an edge of a frame to fill, a compressed picture or a texture",
+    ),
+    "compressed": Limit(2**25, "pixels of a compressed picture"),
+    "compressed_frames": Limit(100_000, "frames of a compressed clip"),
+    "corners": Limit(1000, "corners of a face of an .obj file"),
+    "names": Limit(10_000, "characters of a statement of an .obj or .mtl file that names files"),
+    "keys": Limit(32, "parts of a key in a study or display file"),
+    "columns": Limit(16_384, "columns of a table"),
+    "sheet_rows": Limit(1_048_576, "rows of a spreadsheet"),
+    "cell": Limit(32_767, "characters in a cell of a spreadsheet"),
+    "design": Limit(
+        1000, "pairs, scenes, repeats or participants of a design without a study file"
+    ),
+    "conditions": Limit(200, "conditions of a table that are compared with each other"),
+    "effects": Limit(
+        50_000, "participants and scenes, with their conditions, of a model of reaction times"
+    ),
+    "channels": Limit(256, "channels of a stream of gaze"),
+    "stream_hz": Limit(20_000, "samples a second of a stream of gaze"),
+    "tracker_line": Limit(1 << 16, "bytes of a line that a tracker sends"),
+    "tracker_answer": Limit(1 << 20, "bytes of an answer of a tracker"),
+    "tracker_waiting": Limit(1 << 26, "bytes of a tracker that wait to be read"),
+    "jatos": Limit(2 << 30, "bytes of a package for JATOS"),
+}
+"""Limits that nothing raises, by name."""
+
+
+def limit(name: str) -> int:
+    """Return a limit of `LIMITS`: the one that the environment gives, or the default.
+
+    Raises
+    ------
+    StudyError
+        If the variable does not read NAME=NUMBER, with commas between, or names no limit.
+    """
+    found = {key: one.most for key, one in LIMITS.items()}
+    for entry in filter(str.strip, os.environ.get(LIMITS_VARIABLE, "").split(",")):
+        key, _, value = (part.strip() for part in entry.partition("="))
+        try:
+            number = int(float(value))
+            if number < 0:
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise StudyError(
+                f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
+            ) from None
+        if key not in LIMITS:
+            near = "".join(f"; did you mean {one!r}?" for one in get_close_matches(key, LIMITS, 1))
+            raise StudyError(
+                f"{LIMITS_VARIABLE}: must name one of {', '.join(LIMITS)} (got {key!r}){near}"
+            )
+        found[key] = number
+    return found[name]
+
+
+def check_limits_variable() -> None:
+    """Refuse the variable of limits if it is misspelt or cannot be read.
+
+    Raises
+    ------
+    StudyError
+        Naming the variable and what was found.
+    """
+    for name in os.environ:
+        if name != LIMITS_VARIABLE and get_close_matches(name.upper(), [LIMITS_VARIABLE], 1, 0.85):
+            raise StudyError(f"{name}: must be spelt {LIMITS_VARIABLE}; rename this variable")
+    limit("values")
+
+
+def check_within(
+    name: str, count: int, error: type[Exception], path: Path, what: str, verb: str = "have"
+) -> None:
+    """Refuse a file with more than a limit allows.
+
+    Parameters
+    ----------
+    name : str
+        Of the limit.
+    what : str
+        What is counted: ``lines``.
+
+    Raises
+    ------
+    error
+        With the count, the limit and how to raise it.
+    """
+    most = limit(name)
+    if count > most:
+        raise error(
+            f"{path}: must {verb} at most {most:,} {what} (has {count:,}); if it is right, raise"
+            f" the limit with {LIMITS_VARIABLE}={name}={count}"
+        )
 
 
 def check_trials(count: int) -> None:
@@ -23,7 +165,7 @@ def check_trials(count: int) -> None:
     StudyError
         With the count, the limit and how to raise it.
     """
-    most = limit("trials", StudyError)
+    most = limit("trials")
     if count > most:
         raise StudyError(
             f"design: a participant must have at most {most:,} trials (got {count:,}); take fewer"
@@ -63,7 +205,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
     StudyError
         If it is no whole gzip file, or holds more than the limit allows.
     """
-    most = limit("text", StudyError)
+    most = limit("text")
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             found = file.read(most + 1)

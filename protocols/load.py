@@ -16,6 +16,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, refuse_format_1
 from protocols.hashing import sha256_bytes
+from protocols.limits import FIXED
 from protocols.outside import CONTROL, reading
 from protocols.problems import problems_of
 from protocols.read_file import decode_utf8, read_bytes
@@ -28,7 +29,7 @@ from protocols.tasks.task_kinds import TASKS
 M = TypeVar("M", bound=BaseModel)
 SECRET_SUFFIX = ".secret"
 """A study's secret lies beside its file, under the same name."""
-_MOST_PARTS = 32
+_MOST_PARTS = FIXED["keys"].most
 _LONG_KEY = re.compile(
     r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
     r"""(?:[ \t]*+\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+'))"""

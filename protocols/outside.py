@@ -13,32 +13,12 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from difflib import get_close_matches
 from io import UnsupportedOperation
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any
 
-LIMITS_VARIABLE = "METAMERLAB_LIMITS"
-"""The environment variable that raises limits: ``values=4e9,trials=1e6``."""
-LIMITS: Final = {
-    "values": 1_000_000_000,
-    "ratio": 400,
-    "memory": 1 << 30,
-    "seconds": 20,
-    "unpacked": 2_000_000_000,
-    "text": 250_000_000,
-    "table": 100_000_000,
-    "events": 300_000,
-    "toml": 2_000_000,
-    "rows": 5_000_000,
-    "cells": 3_000_000,
-    "files": 100_000,
-    "nodes": 10_000,
-    "vertices": 50_000_000,
-    "triangles": 20_000_000,
-    "trials": 100_000,
-}
-"""Every limit by its name; docs/images.md says of what."""
+from protocols.limits import check_within, limit
+
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 """Characters that no text of a user's needs, and XML does not allow."""
 FORMULA = re.compile("'*[-=+@\x00-\x1f\x7f]")
@@ -59,73 +39,6 @@ _MARKDOWN = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])|\|")
 """Beginnings of HTML, a link, a picture or another cell in Markdown."""
 
 
-def limit(name: str, error: type[Exception]) -> int:
-    """Return a limit of `LIMITS`: the one that the environment gives, or the default.
-
-    Raises
-    ------
-    error
-        If the variable does not read NAME=NUMBER, with commas between, or names no limit.
-    """
-    found = dict(LIMITS)
-    for entry in filter(str.strip, os.environ.get(LIMITS_VARIABLE, "").split(",")):
-        key, _, value = (part.strip() for part in entry.partition("="))
-        try:
-            number = int(float(value))
-            if number < 0:
-                raise ValueError
-        except (ValueError, OverflowError):
-            raise error(
-                f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
-            ) from None
-        if key not in LIMITS:
-            near = "".join(f"; did you mean {one!r}?" for one in get_close_matches(key, LIMITS, 1))
-            raise error(
-                f"{LIMITS_VARIABLE}: must name one of {', '.join(LIMITS)} (got {key!r}){near}"
-            )
-        found[key] = number
-    return found[name]
-
-
-def check_limits_variable(error: type[Exception]) -> None:
-    """Refuse the variable of limits if it is misspelt or cannot be read.
-
-    Raises
-    ------
-    error
-        Naming the variable and what was found.
-    """
-    for name in os.environ:
-        if name != LIMITS_VARIABLE and get_close_matches(name.upper(), [LIMITS_VARIABLE], 1, 0.85):
-            raise error(f"{name}: must be spelt {LIMITS_VARIABLE}; rename this variable")
-    limit("values", error)
-
-
-def check_within(
-    name: str, count: int, error: type[Exception], path: Path, what: str, verb: str = "have"
-) -> None:
-    """Refuse a file with more than a limit allows.
-
-    Parameters
-    ----------
-    name : str
-        Of the limit.
-    what : str
-        What is counted: ``lines``.
-
-    Raises
-    ------
-    error
-        With the count, the limit and how to raise it.
-    """
-    most = limit(name, error)
-    if count > most:
-        raise error(
-            f"{path}: must {verb} at most {most:,} {what} (has {count:,}); if it is right, raise"
-            f" the limit with {LIMITS_VARIABLE}={name}={count}"
-        )
-
-
 def bounded_bytes(path: Path, error: type[Exception], name: str = "text") -> bytes:
     """Return the content of a file that has to be read whole, if a limit allows its size.
 
@@ -142,7 +55,7 @@ def bounded_bytes(path: Path, error: type[Exception], name: str = "text") -> byt
             check_within(name, found.st_size, error, path, "bytes")
             if stat.S_ISREG(found.st_mode):
                 return file.read()
-        data = file.read(limit(name, error) + 1)  # a device ends nowhere
+        data = file.read(limit(name) + 1)  # a device ends nowhere
         check_within(name, len(data), error, path, "bytes")
         return data
 

@@ -20,6 +20,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from protocols.key_docs import key_docs
+from protocols.limits import FIXED
 
 
 class Model(BaseModel):
@@ -93,8 +94,8 @@ def storable(value: N) -> N:
 
 def pixels(value: int) -> int:
     """Refuse edges that no screen and no picture has."""
-    if value > 65_536:
-        raise ValueError("must be at most 65,536 px")
+    if value > (most := FIXED["edge"].most):
+        raise ValueError(f"must be at most {most:,} px")
     return value
 
 

@@ -67,16 +67,36 @@ class FigureRow:
     """The size of its clips, where there are any."""
 
 
+@dataclass(frozen=True)
+class RowSettings:
+    """What a figure shows.
+
+    Parameters
+    ----------
+    methods : tuple of str
+        In their order in the figure; left out: all, the true view last.
+    scenes : tuple of str
+        Left out: the one whose crops differ most.
+    size : str, optional
+        Left out: the one whose crops differ most.
+    frame : int, optional
+        Left out: the one of a few whose crops differ most.
+    crops : tuple of Crop
+        Left out: where the methods differ most, `count` of them.
+    """
+
+    methods: tuple[str, ...] = ()
+    scenes: tuple[str, ...] = ()
+    size: str | None = None
+    frame: int | None = None
+    crops: tuple[Crop, ...] = ()
+    count: int = 2
+
+
 def rows_of(
     folder: Path,
     manifest: Manifest,
-    *,
-    methods: Sequence[str] = (),
-    scenes: Sequence[str] = (),
-    size: str | None = None,
-    frame: int | None = None,
-    crops: Sequence[Crop] = (),
-    count: int = 2,
+    asked: RowSettings = RowSettings(),
     labels: Mapping[str, str] | None = None,
 ) -> tuple[tuple[str, ...], list[FigureRow]]:
     """Return the figure's methods, and its rows.
@@ -85,16 +105,7 @@ def rows_of(
     ----------
     folder, manifest : Path, Manifest
         Built clips, whose conditions have a column `method`.
-    methods : sequence of str
-        In their order in the figure; left out: all, the true view last.
-    scenes : sequence of str
-        Left out: the one whose crops differ most.
-    size : str, optional
-        Left out: the one whose crops differ most.
-    frame : int, optional
-        Left out: the one of a few whose crops differ most.
-    crops : sequence of Crop
-        Left out: where the methods differ most, `count` of them.
+    asked : RowSettings
     labels : mapping, optional
         What to print for names.
 
@@ -103,10 +114,10 @@ def rows_of(
     InputError
         If a name, frame or crop is not there.
     """
-    named = labels or {}
-    groups = _groups(manifest, scenes, size)
+    named, scenes = labels or {}, asked.scenes
+    groups = _groups(manifest, scenes, asked.size)
     every = list(dict.fromkeys(str(clip.condition[METHOD]) for clip in manifest.clips))
-    chosen = tuple(methods) or tuple(sorted(every, key=lambda name: name == REFERENCE))
+    chosen = asked.methods or tuple(sorted(every, key=lambda name: name == REFERENCE))
     for name in chosen:
         if name not in every:
             raise InputError(f"--methods: must be of {', '.join(every)} (got {name!r})")
@@ -121,7 +132,7 @@ def rows_of(
                     f" of {', '.join(missing)}); choose others with --methods"
                 )
             continue
-        differs, row = _row(folder, clips, chosen, frame, crops, count, named)
+        differs, row = _row(folder, clips, chosen, asked, named)
         scene = str(group[0].condition.get(SCENE, ""))
         if scene not in found or differs > found[scene][0]:
             found[scene] = differs, row
@@ -161,11 +172,10 @@ def _row(
     folder: Path,
     clips: Mapping[str, Clip],
     methods: Sequence[str],
-    frame: int | None,
-    crops: Sequence[Crop],
-    count: int,
+    asked: RowSettings,
     labels: Mapping[str, str],
 ) -> tuple[float, FigureRow]:
+    frame, crops, count = asked.frame, asked.crops, asked.count
     first = clips[methods[0]]
     length = len(first.frames_sha256)
     if frame is not None and not 0 <= frame < length:

@@ -16,6 +16,7 @@ from study_app.gaze.saccades import Saccade
 from study_app.gaze.source import GazeSample
 from study_app.live.in_trials import Kept, LiveFrame, live_entries
 from study_app.recorder import Recorder
+from study_app.session import RunTrial
 from study_app.trial import Trial
 
 FLIPS_HEADER = "flip,t_s,interval_s,refreshes,kind,late_s,evidence,phase,clip_frame,frame_sha256"
@@ -28,9 +29,7 @@ _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-stri
 
 
 def attempt_event(
-    planned: PlannedTrial,
-    number: int,
-    position: int,
+    step: RunTrial,
     trial: Trial,
     log: Log,
     script: TrialScript,
@@ -48,7 +47,7 @@ def attempt_event(
     DiskError
         If a side file cannot be written.
     """
-    stem = f"{position:04d}"
+    planned, stem = step.trial, f"{step.position:04d}"
     gaze_file = None
     if store_gaze and log.samples:
         gaze_file = recorder.side_file(
@@ -64,8 +63,8 @@ def attempt_event(
         **recorder.stamps(),
         trial=planned.id,
         role=planned.role,
-        attempt=number,
-        position=position,
+        attempt=step.attempt,
+        position=step.position,
         block=planned.block,
         repeat=planned.repeat,
         condition=planned.condition,

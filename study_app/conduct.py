@@ -70,17 +70,35 @@ class RunOutcome:
     given_up: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class RunSettings:
+    """Who is told of a run, and when it ends early.
+
+    Parameters
+    ----------
+    on_attempt : callable
+        Told every attempt once it is on the disk.
+    mark : callable
+        Told the onset of every phase, and when blocks begin and end.
+    validate : callable, optional
+        Validates the gaze source before each block; left out: nothing is validated.
+    late_most : int
+        How many attempts in a row may be void because the display was late.
+    """
+
+    on_attempt: Callable[[Attempt], None] = lambda _: None
+    mark: Mark = lambda _text, _t_s: None
+    validate: Validate | None = None
+    late_most: int = LATE_MOST
+
+
 def conduct(
     setting: Setting,
     plan: Plan,
     recorder: Recorder,
     stage: Stage,
     gaze: GazeSource | None,
-    *,
-    on_attempt: Callable[[Attempt], None] = lambda _: None,
-    mark: Mark = lambda _text, _t_s: None,
-    validate: Validate | None = None,
-    late_most: int = LATE_MOST,
+    asked: RunSettings = RunSettings(),
 ) -> RunOutcome:
     """Run a session from where its journal stands to its end, or until it is stopped.
 
@@ -90,14 +108,8 @@ def conduct(
         As `begin` or `resume` returned them.
     stage, gaze : Stage, GazeSource or None
         Open.
-    on_attempt : callable
-        Told every attempt once it is on the disk.
-    mark : callable
-        Told the onset of every phase, and when blocks begin and end.
-    validate : callable, optional
-        Validates the gaze source before each block; left out: nothing is validated.
-    late_most : int
-        How many attempts in a row may be void because the display was late.
+    asked : RunSettings
+        Who is told, and when it ends early.
 
     Raises
     ------
@@ -107,9 +119,7 @@ def conduct(
         If a clip is missing or changed, gaze cannot be judged, or the display cannot keep up: the
         journal says so.
     """
-    conductor = _Conductor(
-        setting, plan, recorder, stage, gaze, on_attempt, mark, validate, late_most
-    )
+    conductor = _Conductor(setting, plan, recorder, stage, gaze, asked)
     try:
         reason = conductor.run()
     except DiskError:
@@ -148,15 +158,12 @@ class _Conductor:
         recorder: Recorder,
         stage: Stage,
         gaze: GazeSource | None,
-        on_attempt: Callable[[Attempt], None],
-        mark: Mark,
-        validate: Validate | None,
-        late_most: int,
+        asked: RunSettings,
     ) -> None:
         self._setting, self._plan, self._recorder = setting, plan, recorder
-        self._stage, self._on_attempt, self._mark = stage, on_attempt, mark
+        self._stage, self._on_attempt, self._mark = stage, asked.on_attempt, asked.mark
         self._protocol = setting.protocol
-        self._late_most, self._late = late_most, list[Attempt]()
+        self._late_most, self._late = asked.late_most, list[Attempt]()
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
         self._language = start.language
@@ -180,8 +187,8 @@ class _Conductor:
             self._watcher = Watcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
         self._gaze_check = None
-        if validate is not None and self._watcher is not None:
-            self._gaze_check = GazeCheck(validate, self._protocol, recorder, stage)
+        if asked.validate is not None and self._watcher is not None:
+            self._gaze_check = GazeCheck(asked.validate, self._protocol, recorder, stage)
 
     def run(self) -> EndReason:
         """Do step after step."""
@@ -301,9 +308,7 @@ class _Conductor:
 
         def write(trial: Trial, log: Log) -> None:
             event = attempt_event(
-                step.trial,
-                step.attempt,
-                step.position,
+                step,
                 trial,
                 log,
                 script,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import assert_never
 
@@ -54,6 +55,31 @@ CLIP_PATIENCE_S = 60.0
 """Longest wait for the next frame of a disk that answers no more."""
 
 
+@dataclass(frozen=True)
+class PresenterSettings:
+    """What a presenter measures, draws beside the trial, and asks.
+
+    Parameters
+    ----------
+    refresh_hz : float
+        As measured.
+    extras : Extras
+        Strip and patch.
+    observer : Observer, optional
+        Answers and turns pages in place of a person; real keys work as well.
+    studio : Studio, optional
+        Draws what follows the gaze.
+    on_prepare : callable, optional
+        Called with (trial, attempt) before each attempt.
+    """
+
+    refresh_hz: float
+    extras: Extras = field(default_factory=Extras)
+    observer: Observer | None = None
+    studio: Studio | None = None
+    on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None
+
+
 class Presenter:
     """A `Stage` on a window.
 
@@ -69,16 +95,8 @@ class Presenter:
         Of the clips.
     stimuli : Path
         Their folder.
-    refresh_hz : float
-        As measured.
-    extras : Extras
-        Strip and patch.
-    observer : Observer, optional
-        Answers and turns pages in place of a person; real keys work as well.
-    studio : Studio, optional
-        Draws what follows the gaze.
-    on_prepare : callable, optional
-        Called with (trial, attempt) before each attempt.
+    asked : PresenterSettings
+        How they are shown.
 
     Raises
     ------
@@ -93,23 +111,18 @@ class Presenter:
         texts: Texts,
         manifest: Manifest,
         stimuli: Path,
-        *,
-        refresh_hz: float,
-        extras: Extras | None = None,
-        observer: Observer | None = None,
-        studio: Studio | None = None,
-        on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None,
+        asked: PresenterSettings,
     ) -> None:
         self._window, self._protocol = window, protocol
-        self._refresh_hz, self._extras = refresh_hz, extras or Extras()
-        self._observer, self._on_prepare = observer, on_prepare
+        self._refresh_hz, self._extras = asked.refresh_hz, asked.extras
+        self._observer, self._on_prepare = asked.observer, asked.on_prepare
         display, background = window.display, round(255 * protocol.display.background)
         self._middle = display.width_px // 2, display.height_px // 2
         self._painter = Painter(window.ctx, window.size, background)
         self._pages = PageLayout(window.size, texts.key_names, background)
         self._extras.check(example_scripts(protocol, display)[0])
         self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
-        self._live = LiveShow(self, display, manifest, studio)
+        self._live = LiveShow(self, display, manifest, asked.studio)
         self._live_pictures: dict[int, moderngl.Texture] = {}
         """As they were last drawn, by number of the trial's stimuli."""
         self._showing = FlipPicture(BLANK)
@@ -136,7 +149,7 @@ class Presenter:
             protocol.response.quit_keys,
             self._flip_and_load,
             self.key_presses,
-            observer,
+            asked.observer,
         )
 
     def __enter__(self) -> Presenter:

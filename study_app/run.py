@@ -25,7 +25,7 @@ from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from study_app.clips import check_files
-from study_app.conduct import RunOutcome, conduct
+from study_app.conduct import RunOutcome, RunSettings, conduct
 from study_app.display_check import (
     REHEARSAL_FLIPS,
     SESSION_FLIPS,
@@ -43,7 +43,7 @@ from study_app.live.renderer import Studio
 from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
-from study_app.presenter import Presenter
+from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
 from study_app.session_folders import is_stillborn, sitting_folder
 from study_app.shown_texts import require_showable
@@ -152,11 +152,13 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> RunO
                 texts,
                 manifest,
                 options.stimuli,
-                refresh_hz=check.measured_hz,
-                extras=options.extras,
-                observer=_observer(options),
-                studio=studio,
-                on_prepare=_restart(options, gaze),
+                PresenterSettings(
+                    check.measured_hz,
+                    options.extras,
+                    _observer(options),
+                    studio,
+                    _restart(options, gaze),
+                ),
             )
         )
         targets.show = presenter.look_at
@@ -199,9 +201,9 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> RunO
                 recorder,
                 presenter,
                 gaze,
-                on_attempt=lambda attempt: listener.on_attempt(attempt, recorder.events),
-                mark=mark,
-                validate=validated,
+                RunSettings(
+                    lambda attempt: listener.on_attempt(attempt, recorder.events), mark, validated
+                ),
             )
 
 

@@ -21,7 +21,7 @@ from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.conduct import RunOutcome, conduct
+from study_app.conduct import RunOutcome, RunSettings, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
@@ -170,8 +170,8 @@ def simulate_sitting(
             recorder,
             stage,
             gaze,
-            on_attempt=on_attempt,
-            late_most=sys.maxsize,  # what is missed was asked for
+            # What is missed was asked for.
+            RunSettings(on_attempt, late_most=sys.maxsize),
         )
 
 

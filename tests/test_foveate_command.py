@@ -18,9 +18,10 @@ from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.condition_sheet import _named, usual_choices
 from stimuli.foveated.foveate_files import Outputs, foveate_file
 from stimuli.foveated.foveation_steps import condition_steps
-from stimuli.foveated.gaze_and_display import look_at, read_gaze
+from stimuli.foveated.gaze_and_display import StatedViewing, look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
 from stimuli.foveated.rings import draw_pools, ring_eccentricities
+from stimuli.reporter import Reporter
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
@@ -609,8 +610,8 @@ def test_one_python_call_does_what_the_command_does(png, tmp_path):
     seen = foveate_file(
         png,
         Outputs(ours / "out.png", ours / "sheet.png", ours / "steps", flip=ours / "flip.png"),
-        gaze="2deg,-1deg", fov_deg=50, choices=[Choice("blur"), Choice("metamer")], seed=3,
-        say=lines.append,
+        viewing=StatedViewing("2deg,-1deg", fov_deg=50), seed=3,
+        choices=[Choice("blur"), Choice("metamer")], reporter=Reporter(lines.append),
     )  # fmt: skip
 
     assert code == 0

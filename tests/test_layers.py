@@ -16,7 +16,7 @@ PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 # its own package. The longest name that fits the importing module counts.
 ALLOWED = {
     "protocols": (),
-    "pipeline": ("protocols.outside", "protocols.errors"),
+    "pipeline": ("protocols.outside", "protocols.errors", "protocols.limits"),
     "stimuli": ("pipeline", "protocols"),
     "study_app": ("protocols", "pipeline.gl", "pipeline.errors"),
     "study_app.cli": PACKAGES,  # the front door
@@ -24,7 +24,15 @@ ALLOWED = {
 }
 
 # `metamerlab --help` has half a second: only these load before a command is chosen.
-LIGHT = ("typer", "click", "rich", "protocols.errors", "protocols.outside", "pipeline.errors")
+LIGHT = (
+    "typer",
+    "click",
+    "rich",
+    "protocols.errors",
+    "protocols.limits",
+    "protocols.outside",
+    "pipeline.errors",
+)
 EAGER = ("study_app", "study_app.cli")
 
 

@@ -11,11 +11,12 @@ from scipy import stats
 
 from analysis.models.clustered import held_p, holm, two_way_df, weighted_df
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Pair = tuple[str, str]
-MOST_CONDITIONS = 200
+MOST_CONDITIONS = FIXED["conditions"].most
 
 IN_CONDITION = " x condition"
 """After the name of a random effect: what a level adds to itself in one condition."""

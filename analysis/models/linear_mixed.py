@@ -11,13 +11,14 @@ from scipy.sparse import linalg as splinalg
 
 from analysis.models.deviations import Deviation, deviations_of
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 
 Floats = NDArray[np.float64]
 
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
 
-MOST_LEVELS = 50_000
+MOST_LEVELS = FIXED["effects"].most
 """Of all random intercepts together: more take minutes."""
 IMPOSSIBLE = 1e10
 """Minus the log likelihood where the equations are singular."""

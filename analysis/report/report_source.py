@@ -1,7 +1,7 @@
 """Source of a report: sessions, or a table of decisions."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -88,17 +88,32 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     )
 
 
-def from_table(
-    path: Path,
-    protocol: StudyProtocol | None,
-    title: str | None = None,
-    where: Sequence[str] = (),
-    told: Mapping[str, str] | None = None,
-) -> ReportSource:
-    """Read a table of decisions; a protocol, where given, says task, conditions and rules.
+@dataclass(frozen=True)
+class TableSettings:
+    """What a table of decisions is about.
 
-    `where` as `analysis.tables.table.Table` takes it; `told` are keys that take the place of those
-    beside the table.
+    Parameters
+    ----------
+    protocol : StudyProtocol, optional
+        Task, conditions and rules; its exclusions are not applied, because a plain table does not
+        hold what they need. Without one, the task is the one that `analysis import` noted beside
+        the table; a table without that note must hold preferences.
+    title : str, optional
+        At the top of the page; left out: the protocol's, or the table's name.
+    where : sequence of str
+        Conditions that rows must fulfil, as `analysis.tables.table.Table` takes them.
+    told : mapping
+        Keys of the analysis, in place of those noted.
+    """
+
+    protocol: StudyProtocol | None = None
+    title: str | None = None
+    where: Sequence[str] = ()
+    told: Mapping[str, str] = field(default_factory=dict)
+
+
+def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSource:
+    """Read a table of decisions.
 
     Raises
     ------
@@ -106,11 +121,12 @@ def from_table(
         If the table cannot be read, holds no decision, or does not fit the protocol; if nothing
         says which task it is of.
     """
-    if protocol is not None and told:
+    protocol = given.protocol
+    if protocol is not None and given.told:
         raise StudyError("--set must be left out with --protocol, which says how to analyse")
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
     noted = read_note(path)
-    table = Table(path, where=where, command=BY_IMPORT)
+    table = Table(path, where=given.where, command=BY_IMPORT)
     if protocol is not None:
         analysis = analysis_of(protocol.analysis.kind)
         settings = analysis.settings(protocol)
@@ -120,11 +136,11 @@ def from_table(
     else:
         noted = noted or _guessed(table)
         analysis = analysis_of(noted.kind)
-        asked = options_from(noted.kind, told or {}, noted)
+        asked = options_from(noted.kind, given.told, noted)
         decisions = _main(path, analysis.read(table, {}, asked))
         settings = analysis.settings_of_table(decisions, path.stem, asked)
-    if title is not None:
-        settings = settings.but(title=title)
+    if given.title is not None:
+        settings = settings.but(title=given.title)
     return _of_table(analysis, table, decisions, settings, notes, protocol)
 
 

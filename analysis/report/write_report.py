@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import warnings as python_warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -17,7 +17,13 @@ from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_fig
 from analysis.report.beside import beside, beside_blocks
 from analysis.report.content import ReportContent, content_of
 from analysis.report.report_page import report_page
-from analysis.report.report_source import Progress, ReportSource, from_sessions, from_table
+from analysis.report.report_source import (
+    Progress,
+    ReportSource,
+    TableSettings,
+    from_sessions,
+    from_table,
+)
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write_table import write_table
 from analysis.tidy import write_tables
@@ -84,24 +90,14 @@ def report_decisions(
     path: Path,
     out: Path,
     *,
-    protocol: StudyProtocol | None = None,
-    title: str | None = None,
-    where: Sequence[str] = (),
-    told: Mapping[str, str] | None = None,
+    table: TableSettings | None = None,
     replace: bool = False,
     figure_files: bool = True,
     progress: Progress | None = None,
 ) -> ReportPaths:
-    """Analyse a table of decisions (`analysis import` made it, or another tool).
-
-    A protocol, where given, says task, conditions and rules; its exclusions are not applied,
-    because a plain table does not hold what they need. Without one, the task is the one that
-    `analysis import` noted beside the table; a table without that note must hold preferences.
-    `title` stands at the top of the page; left out: the protocol's, or the table's name. `where`
-    are conditions that rows must fulfil; `told` are keys of the analysis, in place of those noted.
-    """
+    """Analyse a table of decisions (`analysis import` made it, or another tool)."""
     check_result(out, replace=replace, reads=[path])
-    source = from_table(path, protocol, title, where, told)
+    source = from_table(path, table or TableSettings())
     return write_report(
         source, path, out, replace=replace, figure_files=figure_files, progress=progress
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from protocols.errors import StudyError
-from protocols.outside import check_within
+from protocols.limits import check_within
 
 Counted = Literal["choices", "answers"]
 """`choices`: the row's method over the column's. `answers`: the column's where the row's was right.

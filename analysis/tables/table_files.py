@@ -16,8 +16,8 @@ from pathlib import Path
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.xlsx import ENDING, read_xlsx
 from protocols.errors import StudyError
-from protocols.limits import check_cells
-from protocols.outside import CONTROL, check_within, lines_of, original_cell
+from protocols.limits import FIXED, check_cells, check_within
+from protocols.outside import CONTROL, lines_of, original_cell
 from protocols.read_file import read_bytes
 
 TABLES = (".csv", ".tsv", ENDING)
@@ -34,7 +34,7 @@ _SAME_ROWS = 4
 """Files with so many rows or more are not the same by chance."""
 
 Rows = list[list[str]]
-MOST_COLUMNS = 16_384
+MOST_COLUMNS = FIXED["columns"].most
 
 
 @dataclass

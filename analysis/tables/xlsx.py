@@ -13,14 +13,17 @@ from typing import TypeVar
 from xml.etree import ElementTree
 
 from protocols.errors import StudyError
-from protocols.outside import check_within, check_zip, limit, reading
+from protocols.limits import FIXED, check_within, limit
+from protocols.outside import check_zip, reading
 
 ENDING = ".xlsx"
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _LINK = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
 _TEXTS, _SPOKEN = {f"{_MAIN}t", f"{_MAIN}v"}, f"{_MAIN}rPh"
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_MOST_COLUMNS, _MOST_ROWS, _MOST_LETTERS = 16_384, 1_048_576, 32_767
+_MOST_COLUMNS, _MOST_ROWS, _MOST_LETTERS = (
+    FIXED[name].most for name in ("columns", "sheet_rows", "cell")
+)
 """Of a sheet and of a cell, as Excel has them."""
 _DEEPEST = 100
 _PIECE = 1 << 20
@@ -70,7 +73,7 @@ def _parsed(path: Path, packed: zipfile.ZipFile, name: str, target: T) -> T:
     """Give a part of the file to a target piece by piece, so that no tree is made of it."""
     check_within("text", packed.getinfo(name).file_size, StudyError, path, f"bytes in {name}")
     parser = ElementTree.XMLParser(target=target)
-    most = _ELEMENTS * limit("cells", StudyError)
+    most = _ELEMENTS * limit("cells")
     with packed.open(name) as part:
         while piece := part.read(_PIECE):
             parser.feed(piece)

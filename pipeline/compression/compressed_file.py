@@ -18,15 +18,16 @@ from pipeline.compression.grid import PolarGrid
 from pipeline.compression.image_codecs import CODECS
 from pipeline.compression.lost import MOST_LEVELS, map_grids
 from pipeline.errors import InputError
+from protocols.limits import FIXED
 
 MAGIC = b"MMLC"
 VERSION = 1
-MOST_EDGE_PX = 16384
-MOST_PX = 2**25
+MOST_EDGE_PX = FIXED["frame_edge"].most
+MOST_PX = FIXED["compressed"].most
 LEAST_ANGLES, MOST_ANGLES = 16, 4096
 FARTHEST = 4
 """Edges of the picture that a gaze may lie away from it."""
-MOST_FRAMES = 100_000
+MOST_FRAMES = FIXED["compressed_frames"].most
 LARGEST_SCALE = 4.0
 """Of a deviation: coefficients of colour in [0, 1] have less."""
 

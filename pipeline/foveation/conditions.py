@@ -130,7 +130,6 @@ def foveate(
     viewing: Viewing | None = None,
     method: str = "metamer",
     seed: int = 0,
-    frame: int = 0,
     noise_shift_px: NDArray[np.floating] | None = None,
     field_gaze_px: tuple[float, float] | None = None,
     ctx: moderngl.Context | None = None,
@@ -152,8 +151,6 @@ def foveate(
     seed : int
         Of noise or displacement, from 0 to 2**63 - 1. Both pictures of a stereo pair, and all
         frames of a clip, share one.
-    frame : int
-        Number of the picture in its clip; only ``files:FOLDER`` asks for it.
     noise_shift_px : ndarray of shape (H, W, 2), optional
         How far the surface at each pixel has moved since noise was laid on it. By default noise
         stays on the screen. For the second picture of a pair give each pixel's disparity (its x in
@@ -178,7 +175,7 @@ def foveate(
 
     Notes
     -----
-    For many pictures of one size build a `Foveator` once.
+    For many pictures of one size, such as the frames of a clip, build a `Foveator` once.
     """
     image = check_picture(picture)
     foveator = Foveator(
@@ -189,7 +186,6 @@ def foveate(
         return foveator.show(
             gaze_px,
             seed=seed,
-            frame=frame,
             noise_shift_px=noise_shift_px,
             field_gaze_px=field_gaze_px,
             last=True,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,16 @@ _MOMENT_LAYERS = ((0, 1, 2, 6), (3, 4, 5, 7))
 _POWER_LAYERS = ((0, 1, 2, 10), (3, 4, 5, 11), (6, 7, 8, 9))
 
 
+class PageShader(NamedTuple):
+    """A compute shader, its constants, and the image of it that a fragment shader draws."""
+
+    path: str
+    constants: Mapping[str, Constant]
+    image: str
+    shared: int = 1
+    known: Mapping[str, list[int]] | None = None
+
+
 @dataclass(eq=False)
 class PagePasses:
     """Picture, textures and shaders with which a page draws a metamer for any gaze.
@@ -80,17 +90,13 @@ class PagePasses:
     def add(
         self,
         steps: list[dict[str, Any]],
-        path: str,
-        constants: Mapping[str, Constant],
-        image: str,
+        shader: PageShader,
         to: str,
         reads: Mapping[str, str],
         told: Mapping[str, Any] | None = None,
-        *,
-        shared: int = 1,
-        known: Mapping[str, list[int]] | None = None,
     ) -> None:
-        """Add a step that draws `image` of a shader into the texture `to`."""
+        """Add a step that draws the image of a shader into the texture `to`."""
+        path, constants, image, shared, known = shader
         program = fragment_of(flatten(path, constants), image, shared=shared, known=known)
         if program not in self.programs:
             self.programs.append(program)
@@ -166,9 +172,9 @@ def page_passes(
         }
         for kind in made:
             page.textures[f"chosen_{kind}_{r}"] = ("RGBA32F", *sizes[r], depth[kind])
+            shader = PageShader("foveation/push.comp.glsl", constants, f"chosen{names[kind]}")
             page.add(
-                page.always, "foveation/push.comp.glsl", constants, f"chosen{names[kind]}",
-                f"chosen_{kind}_{r}", reads,
+                page.always, shader, f"chosen_{kind}_{r}", reads,
                 {**pooled.fixed, "halvings": r, "chosen_size": sizes[r],
                  "chosen_moments_size": (*sizes[r], 2 * layers)},
             )  # fmt: skip
@@ -179,22 +185,30 @@ def page_passes(
     page.textures["weights"] = ("RGBA32F", *sizes[2], bands)
     last = min(max(3, levels), count)
     page.add(
-        page.always, "foveation/gains.comp.glsl",
-        {"TILE": TILE, **pooled.constants,
-         **gains_constants(levels, chroma=chroma, coarser=count > 2)},
-        "weights", "weights",
+        page.always,
+        PageShader(
+            "foveation/gains.comp.glsl",
+            {"TILE": TILE, **pooled.constants,
+             **gains_constants(levels, chroma=chroma, coarser=count > 2)},
+            "weights", shared=2,
+        ),
+        "weights",
         {**{f"moments_{r}": chosen("moments", r) for r in range(1, last + 1)},
          **{f"powers_{r}": chosen("powers", r) for r in range(2, min(3, count) + 1) if chroma}},
-        pooled.fixed, shared=2,
+        pooled.fixed,
     )  # fmt: skip
     push(1)
     page.textures["target"] = ("RGBA8", *size, 0)
     page.add(
-        page.always, "foveation/finish_screen.comp.glsl",
-        {"TILE": TILE, **pooled.constants, **noise_constants(levels, BENT=chroma)},
-        "target", "target",
+        page.always,
+        PageShader(
+            "foveation/finish_screen.comp.glsl",
+            {"TILE": TILE, **pooled.constants, **noise_constants(levels, BENT=chroma)},
+            "target", shared=2,
+        ),
+        "target",
         {"source": "source", "coarse": chosen("lows", 1), "weights": "weights", "noise": "noise"},
-        {**pooled.fixed, "strength": settings.noise}, shared=2,
+        {**pooled.fixed, "strength": settings.noise},
     )  # fmt: skip
     return page
 
@@ -227,28 +241,28 @@ def _add_noise(page: PagePasses, seed: int, levels: int, edge: int) -> None:
     taps = filter_constants()
     for level, size in enumerate(sizes):
         page.textures |= {f"{name}_{level}": ("R32I", *size, 0) for name in ("low", "soft")}
+    white = PageShader(WHITE_SHADER, {"TILE": WORK_EDGE, "WHITE_BITS": WHITE_BITS}, "white")
     page.add(
-        page.once, WHITE_SHADER, {"TILE": WORK_EDGE, "WHITE_BITS": WHITE_BITS}, "white", "low_0",
-        {}, {"key": key_of(seed, Stream.BANDS), "first": (0, 0), "period": sizes[0]},
+        page.once, white, "low_0", {},
+        {"key": key_of(seed, Stream.BANDS), "first": (0, 0), "period": sizes[0]},
     )  # fmt: skip
     for level in range(levels):
         reads = {"low": f"low_{level}"}
         told = {"soft_size": sizes[level]}
-        page.add(
-            page.once, HALVE_SHADER, taps["halve"], "soft", f"soft_{level}", reads, told, shared=2
-        )
-        page.add(page.once, HALVE_SHADER, taps["halve"], "next", f"low_{level + 1}", reads, told)
+        soft = PageShader(HALVE_SHADER, taps["halve"], "soft", shared=2)
+        page.add(page.once, soft, f"soft_{level}", reads, told)
+        after = PageShader(HALVE_SHADER, taps["halve"], "next")
+        page.add(page.once, after, f"low_{level + 1}", reads, told)
     for older, level in enumerate(reversed(range(levels))):
         page.textures[f"raised_{level}"] = ("RGBA32UI", *sizes[level], layers_of(older + 1))
         reads = {"low": f"low_{level}", "soft": f"soft_{level}"}
         if older:
             reads["coarse"] = f"raised_{level + 1}"
-        page.add(
-            page.once, RAISE_SHADER, {"OLDER": older, **taps["raise"]}, "raised",
-            f"raised_{level}", reads, shared=2,
-        )  # fmt: skip
+        raised = PageShader(RAISE_SHADER, {"OLDER": older, **taps["raise"]}, "raised", shared=2)
+        page.add(page.once, raised, f"raised_{level}", reads)
     page.textures["noise"] = ("RGBA32UI", *halved(sizes[0]), -(-3 * levels // 4))
-    page.add(
-        page.once, MIX_SHADER, mix_constants(levels, GRAIN, MOST_STEPS), "noise", "noise",
-        {"raised": "raised_0"}, {"margin": 0}, known={"weights": weights.ravel().tolist()},
+    mix = PageShader(
+        MIX_SHADER, mix_constants(levels, GRAIN, MOST_STEPS), "noise",
+        known={"weights": weights.ravel().tolist()},
     )  # fmt: skip
+    page.add(page.once, mix, "noise", {"raised": "raised_0"}, {"margin": 0})

@@ -72,6 +72,7 @@ class GuidePyramid(Pass):
 
     def __init__(self, ctx: moderngl.Context, resolutions: ResolutionSizes) -> None:
         super().__init__(ctx)
+        self.resolutions = resolutions
         self._guides = [
             self._texture(resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
         ]
@@ -98,7 +99,6 @@ class GuidedChainPass(Pass):
     def __init__(
         self,
         ctx: moderngl.Context,
-        resolutions: ResolutionSizes,
         lists: WorkLists,
         guide: GuidePyramid,
         *,
@@ -108,7 +108,7 @@ class GuidedChainPass(Pass):
         depth_threshold: float,
     ) -> None:
         super().__init__(ctx)
-        self._resolutions = resolutions
+        self._resolutions = resolutions = guide.resolutions
         self._lists = lists
         self._guide = guide
         self._is_base = is_base
@@ -261,7 +261,6 @@ class GuidedBasePass(Pass):
         self.chain = self._part(
             GuidedChainPass(
                 ctx,
-                self.resolutions,
                 self.lists,
                 self.guide,
                 planes=BASE_PLANES,

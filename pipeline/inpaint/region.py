@@ -6,6 +6,8 @@ resolution r + 3. Nothing else of a fill's definition knows of them. On the GPU 
 tiles by which texels are visited, which no result depends on.
 """
 
+from protocols.limits import FIXED
+
 CELL = 8  # edge of a cell, in texels of its resolution; a power of two
 STATISTICS_RINGS = 1  # cells of level k around one with a hole pixel whose coefficients count
 # Cells around a hole whose pixels are read at all, and the resolution of those cells, at least: 3
@@ -13,7 +15,7 @@ STATISTICS_RINGS = 1  # cells of level k around one with a hole pixel whose coef
 # that is not the tail's in the largest frame (texels start there that it depends on).
 SOURCE_RINGS = 3
 SOURCE_RESOLUTION = 4
-MOST_EDGE_PX = 16384
+MOST_EDGE_PX = FIXED["frame_edge"].most
 
 
 def source_resolution(levels: int) -> int:

@@ -1,6 +1,5 @@
 """`coherence-transport`: edges of the background go on in its holes."""
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,22 +20,8 @@ class CoherenceTransport(Guided[TransportPass]):
     It takes no chance: no seed. `z_near_m` as for `metameric`.
     """
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        *,
-        share: float = TransportSettings.share,
-        depth_threshold: float = TransportSettings.depth_threshold,
-        fovea_deg: float = TransportSettings.fovea_deg,
-        gaze_x_deg: float = TransportSettings.gaze_x_deg,
-        gaze_y_deg: float = TransportSettings.gaze_y_deg,
-        width_deg: float = TransportSettings.width_deg,
-        z_near_m: float = 0.0,
-    ) -> None:
-        super().__init__(ctx, z_near_m)
-        self._settings = TransportSettings(
-            share, depth_threshold, fovea_deg, gaze_x_deg, gaze_y_deg, width_deg
-        )
+    settings_class = TransportSettings
+    _settings: TransportSettings
 
     def new_plate(self) -> PlateTextures:
         """Return what keeps the fills of one source frame from view to view."""

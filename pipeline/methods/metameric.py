@@ -1,5 +1,7 @@
 """`metameric`, `metameric-paper` and `push-pull-depth`: fills that depth guides."""
 
+from typing import Any
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
-from pipeline.synthesis.settings import Anchor, Channels, MetamericSettings
+from pipeline.synthesis.settings import MetamericSettings
 
 
 class Metameric(Guided[MetamericPass]):
@@ -26,34 +28,16 @@ class Metameric(Guided[MetamericPass]):
     depth threshold vary from frame to frame.
     """
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        *,
-        levels: int = MetamericSettings.levels,
-        gamma: float = MetamericSettings.gamma,
-        depth_threshold: float = MetamericSettings.depth_threshold,
-        noise: float = MetamericSettings.noise,
-        channels: Channels = MetamericSettings.channels,
-        anchor: Anchor = MetamericSettings.anchor,
-        skip_depth_edges: bool = MetamericSettings.skip_depth_edges,
-        z_near_m: float = 0.0,
-    ) -> None:
-        super().__init__(ctx, z_near_m)
-        if anchor == "camera":
+    settings_class = MetamericSettings
+    _settings: MetamericSettings
+
+    def __init__(self, ctx: moderngl.Context, **parameters: Any) -> None:
+        super().__init__(ctx, **parameters)
+        if self._settings.anchor == "camera":
             raise InputError(
                 'anchor must be "flow" or "screen" in a study (got \'camera\', which needs the'
                 " two cameras of each frame: use MetamericPass in Python)"
             )
-        self._settings = MetamericSettings(
-            levels=levels,
-            gamma=gamma,
-            depth_threshold=depth_threshold,
-            noise=noise,
-            channels=channels,
-            anchor=anchor,
-            skip_depth_edges=skip_depth_edges,
-        )
 
     def in_numpy(self) -> InNumpy:
         """Return the numpy twin of this method with its parameters."""
@@ -78,6 +62,9 @@ class PushPullDepth(Guided[GuidedBasePass]):
     `gamma` and `depth_threshold` as for `metameric`'s base.
     """
 
+    settings_class = MetamericSettings
+    _settings: MetamericSettings
+
     def __init__(
         self,
         ctx: moderngl.Context,
@@ -86,10 +73,7 @@ class PushPullDepth(Guided[GuidedBasePass]):
         depth_threshold: float = MetamericSettings.depth_threshold,
         z_near_m: float = 0.0,
     ) -> None:
-        super().__init__(ctx, z_near_m)
-        MetamericSettings(gamma=gamma, depth_threshold=depth_threshold)  # checks the ranges
-        self._gamma = gamma
-        self._depth_threshold = depth_threshold
+        super().__init__(ctx, z_near_m=z_near_m, gamma=gamma, depth_threshold=depth_threshold)
 
     def in_numpy(self) -> InNumpy:
         """Return the numpy twin of this method with its parameters."""
@@ -99,13 +83,14 @@ class PushPullDepth(Guided[GuidedBasePass]):
         guide = guide_from_depth(warped.depth_m, self._nearest_m(warped))
         return guided_base(
             warped.colour, warped.hole, guide,
-            levels=1, gamma=self._gamma, threshold=self._depth_threshold,
+            levels=1, gamma=self._settings.gamma, threshold=self._settings.depth_threshold,
         )[0].values  # fmt: skip
 
     def _build(self, size: tuple[int, int]) -> GuidedBasePass:
         return GuidedBasePass(
-            self._ctx, size, gamma=self._gamma, depth_threshold=self._depth_threshold
-        )
+            self._ctx, size, gamma=self._settings.gamma,
+            depth_threshold=self._settings.depth_threshold,
+        )  # fmt: skip
 
     def _run(
         self,
@@ -122,17 +107,8 @@ class MetamericPaper(Guided[PrintedPass]):
     `z_near_m` as for `metameric`.
     """
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        *,
-        levels: int = PrintedSettings.levels,
-        gamma: float = PrintedSettings.gamma,
-        depth_threshold: float = PrintedSettings.depth_threshold,
-        z_near_m: float = 0.0,
-    ) -> None:
-        super().__init__(ctx, z_near_m)
-        self._settings = PrintedSettings(levels, gamma, depth_threshold)
+    settings_class = PrintedSettings
+    _settings: PrintedSettings
 
     def in_numpy(self) -> InNumpy:
         """Return the numpy twin of this method with its parameters."""

@@ -1,7 +1,7 @@
 """Base of all fills of ours: a pass that completes textures in place."""
 
 from abc import ABC, abstractmethod
-from typing import Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import moderngl
 import numpy as np
@@ -102,10 +102,13 @@ class OnGpu(ABC, Generic[P]):
 
 
 class Guided(OnGpu[P]):
-    """One that depth guides."""
+    """One that depth guides; its parameters are the fields of `settings_class`, and `z_near_m`."""
 
-    def __init__(self, ctx: moderngl.Context, z_near_m: float) -> None:
+    settings_class: ClassVar[type[Any]]
+
+    def __init__(self, ctx: moderngl.Context, *, z_near_m: float = 0.0, **settings: Any) -> None:
         super().__init__(ctx)
+        self._settings = self.settings_class(**settings)
         if not (np.isfinite(z_near_m) and z_near_m >= 0):
             raise InputError(
                 "z_near_m must be a depth in metres, or 0 for each frame's own nearest"

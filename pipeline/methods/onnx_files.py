@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError, MissingExtraError
-from protocols.outside import bounded_bytes, check_within, reading, visible_line
+from protocols.limits import check_within
+from protocols.outside import bounded_bytes, reading, visible_line
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
 _LEADS: dict[str, dict[int, str]] = {

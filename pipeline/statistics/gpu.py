@@ -63,7 +63,6 @@ class VariancePass(Pass):
         self.chain = self._part(
             GuidedChainPass(
                 ctx,
-                base.resolutions,
                 base.lists,
                 base.guide,
                 planes=MOMENT_PLANES,

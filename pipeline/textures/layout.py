@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
+from protocols.limits import FIXED
 
 MOMENTS = 8
 """Numbers of a level and texel."""
 COLOUR_BYTES = 3
 MOMENT_BYTES = 2 * MOMENTS
-MOST_EDGE_PX = 16384
+MOST_EDGE_PX = FIXED["frame_edge"].most
 """As large as textures are on the GPU."""
 
 

@@ -25,25 +25,23 @@ from stimuli.compressed.compression_steps import write_steps
 from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
-from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
+from stimuli.reporter import SILENT, Reporter
 from stimuli.video import check_video, folder_of_frames, write_video
 
 ENDING = ".metamer"
-Say = Callable[[str], None]
 
 
 def compress_file(
     source: Path,
     out: Path,
     *,
-    gaze: str | None = None,
-    display: str | None = None,
-    fov_deg: float | None = None,
+    viewing: StatedViewing = AS_ASSUMED,
     settings: CompressionSettings | None = None,
     compare: Path | None = None,
     steps: Path | None = None,
-    say: Say | None = None,
+    reporter: Reporter = SILENT,
 ) -> Compressed:
     """Compress a picture, a folder of frames, or a video, for a gaze.
 
@@ -54,8 +52,8 @@ def compress_file(
         video.
     out : Path
         The file to write, `ENDING`; replaced if it is there.
-    gaze, display, fov_deg
-        As in `foveate_file`. They matter where the gaze is given in degrees, and to `compare`.
+    viewing : StatedViewing
+        Display and angle matter where the gaze is given in degrees, and to `compare`.
     compare : Path, optional
         A sheet (.png) of the first picture beside plain and foveated files of the same size.
     steps : Path, optional
@@ -66,14 +64,14 @@ def compress_file(
     InputError, StudyError, OSError
         Before anything is written.
     """
-    tell, settings = say or (lambda _: None), settings or CompressionSettings()
+    tell, settings = reporter.say, settings or CompressionSettings()
     if compare is not None and (source.is_dir() or is_video(source)):
         raise InputError("--compare takes one picture, not frames or a video; give it a frame")
     with folder_of_frames(source, tell) as folder:
         frames = _frames(folder, tell)
     height, width = frames[0].shape[:2]
-    looking = look_at((height, width), display=display, fov_deg=fov_deg)
-    gaze_px = read_gaze(gaze, looking.geometry)
+    looking = viewing.of((height, width))
+    gaze_px = read_gaze(viewing.gaze, looking.geometry)
     tell(f"{len(frames)} x {width} x {height} px" if len(frames) > 1 else f"{width} x {height} px")
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
@@ -116,8 +114,7 @@ def decompress_file(
     video: Path | None = None,
     fps: float = 30.0,
     ctx: moderngl.Context | None = None,
-    say: Say | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    reporter: Reporter = SILENT,
 ) -> list[Path]:
     """Make the picture of a compressed file, or the frames of a clip.
 
@@ -135,7 +132,7 @@ def decompress_file(
     InputError, OSError
         If the file is damaged; nothing is written then.
     """
-    tell = say or (lambda _: None)
+    tell = reporter.say
     check_seed(seed)
     held = read_compressed(source)
     check_need(source, "decompress", *held.grid.size)
@@ -161,8 +158,8 @@ def decompress_file(
                 else:
                     shown = decompress(held, seed=seed, frame=index)
                 save_colour(folder / name, shown)
-                if progress is not None and count > 1:
-                    progress("frames", index + 1, count)
+                if count > 1:
+                    reporter.progress("frames", index + 1, count)
     finally:
         if shower is not None:
             shower.release()
@@ -176,7 +173,7 @@ def decompress_file(
     return written
 
 
-def _frames(source: Path, tell: Say) -> list[NDArray[np.float32]]:
+def _frames(source: Path, tell: Callable[[str], None]) -> list[NDArray[np.float32]]:
     paths = frames_in(source) if source.is_dir() else [source]
     frames: list[NDArray[np.float32]] = []
     packed = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +23,9 @@ from stimuli.denoised.path_traced import PathTracer
 from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, SceneView, render_pair
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, read_any
-from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
+from stimuli.reporter import SILENT, Reporter
 from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -35,8 +35,6 @@ DENSITIES_ALIKE = 1.5
 """A picture with so many times the pixels per degree of the training pictures is remarked on."""
 
 Picture = NDArray[np.float32]
-Say = Callable[[str], None]
-Progress = Callable[[str, int, int], None]
 
 
 def open_network(name: str) -> DenoisingNetwork:
@@ -101,15 +99,12 @@ def denoise_file(
     source: Path,
     out: Path,
     *,
-    gaze: str | None,
+    viewing: StatedViewing,
     network: str = "moments",
-    display: str | None = None,
-    fov_deg: float | None = None,
     seed: int = 0,
     compare: Path | None = None,
     ctx: moderngl.Context | None = None,
-    say: Say | None = None,
-    progress: Progress | None = None,
+    reporter: Reporter = SILENT,
 ) -> list[Path]:
     """Denoise a picture, or a folder of frames of one size.
 
@@ -117,8 +112,8 @@ def denoise_file(
     ----------
     out : Path
         A picture, .png or .exr; for a folder a folder, which is made.
-    gaze : str
-        Where the eye looked when the picture was rendered; as in `read_gaze`.
+    viewing : StatedViewing
+        Its gaze must be given: where the eye looked when the picture was rendered.
     network : str
         ``moments``, ``rgb`` or an .onnx file.
     compare : Path, optional
@@ -129,8 +124,8 @@ def denoise_file(
     InputError, StudyError, OSError
         Nothing is written then.
     """
-    tell = say or (lambda _: None)
-    if gaze is None:
+    tell = reporter.say
+    if viewing.gaze is None:
         raise InputError(
             "--gaze X,Y must be given: a picture with more samples where the eye looks is"
             " denoised for that gaze (the middle of a picture of 512 x 512 px is 256,256)"
@@ -156,8 +151,8 @@ def denoise_file(
     for note in first.notes:
         tell(f"note: {note}")
     height, width = first.colour.shape[:2]
-    looking = look_at((height, width), display=display, fov_deg=fov_deg)
-    gaze_px = read_gaze(gaze, looking.geometry)
+    looking = viewing.of((height, width))
+    gaze_px = read_gaze(viewing.gaze, looking.geometry)
     chosen = open_network(network)
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
@@ -179,8 +174,8 @@ def denoise_file(
                     )
                 shown = denoiser(noisy, seed)
                 save_colour(folder / name, shown)
-                if progress is not None and clip:
-                    progress("frames", index + 1, len(names))
+                if clip:
+                    reporter.progress("frames", index + 1, len(names))
     finally:
         denoiser.release()
     if compare is not None:
@@ -221,7 +216,7 @@ def render_scene(
     clean: Path | None = None,
     rendering: Rendering | None = None,
     sampling: Sampling | None = None,
-    say: Say | None = None,
+    reporter: Reporter = SILENT,
 ) -> Written:
     """Path-trace a built-in scene with most samples at the gaze.
 
@@ -237,7 +232,7 @@ def render_scene(
     MissingExtraError
         If Mitsuba is not installed.
     """
-    tell = say or (lambda _: None)
+    tell = reporter.say
     rendering, sampling = rendering or Rendering(clean_samples=1), sampling or Sampling()
     for path in (out, clean):
         if path is not None and path.suffix.lower() not in ENDINGS:

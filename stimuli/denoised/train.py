@@ -30,7 +30,8 @@ from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
-from protocols.outside import check_within, check_zip, reading
+from protocols.limits import check_within
+from protocols.outside import check_zip, reading
 from protocols.whole_file import write_whole
 from stimuli.denoised.path_traced import need
 from stimuli.denoised.training_pictures import (
@@ -50,6 +51,7 @@ from stimuli.denoised.unet import (
     scaled,
     to_onnx,
 )
+from stimuli.reporter import SILENT, Reporter
 from stimuli.scenes.builtin_scenes import scene_entry
 
 KINDS: tuple[Kind, ...] = ("moments", "rgb")
@@ -58,7 +60,6 @@ STEPS_PER_SAVE = 50
 LEAST_DEVIATION = 1e-4
 """Of an output over the training pictures: what never varies is not magnified."""
 
-Say = Callable[[str], None]
 Progress = Callable[[str, int, int], None]
 Pictures = NDArray[np.float32]
 
@@ -374,8 +375,7 @@ def train(
     work: Path,
     *,
     estimate_only: bool = False,
-    say: Say | None = None,
-    progress: Progress | None = None,
+    reporter: Reporter = SILENT,
 ) -> list[Path]:
     """Render pairs, train both networks, write them.
 
@@ -402,7 +402,7 @@ def train(
     """
     for module in ("torch", "mitsuba", "onnx", "onnxruntime"):
         need(module, "training")
-    tell = say or (lambda _: None)
+    tell, progress = reporter.say, reporter.progress
     views = training.all_views
     missing = [view for view in views if not view.path(work / "pairs", training.rendering).exists()]
     seconds = estimated_s(training, missing)

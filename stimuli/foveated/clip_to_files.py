@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import moderngl
@@ -19,8 +20,10 @@ from stimuli.exr import save_colour
 from stimuli.flow_file import read_flo
 from stimuli.foveated.any_picture import PictureReading, check_drawable, read_any
 from stimuli.foveated.condition_sheet import check_choices
-from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
+from stimuli.foveated.foveate_files import METAMER
+from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.frames_folder import frames_folder, frames_in
+from stimuli.reporter import SILENT, Reporter
 from stimuli.video import check_video, write_video
 
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
@@ -28,23 +31,44 @@ Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
 their pixels, not a number where the eye was lost."""
 
 
+@dataclass(frozen=True)
+class ClipSettings:
+    """What is known of a clip besides its frames, and how it is written.
+
+    Parameters
+    ----------
+    flow : Path, optional
+        A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
+        of *that* frame, where it is less where it was a frame ago. Noise and displacements then
+        go with the surfaces. Without it they lie on the screen.
+    track : Track, optional
+        A gaze per frame, in place of the one for all. It holds while the eye is lost, and
+        displacements follow it as `SteadyGaze` lets them.
+    video : Path, optional
+        Write the frames as a video too; see `write_video`.
+    fps : float
+        Frames a second.
+    reading : PictureReading
+        What is said about the files.
+    """
+
+    flow: Path | None = None
+    track: Track | None = None
+    video: Path | None = None
+    fps: float = 30.0
+    reading: PictureReading = field(default_factory=PictureReading)
+
+
 def foveate_clip(
     frames: Path,
     out: Path,
     *,
-    flow: Path | None = None,
-    gaze: str | Track | None = None,
-    display: str | None = None,
-    fov_deg: float | None = None,
-    panorama: bool = False,
-    choice: Choice | None = None,
+    asked: ClipSettings = ClipSettings(),
+    viewing: StatedViewing = AS_ASSUMED,
+    choice: Choice = METAMER,
     seed: int = 0,
-    reading: PictureReading | None = None,
-    video: Path | None = None,
-    fps: float = 30.0,
     ctx: moderngl.Context | None = None,
-    say: Callable[[str], None] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    reporter: Reporter = SILENT,
 ) -> list[Path]:
     """Show every frame of a folder to a gaze, and write them under their names as PNG.
 
@@ -54,19 +78,10 @@ def foveate_clip(
         A folder of pictures of one size, in the order of their names.
     out : Path
         Another folder, empty or new.
-    flow : Path, optional
-        A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
-        of *that* frame, where it is less where it was a frame ago. Noise and displacements then
-        go with the surfaces. Without it they lie on the screen.
-    gaze : str or Track, optional
-        As in `foveate_file`; or one per frame. It holds while the eye is lost, and displacements
-        follow it as `SteadyGaze` lets them.
-    choice : Choice, optional
-        The condition; by default `metamer`.
-    video : Path, optional
-        Write the frames as a video too; see `write_video`.
-    fps : float
-        Frames a second.
+    asked : ClipSettings
+        What is known of the clip besides.
+    choice : Choice
+        The condition.
 
     Other parameters are those of `foveate_file`.
 
@@ -80,25 +95,24 @@ def foveate_clip(
     InputError, StudyError, OSError
         Where a frame or its flow is not what it must be; nothing is written then.
     """
-    tell, reading = say or (lambda _: None), reading or PictureReading()
-    chosen = choice or Choice("metamer")
-    check_choices([chosen])
+    tell, reading, track = reporter.say, asked.reading, asked.track
+    check_choices([choice])
     check_seed(seed)
     paths = frames_in(frames)
-    motions = _files(frames, out, paths, flow)
+    motions = _files(frames, out, paths, asked.flow)
     command = "foveate" if ctx is not None else "foveate by numpy"
     check_drawable(paths[0], ctx)
     first = read_any(paths[0], reading, command)
     size = first.size
-    looking = look_at(size, display=display, fov_deg=fov_deg, panorama=panorama)
-    if callable(gaze):
-        eyes = gaze(len(paths), size)
+    looking = viewing.of(size)
+    if track is not None:
+        eyes = track(len(paths), size)
         lost = int((~np.isfinite(eyes).all(axis=1)).sum())
         gaze_said = f"a gaze per frame, held in {lost} in which the eye was lost"
         if lost and not np.isfinite(eyes[0]).all():
             gaze_said += "; in the middle until it was found"
     else:
-        gaze_px = read_gaze(gaze, looking.geometry)
+        gaze_px = read_gaze(viewing.gaze, looking.geometry)
         eyes = np.tile(gaze_px, (len(paths), 1))
         gaze_said = gaze_words(gaze_px, looking.geometry)
     tell(f"{count_of(len(paths), 'frame')}, {size[1]} x {size[0]} px")
@@ -106,11 +120,11 @@ def foveate_clip(
     tell(gaze_said)
     for note in (*first.notes, *looking.notes):
         tell(f"note: {note}")
-    tell("noise is carried along the flow" if flow else "noise lies on the screen")
-    if video is not None:
-        check_video(video, size[1], size[0])
+    tell("noise is carried along the flow" if asked.flow else "noise lies on the screen")
+    if asked.video is not None:
+        check_video(asked.video, size[1], size[0])
     foveator = Foveator(
-        size, viewing=looking.viewing, method=chosen.name, ctx=ctx, **chosen.parameters
+        size, viewing=looking.viewing, method=choice.name, ctx=ctx, **choice.parameters
     )
     try:
         shift: NDArray[np.float64] | None = None
@@ -127,22 +141,21 @@ def foveate_clip(
                 if motion is not None:
                     shift = carried(shift, _read_flow(motion, size))
                 if index > 0:
-                    state = state.after((eyes[index, 0], eyes[index, 1]), 1 / fps)
+                    state = state.after((eyes[index, 0], eyes[index, 1]), 1 / asked.fps)
                 foveator.hold(opened.stored)
                 shown = foveator.show(
                     state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
                     field_gaze_px=state.field_px,
                 )  # fmt: skip
                 save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)
-                if progress is not None:
-                    progress("frames", index + 1, len(paths))
+                reporter.progress("frames", index + 1, len(paths))
     finally:
         foveator.release()
     written = [out / f"{path.stem}.png" for path in paths]
-    tell(f"wrote {count_of(len(written), 'frame')} to {out} ({chosen.label})")
-    if video is not None:
-        write_video(video, written, fps)
-        tell(f"wrote {video}")
+    tell(f"wrote {count_of(len(written), 'frame')} to {out} ({choice.label})")
+    if asked.video is not None:
+        write_video(asked.video, written, asked.fps)
+        tell(f"wrote {asked.video}")
     return written
 
 

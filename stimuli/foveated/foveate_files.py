@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,15 @@ from stimuli.foveated import moving
 from stimuli.foveated.any_picture import AnyPicture, PictureReading, check_drawable, read_any
 from stimuli.foveated.condition_sheet import ConditionPicture, check_choices, look_through, sheet_of
 from stimuli.foveated.foveation_steps import write_steps
-from stimuli.foveated.gaze_and_display import ViewedAs, gaze_words, look_at, read_gaze, width_deg
+from stimuli.foveated.gaze_and_display import (
+    AS_ASSUMED,
+    StatedViewing,
+    ViewedAs,
+    gaze_words,
+    read_gaze,
+    width_deg,
+)
+from stimuli.reporter import SILENT, Reporter
 
 LEAST_SCORED_PX = 32
 METAMER = Choice("metamer")
@@ -71,24 +79,26 @@ class _Work:
     choices: tuple[Choice, ...]
     seed: int
     ctx: moderngl.Context | None
-    say: Callable[[str], None]
-    progress: Callable[[str, int, int], None]
+    reporter: Reporter
+
+    @property
+    def shown(self) -> moving.Shown:
+        return moving.Shown(self.opened.colour, self.looking.viewing, self.choices[0], self.ctx)
+
+    def count_frames(self, done: int, total: int) -> None:
+        self.reporter.progress("drawing frames", done, total)
 
 
 def foveate_file(
     picture: Path,
     outputs: Outputs | Path,
     *,
-    gaze: str | None = None,
-    display: str | None = None,
-    fov_deg: float | None = None,
-    panorama: bool = False,
+    viewing: StatedViewing = AS_ASSUMED,
     choices: Sequence[Choice] = (METAMER,),
     seed: int = 0,
     reading: PictureReading | None = None,
     ctx: moderngl.Context | None = None,
-    say: Callable[[str], None] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    reporter: Reporter = SILENT,
 ) -> list[ConditionPicture]:
     """Show a picture file to a gaze by every choice, and write what is asked for.
 
@@ -98,26 +108,22 @@ def foveate_file(
         Any picture that `read_any` reads.
     outputs : Outputs or Path
         A path alone: the picture that the first choice shows.
-    gaze : str, optional
-        ``X,Y`` in pixels, or ``Xdeg,Ydeg`` right of and below the middle; left out: the middle.
-    display, fov_deg, panorama
-        How it is looked at; see `look_at`. Without any of them it is flat and 40 degrees wide.
+    viewing : StatedViewing
+        Where the eye looks, and from how far.
     choices : sequence of Choice
         Conditions and their parameters; the first one makes OUT.
     seed : int
         Of noise and displacement.
-    reading : Reading, optional
+    reading : PictureReading, optional
         What is said about the file.
     ctx : moderngl.Context, optional
         Work on the GPU, where a condition can; without it numpy does.
-    say : callable, optional
-        Called with what was decided and written, a line each.
-    progress : callable, optional
-        Called with what is going on, how much of it is done, and of how much (0: not known).
+    reporter : Reporter
+        Is told what was decided and written, and how far the work is.
 
     Returns
     -------
-    list of Seen
+    list of ConditionPicture
         What each choice shows: `ConditionPicture.colour` is encoded R'G'B' of shape (H, W, 3).
 
     Raises
@@ -127,7 +133,7 @@ def foveate_file(
         not what it must be.
     """
     asked = outputs if isinstance(outputs, Outputs) else Outputs(outputs)
-    tell = say or (lambda _: None)
+    tell = reporter.say
     if not choices:
         raise InputError("choices must hold at least one condition (got none)")
     check_choices(choices)
@@ -136,10 +142,10 @@ def foveate_file(
     check_drawable(picture, ctx)
     opened = read_any(picture, reading, "foveate by numpy" if by_numpy else "foveate")
     height, width = opened.size
-    looking = look_at((height, width), display=display, fov_deg=fov_deg, panorama=panorama)
+    looking = viewing.of((height, width))
     work = _Work(
-        picture.stem, opened, looking, read_gaze(gaze, looking.geometry), tuple(choices), seed, ctx,
-        tell, progress or (lambda *_: None),
+        picture.stem, opened, looking, read_gaze(viewing.gaze, looking.geometry), tuple(choices),
+        seed, ctx, reporter,
     )  # fmt: skip
     if asked.score is not None:
         _check_scorable(work)
@@ -174,28 +180,32 @@ def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
     outputs.out.parent.mkdir(parents=True, exist_ok=True)
     state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
     if state.exists():
-        work.say(f"going on where {state} ends")
+        work.reporter.say(f"going on where {state} ends")
     seen = look_through(
         work.opened.stored, work.gaze_px, viewing, work.choices, seed=work.seed, ctx=work.ctx,
-        state=state, report=lambda now: work.progress(now, 0, 0),
+        state=state, report=lambda now: work.reporter.progress(now, 0, 0),
     )  # fmt: skip
     _say_where(work, seen)
     _save(outputs.out, seen[0], work.opened.bits)
-    work.say(f"wrote {outputs.out} ({seen[0].choice.label})")
+    work.reporter.say(f"wrote {outputs.out} ({seen[0].choice.label})")
     if outputs.compare is not None:
         outputs.compare.parent.mkdir(parents=True, exist_ok=True)
         pictures.save_picture(
             outputs.compare, sheet_of(work.opened.colour, work.gaze_px, viewing, seen)
         )
-        work.say(f"wrote {outputs.compare} ({len(seen)} condition{'' if len(seen) == 1 else 's'})")
+        work.reporter.say(
+            f"wrote {outputs.compare} ({len(seen)} condition{'' if len(seen) == 1 else 's'})"
+        )
     if outputs.steps is not None:
         written = write_steps(
             outputs.steps, work.opened.colour, work.gaze_px, viewing, seen[:1], seed=work.seed
         )
-        work.say(f"wrote {len(written)} pictures to {outputs.steps}; begin with {written[-1]}")
+        work.reporter.say(
+            f"wrote {len(written)} pictures to {outputs.steps}; begin with {written[-1]}"
+        )
     if outputs.score is not None:
         page = _score(work, seen, outputs.score)
-        work.say(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
+        work.reporter.say(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
     if outputs.animate is not None:
         _animate(work, outputs.animate, outputs.size_px or moving.LONGEST_PX)
     if outputs.flip is not None:
@@ -207,10 +217,10 @@ def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
 
 def _say_where(work: _Work, seen: Sequence[ConditionPicture]) -> None:
     if work.ctx is not None and any(one.on_gpu for one in seen):
-        work.say(f"renderer: {describe(work.ctx)}")
+        work.reporter.say(f"renderer: {describe(work.ctx)}")
     by_numpy = [one.choice.name for one in seen if not one.on_gpu]
     if by_numpy:
-        work.say(f"worked out by numpy: {', '.join(by_numpy)}")
+        work.reporter.say(f"worked out by numpy: {', '.join(by_numpy)}")
 
 
 def _save(path: Path, one: ConditionPicture, bits: int) -> None:
@@ -258,7 +268,7 @@ def _score(work: _Work, seen: Sequence[ConditionPicture], out: Path) -> Path:
             (width / 2, height / 2) if around else gaze_px,
             results,
             out / CACHE_FOLDER,
-            report=lambda done, total, what: work.progress(what, done, total),
+            report=lambda done, total, what: work.reporter.progress(what, done, total),
         )
     return out / page.name
 
@@ -266,21 +276,18 @@ def _score(work: _Work, seen: Sequence[ConditionPicture], out: Path) -> Path:
 def _animate(work: _Work, path: Path, longest_px: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     size = moving.wander(
-        path, work.opened.colour, work.looking.viewing, work.choices[0], seed=work.seed,
-        ctx=work.ctx, longest_px=longest_px,
-        report=lambda done, total: work.progress("drawing frames", done, total),
-    )  # fmt: skip
-    work.say(f"wrote {path} ({size / 1000:.0f} kB)")
+        path, work.shown, seed=work.seed, longest_px=longest_px, report=work.count_frames
+    )
+    work.reporter.say(f"wrote {path} ({size / 1000:.0f} kB)")
 
 
 def _flip(work: _Work, path: Path, longest_px: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     size = moving.flip(
-        path, work.opened.colour, work.gaze_px, work.looking.viewing, work.choices[0],
-        seeds=(work.seed, work.seed + 1), ctx=work.ctx, longest_px=longest_px,
-        report=lambda done, total: work.progress("drawing frames", done, total),
+        path, work.shown, work.gaze_px, seeds=(work.seed, work.seed + 1), longest_px=longest_px,
+        report=work.count_frames,
     )  # fmt: skip
-    work.say(f"wrote {path} ({size / 1000:.0f} kB)")
+    work.reporter.say(f"wrote {path} ({size / 1000:.0f} kB)")
 
 
 def _page(work: _Work, path: Path, longest_px: int) -> None:
@@ -289,4 +296,4 @@ def _page(work: _Work, path: Path, longest_px: int) -> None:
         path, work.name, work.opened.colour, work.looking.viewing, work.choices[0],
         seed=work.seed, longest_px=longest_px,
     )  # fmt: skip
-    work.say(f"wrote {path} ({width} x {height} px, {size / 1e6:.1f} MB)")
+    work.reporter.say(f"wrote {path} ({width} x {height} px, {size / 1e6:.1f} MB)")

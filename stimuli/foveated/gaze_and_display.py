@@ -26,6 +26,32 @@ ASSUMED_DEG = 40.0
 
 
 @dataclass(frozen=True)
+class StatedViewing:
+    """What people say of how a picture is looked at.
+
+    Parameters
+    ----------
+    gaze : str, optional
+        As `read_gaze` takes it; left out: the middle.
+    display, fov_deg, panorama
+        See `look_at`. Without any of them the picture is flat and 40 degrees wide.
+    """
+
+    gaze: str | None = None
+    display: str | None = None
+    fov_deg: float | None = None
+    panorama: bool = False
+
+    def of(self, size: tuple[int, int]) -> ViewedAs:
+        """Return how a picture of (height, width) is looked at; raises as `look_at`."""
+        return look_at(size, display=self.display, fov_deg=self.fov_deg, panorama=self.panorama)
+
+
+AS_ASSUMED = StatedViewing()
+"""Nothing is said: the middle of a flat picture, 40 degrees wide."""
+
+
+@dataclass(frozen=True)
 class ViewedAs:
     """A picture before an eye, and in words where that comes from."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -83,17 +84,23 @@ def wandering(geometry: Geometry, count: int) -> list[tuple[float, float]]:
     return places
 
 
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """An encoded picture of shape (H, W, 3), how it is looked at, and what shows it."""
+
+    colour: NDArray[np.float32]
+    viewing: Viewing
+    choice: Choice
+    ctx: moderngl.Context | None = None
+
+
 def wander(
     path: Path,
-    colour: NDArray[np.float32],
-    viewing: Viewing,
-    choice: Choice,
+    shown: Shown,
     *,
     seed: int = 0,
-    frames: int = FRAMES,
     longest_px: int = LONGEST_PX,
-    ctx: moderngl.Context | None = None,
-    report: Report | None = None,
+    report: Report = lambda *_: None,
 ) -> int:
     """Write a moving picture in which the gaze wanders; return its bytes.
 
@@ -101,54 +108,54 @@ def wander(
     gaze of this speed would move.
     """
     check_ending(path)
-    small, seen = shrunk(colour, viewing, longest_px)
-    foveator = _foveator(small, seen, choice, ctx)
-    shown = []
-    radius_px = max(5.0, min(small.shape[:2]) / 45)
-    try:
-        gazes = wandering(foveator.geometry, frames)
-        for index, gaze in enumerate(gazes):
-            picture = pictures.of_colour(foveator(small, gaze, seed=seed, frame=index))
-            shown.append(draw_gaze(picture, gaze, radius_px))
-            if report is not None:
-                report(index + 1, frames)
-    finally:
-        foveator.release()
-    return save_moving(path, shown, FRAME_MS)
+    small, viewing = shrunk(shown.colour, shown.viewing, longest_px)
+    geometry = viewing.of(small.shape[1], small.shape[0])
+    looks = [(gaze, seed, frame) for frame, gaze in enumerate(wandering(geometry, FRAMES))]
+    drawn = _drawn(replace(shown, colour=small, viewing=viewing), looks, report)
+    return save_moving(path, drawn, FRAME_MS)
 
 
 def flip(
     path: Path,
-    colour: NDArray[np.float32],
+    shown: Shown,
     gaze_px: tuple[float, float],
-    viewing: Viewing,
-    choice: Choice,
     *,
     seeds: tuple[int, int] = (0, 1),
     longest_px: int = 2 * LONGEST_PX,
-    ctx: moderngl.Context | None = None,
-    report: Report | None = None,
+    report: Report = lambda *_: None,
 ) -> int:
     """Write a moving picture that flips between two seeds; return its bytes.
 
     Look at the mark: two metamers are the same there, and hard to tell apart around it.
     """
     check_ending(path)
-    small, seen = shrunk(colour, viewing, longest_px)
-    share = small.shape[1] / colour.shape[1]
-    gaze = gaze_px[0] * share, gaze_px[1] * small.shape[0] / colour.shape[0]
-    foveator = _foveator(small, seen, choice, ctx)
-    radius_px = max(5.0, min(small.shape[:2]) / 45)
-    shown = []
+    small, viewing = shrunk(shown.colour, shown.viewing, longest_px)
+    across, down = small.shape[1] / shown.colour.shape[1], small.shape[0] / shown.colour.shape[0]
+    gaze = gaze_px[0] * across, gaze_px[1] * down
+    looks = [(gaze, seed, 0) for seed in seeds]
+    drawn = _drawn(replace(shown, colour=small, viewing=viewing), looks, report)
+    return save_moving(path, drawn, FLIP_MS)
+
+
+def _drawn(
+    shown: Shown, looks: Sequence[tuple[tuple[float, float], int, int]], report: Report
+) -> list[Picture]:
+    """Draw a picture for each gaze, seed and number of a frame, with a mark at the gaze."""
+    height, width = shown.colour.shape[:2]
+    radius_px = max(5.0, min(height, width) / 45)
+    foveator = Foveator(
+        (height, width), viewing=shown.viewing, method=shown.choice.name, ctx=shown.ctx,
+        **shown.choice.parameters,
+    )  # fmt: skip
+    drawn = []
     try:
-        for index, seed in enumerate(seeds):
-            picture = pictures.of_colour(foveator(small, gaze, seed=seed))
-            shown.append(draw_gaze(picture, gaze, radius_px))
-            if report is not None:
-                report(index + 1, 2)
+        for done, (gaze, seed, frame) in enumerate(looks, 1):
+            picture = pictures.of_colour(foveator(shown.colour, gaze, seed=seed, frame=frame))
+            drawn.append(draw_gaze(picture, gaze, radius_px))
+            report(done, len(looks))
     finally:
         foveator.release()
-    return save_moving(path, shown, FLIP_MS)
+    return drawn
 
 
 def save_moving(path: Path, frames: Sequence[Picture], frame_ms: int) -> int:
@@ -169,10 +176,3 @@ def save_moving(path: Path, frames: Sequence[Picture], frame_ms: int) -> int:
     data = buffer.getvalue()
     write_whole(path, data)
     return len(data)
-
-
-def _foveator(
-    colour: NDArray[np.float32], viewing: Viewing, choice: Choice, ctx: moderngl.Context | None
-) -> Foveator:
-    size = (colour.shape[0], colour.shape[1])
-    return Foveator(size, viewing=viewing, method=choice.name, ctx=ctx, **choice.parameters)

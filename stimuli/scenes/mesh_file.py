@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from protocols.outside import LIMITS_VARIABLE, limit, reading
+from protocols.limits import LIMITS_VARIABLE, limit
+from protocols.outside import reading
 from stimuli.scenes.gltf import Document
 from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
 from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
@@ -101,7 +102,7 @@ def _within_limits(path: Path, shapes: Iterator[Shape]) -> list[Shape]:
     found, triangles = [], 0
     for shape in shapes:
         triangles += len(shape.triangles) * len(shape.places)
-        if triangles > (most := limit("triangles", InputError)):
+        if triangles > (most := limit("triangles")):
             raise InputError(
                 f"{path}: must have at most {most:,} triangles (has more); simplify it, cut away"
                 f" what the camera does not see, or raise the limit with"

@@ -26,14 +26,15 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from pipeline.limits import check_memory, check_vertices
-from protocols.outside import bounded_bytes, check_within, parsed_json, visible_line
+from protocols.limits import FIXED, check_within
+from protocols.outside import bounded_bytes, parsed_json, visible_line
 from stimuli.scenes.mesh_features import row_of
 
 ENDINGS = (".glb", ".gltf", ".obj")
 PICTURES = ("map_Kd", "map_d", "map_Ke")
 """Statements of .mtl files whose pictures are drawn."""
-_MOST_CORNERS = 1000
-_LONGEST_NAME = 10_000
+_MOST_CORNERS = FIXED["corners"].most
+_LONGEST_NAME = FIXED["names"].most
 """Characters of a statement that names files; it may name several, with options."""
 _MOST_BYTES = 1 << 60
 """Largest count of bytes: what is longer is as much too long, and this fits a float."""

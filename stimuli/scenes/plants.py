@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from stimuli.scenes import shapes, textures
 from stimuli.world import Material, Mesh, MeshPart
 
+BRANCHES = 9
+
 
 @dataclass(frozen=True, eq=False)
 class Foliage:
@@ -40,7 +42,6 @@ def tree(
     crown_share: float = 0.6,
     cards: int = 150,
     card_m: float | None = None,
-    branches: int = 9,
 ) -> list[MeshPart]:
     """A broad-leaved tree; `trunk_m` is the radius at its foot."""
     base = np.asarray(foot, np.float64)
@@ -51,10 +52,10 @@ def tree(
     wood = [shapes.tube(stem, radius * taper, (0.7, 1.4), sides=14)]
     spread = 0.32 * height_m
     middle = stem[-1] + (0, -0.06 * height_m, 0)
-    for index in range(branches):
+    for index in range(BRANCHES):
         share = rng.uniform(1 - crown_share, 0.95)
         start = stem[int(share * (len(stem) - 1))]
-        turn = 2 * np.pi * (index + rng.uniform(-0.3, 0.3)) / branches
+        turn = 2 * np.pi * (index + rng.uniform(-0.3, 0.3)) / BRANCHES
         way = (np.cos(turn), rng.uniform(0.35, 0.9), np.sin(turn))
         length = spread * rng.uniform(0.8, 1.2)
         path = shapes.branch_path(rng, start, way, length, wander=0.16)

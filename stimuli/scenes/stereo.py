@@ -143,7 +143,6 @@ def load_pair(
     focal_px: float | None = None,
     baseline_m: float = ASSUMED_BASELINE_M,
     offset_px: float = 0.0,
-    mirrored: bool = False,
     unknown: Unknown = None,
 ) -> StereoPair:
     """Read a stereo pair with the disparity of its left view.
@@ -164,8 +163,6 @@ def load_pair(
         the ratios of depths are right, which is all that filling holes needs.
     baseline_m, offset_px : float
         See the module's text.
-    mirrored : bool
-        `left` is the right photograph and `right` the left one; see `StereoPair`.
     unknown : sequence of float, optional
         Further stored numbers that stand for "unknown"; empty, if there are none.
 
@@ -198,7 +195,6 @@ def load_pair(
         focal_px=focal_px or ASSUMED_FIELD_OF_VIEW * colour.shape[1],
         baseline_m=baseline_m,
         offset_px=offset_px,
-        mirrored=mirrored,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,10 @@ from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
 from protocols.whole_file import whole_file
 from stimuli import pictures
-from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze
+from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.foveated.moving import save_moving
 from stimuli.foveated.rings import draw_gaze
+from stimuli.reporter import SILENT, Reporter
 from stimuli.textured.draw_globes import LOOKS, TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import TexturedScene, open_textured_scene
@@ -32,7 +34,6 @@ PLANET_PX = 1024
 """Height of the map that scenes show unless another is given."""
 TURN_FRAMES, TURN_STEP_DEG, TURN_FRAME_MS = 36, 1.0, 60
 
-Say = Callable[[str], None]
 _WORDS = {
     "reference": "reference",
     "blur": "foveated blur",
@@ -40,7 +41,9 @@ _WORDS = {
 }
 
 
-def bake_file(source: Path, out: Path, *, wraps: bool = False, say: Say | None = None) -> Layout:
+def bake_file(
+    source: Path, out: Path, *, wraps: bool = False, reporter: Reporter = SILENT
+) -> Layout:
     """Bake a texture file, a few rows at a time.
 
     Parameters
@@ -57,7 +60,7 @@ def bake_file(source: Path, out: Path, *, wraps: bool = False, say: Say | None =
     InputError, OSError
         Before anything is written.
     """
-    tell = say or (lambda _: None)
+    tell = reporter.say
     check_fits(source, "texture bake")
     texture = three_channels(source, read_pixels(source))
     if texture.dtype.kind != "u":
@@ -111,21 +114,38 @@ def metamer_settings(parameters: dict[str, Any]) -> MetamerSettings:
     return made.settings
 
 
+@dataclass(frozen=True)
+class SceneSettings:
+    """What is drawn of a textured scene.
+
+    Parameters
+    ----------
+    baked : Path, optional
+        A texture that `bake_file` made; by default our planet's map.
+    size_px : int
+        Edge of the square pictures.
+    turn_deg : float
+        All globes turned by so much.
+    animate : Path, optional
+        A moving picture (.webp or .png) of the turning globes.
+    """
+
+    baked: Path | None = None
+    size_px: int = 768
+    turn_deg: float = 0.0
+    animate: Path | None = None
+
+
 def show_scene(
     name: str,
     out: Path,
     ctx: moderngl.Context,
     *,
-    baked: Path | None = None,
-    gaze: str | None = None,
-    display: str | None = None,
-    fov_deg: float | None = None,
-    size_px: int = 768,
+    asked: SceneSettings = SceneSettings(),
+    viewing: StatedViewing = AS_ASSUMED,
     settings: MetamerSettings | None = None,
     seed: int = 0,
-    turn_deg: float = 0.0,
-    animate: Path | None = None,
-    say: Say | None = None,
+    reporter: Reporter = SILENT,
 ) -> None:
     """Draw a scene as it is, with a foveated blur, and with noise of what that lost, on one sheet.
 
@@ -135,28 +155,23 @@ def show_scene(
         One of `scenes.SCENES`.
     out : Path
         The sheet, .png or .jpg.
-    baked : Path, optional
-        A texture that `bake_file` made; by default our planet's map.
-    gaze, display, fov_deg
-        As in `foveate_file`; by default the eye rests where the scene says.
-    size_px : int
-        Edge of the square pictures.
-    turn_deg : float
-        All globes turned by so much.
-    animate : Path, optional
-        A moving picture (.webp or .png) of the turning globes.
+    asked : SceneSettings
+        What is drawn.
+    viewing : StatedViewing
+        Without a gaze the eye rests where the scene says.
 
     Raises
     ------
     InputError, StudyError, OSError, GLUnavailableError
         Before anything is written.
     """
-    tell, settings = say or (lambda _: None), settings or MetamerSettings()
+    tell, settings = reporter.say, settings or MetamerSettings()
+    size_px, turn_deg = asked.size_px, asked.turn_deg
     scene = open_textured_scene(name)
-    looking = look_at((size_px, size_px), display=display, fov_deg=fov_deg)
+    looking = viewing.of((size_px, size_px))
     x, y = (size_px * share for share in scene.gaze_share)
-    gaze_px = (x, y) if gaze is None else read_gaze(gaze, looking.geometry)
-    texture = open_texture(baked)
+    gaze_px = (x, y) if viewing.gaze is None else read_gaze(viewing.gaze, looking.geometry)
+    texture = open_texture(asked.baked)
     layout = texture.layout
     tell(f"{scene.name}: {scene.what}; texture of {layout.width} x {layout.height} px")
     tell(looking.words)
@@ -171,13 +186,13 @@ def show_scene(
                 (_WORDS[look], draw_gaze(pictures.of_colour(shown), gaze_px, size_px / 90))
             )
         share = saved_share(renderer, layout, scene, gaze_px, turn_deg=turn_deg)
-        if animate is not None:
+        if asked.animate is not None:
             frames = [
                 pictures.of_colour(renderer.picture(scene, "metamer", gaze_px, turn_deg=turn))
                 for turn in turn_deg + TURN_STEP_DEG * np.arange(TURN_FRAMES)
             ]
-            save_moving(animate, frames, TURN_FRAME_MS)
-            tell(f"wrote {animate}")
+            save_moving(asked.animate, frames, TURN_FRAME_MS)
+            tell(f"wrote {asked.animate}")
     finally:
         renderer.release()
     pictures.save_picture(out, pictures.sheet(tiles, len(tiles)))

@@ -18,9 +18,10 @@ from typing import IO, Any, ClassVar
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.journal_file import find_journals, read_journal
+from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.load import SECRET_SUFFIX, load_protocol, open_new
 from protocols.manifest import MANIFEST_NAME, read_manifest
-from protocols.outside import LIMITS_VARIABLE, check_within, check_zip, limit, reading
+from protocols.outside import check_zip, reading
 from protocols.read_file import read_bytes
 from protocols.result_folder import check_result, whole_folder
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
@@ -162,7 +163,7 @@ def _members(path: Path, file: IO[bytes]) -> Iterator[tuple[zipfile.ZipFile, Ind
         check_within("files", len(archive.infolist()), StudyError, path, "files", "hold")
         infos = {info.filename: info for info in archive.infolist()}
         size = os.fstat(file.fileno()).st_size
-        most = max(limit("unpacked", StudyError), _LARGER * size)
+        most = max(limit("unpacked"), _LARGER * size)
         total = sum(info.file_size for info in archive.infolist())
         if total > most:
             raise StudyError(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from protocols.errors import StudyError
-from protocols.outside import limit
+from protocols.limits import limit
 from protocols.read_file import decode_utf8, read_bytes
 
 MAGIC = b"age-encryption.org/v1\n"
@@ -94,7 +94,7 @@ def unseal(
     pyrage = _pyrage()
     try:
         if head == _BY_PASSPHRASE:
-            if path.stat().st_size > (most := limit("unpacked", StudyError)):
+            if path.stat().st_size > (most := limit("unpacked")):
                 raise StudyError(
                     f"{path}: must have at most {most:,} bytes to be opened by a passphrase here;"
                     " decrypt it with 'age --decrypt'"

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.errors import notes_printed
-from protocols.errors import StudyError
-from protocols.outside import check_limits_variable
+from protocols.limits import check_limits_variable
 from study_app.cli.complete import completing
 from study_app.cli.errors import user_errors
 from study_app.cli.lazy import CommandSlot, LazyGroup
@@ -118,7 +117,7 @@ def metamerlab(
     """Perceptual studies of image warping, hole filling and foveated pictures."""
     context.with_resource(notes_printed(lambda line: say(line, file=sys.stderr)))
     with user_errors():
-        check_limits_variable(StudyError)
+        check_limits_variable()
 
 
 def main() -> None:

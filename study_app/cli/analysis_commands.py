@@ -7,7 +7,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +18,7 @@ from protocols.tasks.task_kinds import TASKS
 from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.errors import user_errors
 from study_app.cli.export_commands import register
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     NewFolderOption,
@@ -108,6 +109,7 @@ def report(
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
+    from analysis.report.report_source import TableSettings
     from analysis.report.write_report import report_decisions, report_sessions
     from protocols.load import load_protocol
 
@@ -118,10 +120,7 @@ def report(
                 made = report_decisions(
                     sessions,
                     out,
-                    protocol=study,
-                    title=title,
-                    where=where or (),
-                    told=pairs("--set", told or ()),
+                    table=TableSettings(study, title, where or (), pairs("--set", told or ())),
                     replace=replace,
                     figure_files=figures,
                     progress=progress,
@@ -193,29 +192,30 @@ def tidy(
     say(f"{out}: {len(tables.sessions)}{mark} sessions, {kept} of {every} main decisions kept")
 
 
-@app.command()
-def power(
-    protocol: Annotated[
-        Path | None,
-        typer.Argument(
-            help="The study's file (.toml), or the name of a shipped study; left out: --pairs,"
-            " --scenes, --repeats and --participants say the design."
-        ),
-    ] = None,
+@dataclasses.dataclass(frozen=True)
+class DesignOptions:
+    """A design without a protocol."""
+
     pair_count: Annotated[
         int | None, typer.Option("--pairs", help="Without a protocol: pairs of methods.")
-    ] = None,
-    scenes: Annotated[int | None, typer.Option(help="Without a protocol: scenes.")] = None,
+    ] = None
+    scenes: Annotated[int | None, typer.Option(help="Without a protocol: scenes.")] = None
     repeats: Annotated[
         int | None,
         typer.Option(help="Without a protocol: decisions of a person on a pair in a scene."),
-    ] = None,
+    ] = None
     participants: Annotated[
         int | None, typer.Option(help="Without a protocol: how many there are.")
-    ] = None,
+    ] = None
+
+
+@dataclasses.dataclass(frozen=True)
+class AssumedOptions:
+    """What a simulation of power assumes."""
+
     rate: Annotated[
         float | None, typer.Option(help="Short for --set rate=..., of preferences.")
-    ] = None,
+    ] = None
     assume: Annotated[
         list[str] | None,
         typer.Option(
@@ -224,7 +224,7 @@ def power(
             help="Assumption of the simulation; may be given more than once. The command "
             "prints the defaults.",
         ),
-    ] = None,
+    ] = None
     pilot: Annotated[
         Path | None,
         typer.Option(
@@ -232,11 +232,32 @@ def power(
             help="A pilot's sessions of this protocol, or a decisions.csv of another: they "
             "say how much people and scenes differ. --set takes precedence.",
         ),
-    ] = None,
+    ] = None
     participant_sd: Annotated[
         float | None, typer.Option(help="Short for --set participant_sd=...")
+    ] = None
+    scene_sd: Annotated[float | None, typer.Option(help="Short for --set scene_sd=...")] = None
+
+    def values(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Return all that is given by name, and what of it by options of its own."""
+        shorts = {name: getattr(self, name) for name in ("rate", "participant_sd", "scene_sd")}
+        own = {name: f"{value:g}" for name, value in shorts.items() if value is not None}
+        return pairs("--set", self.assume or ()) | own, own
+
+
+@app.command()
+@takes_settings
+def power(
+    protocol: Annotated[
+        Path | None,
+        typer.Argument(
+            help="The study's file (.toml), or the name of a shipped study; left out: --pairs,"
+            " --scenes, --repeats and --participants say the design."
+        ),
     ] = None,
-    scene_sd: Annotated[float | None, typer.Option(help="Short for --set scene_sd=...")] = None,
+    *,
+    design: DesignOptions,
+    assumed: AssumedOptions,
     studies: Annotated[
         int | None,
         typer.Option(min=100, help="Studies to simulate. Default: as many as take seconds."),
@@ -273,14 +294,15 @@ def power(
     from protocols.result_folder import check_result, whole_folder
 
     with user_errors():
+        pilot = assumed.pilot
         reads = () if pilot is None else [pilot]
         if out is not None:
             check_result(out, replace=replace, reads=reads)
         numbers = {
-            "pairs": pair_count,
-            "scenes": scenes,
-            "repeats": repeats,
-            "participants": participants,
+            "pairs": design.pair_count,
+            "scenes": design.scenes,
+            "repeats": design.repeats,
+            "participants": design.participants,
         }
         study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
         if protocol is not None and any(value is not None for value in numbers.values()):
@@ -289,14 +311,7 @@ def power(
                 f" protocol (got {protocol} too); leave one of both out"
             )
         simulation = analysis_of(study.analysis.kind).simulation(study)
-        given = pairs("--set", assume or ())
-        shorts: Mapping[str, Any] = {
-            "rate": rate,
-            "participant_sd": participant_sd,
-            "scene_sd": scene_sd,
-        }
-        shorts = {name: f"{value:g}" for name, value in shorts.items() if value is not None}
-        given |= shorts
+        given, shorts = assumed.values()
         known = simulation.assumptions
         with one_line() as progress:
             notes: Sequence[str] = ()
@@ -305,10 +320,9 @@ def power(
                 known = tuple(
                     dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
                 )
-            assumed = assumed_values(known, given, shorts)
             found = simulated_power(
                 simulation,
-                assumed,
+                assumed_values(known, given, shorts),
                 rng=np.random.default_rng(seed),
                 studies=studies,
                 designs=True,
@@ -463,7 +477,7 @@ def _pilot(
     from analysis.report.report_source import from_sessions, from_table
 
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
-    found = from_table(path, None) if table else from_sessions(path, study, progress)
+    found = from_table(path) if table else from_sessions(path, study, progress)
     if found.analysis.kind != study.analysis.kind:
         raise StudyError(
             f"{path}: must hold decisions of the study's kind of task ({study.analysis.kind})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from study_app.archive.read_archive import ArchiveFindings, check, check_folder,
 from study_app.archive.read_archive import restore as restore_archive
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import say
@@ -27,6 +29,25 @@ IdentityOption = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class SecrecyOptions:
+    """Encryption of an archive, and the study's secret in it."""
+
+    passphrase: Annotated[
+        bool,
+        typer.Option("--passphrase", help="Encrypt with a passphrase, which the command asks for."),
+    ] = False
+    recipient: Annotated[
+        list[str] | None,
+        typer.Option(help="Encrypt to a public key of age, age1...; may be given more than once."),
+    ] = None
+    with_secret: Annotated[
+        bool,
+        typer.Option("--with-secret", help="Include the study's secret in an unencrypted archive."),
+    ] = False
+
+
+@takes_settings
 def archive(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="File to write. It appears only when complete.")],
@@ -35,18 +56,8 @@ def archive(
         Path | None, typer.Option(help="Folder of the built clips. Their manifest is included.")
     ] = None,
     with_clips: Annotated[bool, typer.Option("--with-clips", help="Include the frames.")] = False,
-    passphrase: Annotated[
-        bool,
-        typer.Option("--passphrase", help="Encrypt with a passphrase, which the command asks for."),
-    ] = False,
-    recipient: Annotated[
-        list[str] | None,
-        typer.Option(help="Encrypt to a public key of age, age1...; may be given more than once."),
-    ] = None,
-    with_secret: Annotated[
-        bool,
-        typer.Option("--with-secret", help="Include the study's secret in an unencrypted archive."),
-    ] = False,
+    *,
+    secrecy: SecrecyOptions,
     as_it_is: Annotated[
         bool, typer.Option("--as-it-is", help="Also archive what is not as it was recorded.")
     ] = False,
@@ -64,7 +75,7 @@ def archive(
         metamerlab session archive study.toml --stimuli clips --passphrase --out backup.zip.age
     """
     with user_errors():
-        if passphrase and recipient:
+        if secrecy.passphrase and secrecy.recipient:
             raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
         if with_clips and stimuli is None:
             raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
@@ -73,9 +84,9 @@ def archive(
             sessions,
             clips=stimuli,
             frames=with_clips,
-            secret=with_secret,
-            recipients=tuple(recipient or ()),
-            passphrase=_passphrase(new=True) if passphrase else None,
+            secret=secrecy.with_secret,
+            recipients=tuple(secrecy.recipient or ()),
+            passphrase=_passphrase(new=True) if secrecy.passphrase else None,
             as_it_is=as_it_is,
         )
         with one_line() as progress:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from protocols.errors import StudyError
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say_notes, table_of
@@ -19,14 +21,14 @@ if TYPE_CHECKING:
 GIB = 2**30
 
 
-def build(
-    protocol: ProtocolArgument,
-    out: Annotated[Path, typer.Option(help="Folder for the clips; made if it is missing.")],
-    display: DisplayOption = None,
+@dataclass(frozen=True)
+class MachineOptions:
+    """Machines that build."""
+
     workers: Annotated[
         int | None,
         typer.Option(min=1, help=r"Processes on this machine. \[default: one per core]"),
-    ] = None,
+    ] = None
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -34,14 +36,45 @@ def build(
             help="Use the workers of this Dask cluster instead: tcp://HOST:PORT, or"
             " tls://HOST:PORT with certificates.",
         ),
-    ] = None,
+    ] = None
     tls_ca_file: Annotated[
         Path | None, typer.Option(help="Certificates that --scheduler must be signed by, PEM.")
-    ] = None,
+    ] = None
     tls_cert: Annotated[
         Path | None, typer.Option(help="Certificate that we show to --scheduler, PEM.")
-    ] = None,
-    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
+    ] = None
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None
+
+    def certificates(self) -> dict[str, str]:
+        """Return the files that are given, under the names that `dask_cluster` takes.
+
+        Raises
+        ------
+        StudyError
+            If one is no file, or comes without a cluster.
+        """
+        found = {}
+        for name in ("tls_ca_file", "tls_cert", "tls_key"):
+            path = getattr(self, name)
+            if path is None:
+                continue
+            option = f"--{name.replace('_', '-')}"
+            if self.scheduler is None:
+                raise StudyError(f"{option}: must come with --scheduler tls://HOST:PORT")
+            if not path.is_file():
+                raise StudyError(f"{option}: must be a file, PEM (got {path})")
+            key = name if name == "tls_ca_file" else name.replace("tls_", "tls_client_")
+            found[key] = str(path)
+        return found
+
+
+@takes_settings
+def build(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="Folder for the clips; made if it is missing.")],
+    display: DisplayOption = None,
+    *,
+    machines: MachineOptions,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print clips, frames, disk and time; build nothing.")
     ] = False,
@@ -68,29 +101,15 @@ def build(
 
     with user_errors():
         builder = _builder(protocol, display)
-        if scheduler is not None and workers is not None:
+        if machines.scheduler is not None and machines.workers is not None:
             raise StudyError(
                 "--workers and --scheduler exclude each other: the cluster has its own"
             )
-        tls = _certificates(
-            scheduler, tls_ca_file=tls_ca_file, tls_client_cert=tls_cert, tls_client_key=tls_key
-        )
+        tls = machines.certificates()
         if dry_run:
-            _print_estimate(builder, out, workers)
+            _print_estimate(builder, out, machines.workers)
             return
-        _build(builder, out, Where(workers, scheduler, tls))
-
-
-def _certificates(scheduler: str | None, **files: Path | None) -> dict[str, str]:
-    """Return the files that are given, under the names that `dask_cluster` takes."""
-    given = {name: path for name, path in files.items() if path is not None}
-    for name, path in given.items():
-        option = f"--{name.replace('client_', '').replace('_', '-')}"
-        if scheduler is None:
-            raise StudyError(f"{option}: must come with --scheduler tls://HOST:PORT")
-        if not path.is_file():
-            raise StudyError(f"{option}: must be a file, PEM (got {path})")
-    return {name: str(path) for name, path in given.items()}
+        _build(builder, out, Where(machines.workers, machines.scheduler, tls))
 
 
 def _builder(protocol: Path, display: str | None) -> Builder:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,38 +12,39 @@ from protocols.result_folder import check_folder, check_result
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
-    DisplayOption,
-    FovOption,
     GazeOption,
     NumpyOption,
+    PictureViewing,
     SeedOption,
     check_file,
     check_outputs,
     look_option,
     renderer,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
+if TYPE_CHECKING:
+    from pipeline.compression.codec import CompressionSettings
 
-def compress(
-    picture: Annotated[Path, typer.Argument(help="A picture, a folder of frames, or a video.")],
-    out: Annotated[
-        Path, typer.Option(help="The file to write, .metamer; replaced if there.")
-    ] = Path("picture.metamer"),
-    gaze: GazeOption = None,
+
+@dataclass(frozen=True)
+class CodingOptions:
+    """How large a file may be, and what it holds."""
+
     size_kb: Annotated[
         float | None,
         typer.Option(
             min=0.1,
             help="The largest file, in 1000 bytes: the best quality that fits is looked for.",
         ),
-    ] = None,
+    ] = None
     quality: Annotated[
         int | None,
         typer.Option(min=1, max=95, help=r"Quality of the colours. \[default: 75]"),
-    ] = None,
-    codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg",
+    ] = None
+    codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg"
     angles: Annotated[
         int | None,
         typer.Option(
@@ -50,14 +52,14 @@ def compress(
             " angles / 6.3 pixels from the gaze.",
             show_default="512; with --size-kb what fits at quality 50",
         ),
-    ] = None,
+    ] = None
     statistics: Annotated[
         bool,
         typer.Option(
             "--statistics/--no-statistics",
             help="Keep statistics of the periphery, or its blurred colour alone.",
         ),
-    ] = True,
+    ] = True
     hold: Annotated[
         int | None,
         typer.Option(
@@ -66,23 +68,62 @@ def compress(
             show_default="12",
             help="Number of frames of a clip that share statistics.",
         ),
-    ] = None,
-    display: DisplayOption = None,
-    fov: FovOption = None,
+    ] = None
+
+    def settings(self) -> CompressionSettings:
+        """Return them as the codec takes them.
+
+        Raises
+        ------
+        InputError
+            If both a size and a quality are given.
+        """
+        from pipeline.compression.codec import DEFAULT_QUALITY, CompressionSettings
+        from pipeline.errors import InputError
+
+        if self.size_kb is not None and self.quality is not None:
+            raise InputError("give --size-kb or --quality, not both: a size sets the quality")
+        return CompressionSettings(
+            self.codec,
+            self.angles,
+            DEFAULT_QUALITY if self.quality is None else self.quality,
+            None if self.size_kb is None else round(1000 * self.size_kb),
+            self.statistics,
+            CompressionSettings.hold if self.hold is None else self.hold,
+        )
+
+
+@dataclass(frozen=True)
+class CompressedLooks:
+    """What is made to be looked at."""
+
     compare: Annotated[
         Path | None,
         look_option(
             help="One labelled sheet (.png): the picture beside plain, foveated and metameric"
             " files of this size."
         ),
-    ] = None,
+    ] = None
     steps: Annotated[
         Path | None,
         look_option(
             help="Folder for pictures of what the file holds: cells, maps, their density;"
             " sheet.png shows them all."
         ),
-    ] = None,
+    ] = None
+
+
+@takes_settings
+def compress(
+    picture: Annotated[Path, typer.Argument(help="A picture, a folder of frames, or a video.")],
+    out: Annotated[
+        Path, typer.Option(help="The file to write, .metamer; replaced if there.")
+    ] = Path("picture.metamer"),
+    gaze: GazeOption = None,
+    *,
+    coding: CodingOptions,
+    seen: PictureViewing,
+    looks: CompressedLooks,
 ) -> None:
     """Compress a picture for one gaze.
 
@@ -100,34 +141,25 @@ def compress(
 
         metamerlab compress walk.mp4 --out walk.metamer
     """
-    from pipeline.compression.codec import DEFAULT_QUALITY, CompressionSettings
     from pipeline.errors import InputError
     from pipeline.video_file import is_video
     from stimuli.compressed.compress_files import ENDING, compress_file
 
     with user_errors():
-        if size_kb is not None and quality is not None:
-            raise InputError("give --size-kb or --quality, not both: a size sets the quality")
-        if hold is not None and not (picture.is_dir() or is_video(picture)):
+        settings = coding.settings()
+        if coding.hold is not None and not (picture.is_dir() or is_video(picture)):
             raise InputError("--hold is for frames and videos; leave it out for one picture")
         check_outputs(
-            {"--out": (out, (ENDING,)), "--compare": (compare, (".png",))}, [steps], [picture]
+            {"--out": (out, (ENDING,)), "--compare": (looks.compare, (".png",))},
+            [looks.steps],
+            [picture],
         )
-        if steps is not None:
-            check_result(steps, replace=True)
-        settings = CompressionSettings(
-            codec,
-            angles,
-            DEFAULT_QUALITY if quality is None else quality,
-            None if size_kb is None else round(1000 * size_kb),
-            statistics,
-            CompressionSettings.hold if hold is None else hold,
-        )
-        console = PlainConsole(soft_wrap=True)
-        with Teller(console) as teller:
+        if looks.steps is not None:
+            check_result(looks.steps, replace=True)
+        with Teller(PlainConsole(soft_wrap=True)) as teller:
             compress_file(
-                picture, out, gaze=gaze, display=display, fov_deg=fov, settings=settings,
-                compare=compare, steps=steps, say=teller.say,
+                picture, out, viewing=seen.stated(gaze), settings=settings,
+                compare=looks.compare, steps=looks.steps, reporter=teller.reporter,
             )  # fmt: skip
 
 
@@ -177,5 +209,5 @@ def decompress(
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             decompress_file(
                 file, out, seed=seed, statistics=statistics, video=video, fps=fps, ctx=ctx,
-                say=teller.say, progress=teller.progress,
+                reporter=teller.reporter,
             )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +13,14 @@ from study_app.cli.errors import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
-    DisplayOption,
-    FovOption,
     GazeOption,
+    NumpyOption,
+    PictureViewing,
+    SeedOption,
     check_file,
     renderer,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import Teller, going_on
 from study_app.cli.terminal import PlainConsole
 
@@ -40,6 +43,7 @@ app = typer.Typer(
 
 
 @app.command()
+@takes_settings
 def run(
     picture: Annotated[
         Path,
@@ -60,12 +64,10 @@ def run(
     network: Annotated[
         str, typer.Option(help="moments, rgb, or an .onnx file that train made.")
     ] = "moments",
-    display: DisplayOption = None,
-    fov: FovOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
-    numpy_only: Annotated[
-        bool, typer.Option("--numpy", help="Use the numpy reference, not OpenGL.")
-    ] = False,
+    *,
+    seen: PictureViewing,
+    seed: SeedOption = 0,
+    numpy_only: NumpyOption = False,
     compare: Annotated[
         Path | None,
         typer.Option(
@@ -99,8 +101,8 @@ def run(
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
             denoise_file(
-                picture, out, gaze=gaze, network=network, display=display, fov_deg=fov, seed=seed,
-                compare=compare, ctx=ctx, say=teller.say, progress=teller.progress,
+                picture, out, viewing=seen.stated(gaze), network=network, seed=seed,
+                compare=compare, ctx=ctx, reporter=teller.reporter,
             )  # fmt: skip
 
 
@@ -138,11 +140,25 @@ def render(
         rendering = Rendering(size_px, clean_samples if clean is not None else 1)
         with Teller(PlainConsole(soft_wrap=True)) as teller:
             render_scene(
-                scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering, say=teller.say
-            )
+                scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
+                reporter=teller.reporter,
+            )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """Pictures that networks are trained on, and for how long."""
+
+    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3
+    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 1200
+    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96
+    size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256
+    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per clean pixel.")] = 128
+    seed: Annotated[int, typer.Option(min=0, help="Seed of gazes, crops, weights.")] = 1
 
 
 @app.command()
+@takes_settings
 def train(
     scene: Annotated[
         list[str] | None,
@@ -159,12 +175,8 @@ def train(
     work: Annotated[
         Path, typer.Option(help="Folder for pictures and checkpoints; what it holds is used.")
     ] = Path("denoise-work"),
-    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3,
-    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 1200,
-    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96,
-    size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256,
-    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per clean pixel.")] = 128,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of gazes, crops, weights.")] = 1,
+    *,
+    lesson: TrainingOptions,
     estimate: Annotated[
         bool, typer.Option("--estimate", help="Say how long it takes, then stop.")
     ] = False,
@@ -193,11 +205,9 @@ def train(
         if out.stem.endswith("-rgb"):
             raise InputError(f"{out}: must not end in -rgb, as the network for colour does")
         training = Training(
-            tuple(scene) if scene else Training().scenes, views, steps=steps, crop_px=crop_px,
-            seed=seed, rendering=Rendering(size_px, clean_samples),
+            tuple(scene) if scene else Training().scenes, lesson.views, steps=lesson.steps,
+            crop_px=lesson.crop_px, seed=lesson.seed,
+            rendering=Rendering(lesson.size_px, lesson.clean_samples),
         )  # fmt: skip
         with going_on(), Teller(PlainConsole(soft_wrap=True)) as teller:
-            train_networks(
-                training, out, work, estimate_only=estimate, say=teller.say,
-                progress=teller.progress,
-            )  # fmt: skip
+            train_networks(training, out, work, estimate_only=estimate, reporter=teller.reporter)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from analysis.export.choices import EYES, FORMATS, ExportOptions
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import (
     SessionsArgument,
     SessionsProtocolOption,
@@ -18,6 +20,39 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import say, say_notes
 
 
+@dataclass(frozen=True)
+class ExportedOptions:
+    """What of the sessions is exported, and what is said of them."""
+
+    public: Annotated[
+        bool,
+        typer.Option(
+            "--public",
+            help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
+            " the names of machines, devices and folders, and what tells codes or who came when.",
+        ),
+    ] = False
+    display: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="bids: display that sessions were recorded on, if not the protocol's;"
+            " may be given more than once."
+        ),
+    ] = None
+    recorded_eye: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(EYES), help="bids: which eye the tracker reported; cyclopean: both."
+        ),
+    ] = "cyclopean"
+    author: Annotated[
+        list[str] | None,
+        typer.Option(help="Author of the data set; may be given more than once."),
+    ] = None
+    licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = ""
+
+
+@takes_settings
 def export(
     sessions: SessionsArgument,
     protocol: SessionsProtocolOption,
@@ -30,32 +65,8 @@ def export(
         ),
     ],
     out: Annotated[Path, typer.Option(help="New folder. It appears only when complete.")],
-    public: Annotated[
-        bool,
-        typer.Option(
-            "--public",
-            help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
-            " the names of machines, devices and folders, and what tells codes or who came when.",
-        ),
-    ] = False,
-    display: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="bids: display that sessions were recorded on, if not the protocol's;"
-            " may be given more than once."
-        ),
-    ] = None,
-    recorded_eye: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(EYES), help="bids: which eye the tracker reported; cyclopean: both."
-        ),
-    ] = "cyclopean",
-    author: Annotated[
-        list[str] | None,
-        typer.Option(help="Author of the data set; may be given more than once."),
-    ] = None,
-    licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = "",
+    *,
+    content: ExportedOptions,
 ) -> None:
     """Export sessions for an archive (BIDS, Psych-DS) or for the program pwcmp.
 
@@ -77,14 +88,14 @@ def export(
     with user_errors():
         study = load_protocol(protocol)
         chosen = one_of("--format", form, FORMATS)
-        eye = one_of("--recorded-eye", recorded_eye, EYES)
-        names = display or ([study.display.display] if chosen == "bids" else [])
+        eye = one_of("--recorded-eye", content.recorded_eye, EYES)
+        names = content.display or ([study.display.display] if chosen == "bids" else [])
         options = ExportOptions(
-            public=public,
+            public=content.public,
             displays=tuple(load_display(name, beside=protocol) for name in names),
             recorded_eye=eye,
-            authors=tuple(author or ()),
-            licence=licence,
+            authors=tuple(content.author or ()),
+            licence=content.licence,
         )
         with one_line() as progress:
             made = export_study(sessions, study, out, chosen, options, progress=progress)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, reading
 from protocols.results import NAME, read_results
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -25,6 +27,36 @@ ENDINGS = (".pdf", ".svg", ".png")
 MINUS = "\N{MINUS SIGN}"
 
 
+@dataclass(frozen=True)
+class ShownOptions:
+    """Methods, scenes and places that a figure shows."""
+
+    crops: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="auto|X,Y,W,H",
+            help="Crop to show, in pixels of the clip; may be given more than once. auto: where"
+            " the methods differ most.",
+        ),
+    ] = None
+    count: Annotated[int, typer.Option(min=1, max=4, help="Number of crops that auto takes.")] = 2
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Methods, in this order; left out: all.")
+    ] = None
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(help="Scene; each gets a row. Left out: the one whose crops differ most."),
+    ] = None
+    size: Annotated[
+        str | None,
+        typer.Option(help="Size of the holes. Left out: the one whose crops differ most."),
+    ] = None
+    frame: Annotated[
+        int | None, typer.Option(min=0, help="Frame. Left out: the one whose crops differ most.")
+    ] = None
+
+
+@takes_settings
 def figure(
     source: Annotated[
         Path,
@@ -39,29 +71,8 @@ def figure(
     protocol: Annotated[
         Path | None, typer.Option(help="Study of the clips, for its labels.")
     ] = None,
-    crops: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="auto|X,Y,W,H",
-            help="Crop to show, in pixels of the clip; may be given more than once. auto: where"
-            " the methods differ most.",
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option(min=1, max=4, help="Number of crops that auto takes.")] = 2,
-    methods: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Methods, in this order; left out: all.")
-    ] = None,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(help="Scene; each gets a row. Left out: the one whose crops differ most."),
-    ] = None,
-    size: Annotated[
-        str | None,
-        typer.Option(help="Size of the holes. Left out: the one whose crops differ most."),
-    ] = None,
-    frame: Annotated[
-        int | None, typer.Option(min=0, help="Frame. Left out: the one whose crops differ most.")
-    ] = None,
+    *,
+    shown: ShownOptions,
     report: Annotated[
         Path | None,
         typer.Option(help="Folder of the study's report: scores stand under the methods."),
@@ -89,7 +100,7 @@ def figure(
     """
     from protocols.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
-    from stimuli.teaser import rows_of, teaser
+    from stimuli.teaser import RowSettings, rows_of, teaser
 
     with user_errors():
         if out.suffix not in ENDINGS:
@@ -104,13 +115,17 @@ def figure(
         chosen, rows = rows_of(
             clips,
             manifest,
-            methods=() if methods is None else [name.strip() for name in methods.split(",")],
-            scenes=scene or (),
-            size=size,
-            frame=frame,
-            crops=_crops(crops or ["auto"]),
-            count=count,
-            labels=labels,
+            RowSettings(
+                ()
+                if shown.methods is None
+                else tuple(name.strip() for name in shown.methods.split(",")),
+                tuple(shown.scene or ()),
+                shown.size,
+                shown.frame,
+                tuple(_crops(shown.crops or ["auto"])),
+                shown.count,
+            ),
+            labels,
         )
         scores: Mapping[str, str] = {}
         simulated = False

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -31,11 +32,13 @@ from study_app.cli.one_picture_options import (
     print_methods,
     renderer,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from stimuli.choice import Choice
+    from stimuli.foveated.any_picture import PictureReading
     from stimuli.foveated.foveate_files import Outputs
 
 DEFAULT_METHOD = "metamer"
@@ -61,6 +64,156 @@ def _print_methods(console: Console) -> None:
     )
 
 
+@dataclass(frozen=True)
+class ViewingOptions:
+    """Where the eye looks, and from how far."""
+
+    gaze: Annotated[
+        str | None,
+        gaze_option(
+            "the middle",
+            " For frames also a gaze for each: replay:FILE, a recording (.asc, .csv), or FILE.csv"
+            " with columns x_px and y_px and a line per frame.",
+        ),
+    ] = None
+    display: DisplayOption = None
+    fov: FovOption = None
+    panorama: Annotated[
+        bool, typer.Option("--panorama", help="An equirectangular panorama, 2:1.")
+    ] = False
+
+
+@dataclass(frozen=True)
+class ConditionOptions:
+    """Conditions, their parameters, and the seed."""
+
+    methods: Annotated[list[str] | None, method_option("Condition", DEFAULT_METHOD)] = None
+    settings: SettingsOption = None
+    seed: Annotated[int, typer.Option(help="Seed of noise and displacement.", min=0)] = 0
+    _list: Annotated[
+        bool,
+        list_option("the conditions, their parameters and the pooling laws", _print_methods),
+    ] = False
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """Options of frames alone."""
+
+    flow: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="For frames: NAME.flo for each but the first, how far its pixels have moved since"
+            " the frame before. Noise then moves along; otherwise it is fixed to the screen.",
+        ),
+    ] = None
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="For frames: write them as a video too, .mp4, .webm, or lossless .avi.",
+        ),
+    ] = None
+    fps: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            max=1000,
+            help=r"Frames a second, for --video and --gaze replay:FILE."
+            r" \[default: the input video's, or 30]",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class LightOptions:
+    """What is said about the file."""
+
+    stops: Annotated[
+        float | None,
+        _file_option(
+            help="Make light brighter (or darker, below 0) by this many stops.",
+            show_default="0; for a panorama of light, by which 99 % of it can be shown",
+        ),
+    ] = None
+    clip: Annotated[
+        bool,
+        _file_option(
+            "--clip", help="Clip light that a display cannot show, instead of refusing it."
+        ),
+    ] = False
+    encoded: Annotated[
+        bool,
+        _file_option(
+            "--encoded",
+            help="A file of floats holds display-referred colour, not scene-linear light.",
+        ),
+    ] = False
+    background: Annotated[
+        float,
+        _file_option(min=0.0, max=1.0, help="Grey behind transparent pixels."),
+    ] = 0.5
+
+    def reading(self, panorama: bool) -> PictureReading:
+        """Return it as work on files takes it."""
+        from stimuli.foveated.any_picture import PictureReading
+
+        exposed = panorama and self.stops is None and not self.clip
+        return PictureReading(self.background, self.clip, self.stops or 0.0, self.encoded, exposed)
+
+
+@dataclass(frozen=True)
+class FoveatedLooks:
+    """What is made to be looked at."""
+
+    compare: Annotated[
+        Path | None,
+        look_option(
+            help="One labelled sheet: the picture with its pools drawn in, and all conditions"
+            " (or those of --methods)."
+        ),
+    ] = None
+    steps: Annotated[
+        Path | None,
+        look_option(
+            help="Folder for pictures of every step: pools, level of detail, base, noise,"
+            " displacement; sheet.png shows them all."
+        ),
+    ] = None
+    score: Annotated[
+        Path | None,
+        look_option(
+            help="Folder for scores: statistics, bands by eccentricity, FovVideoVDP and"
+            " ColorVideoVDP (where installed), each beside what it is blind to; one page."
+        ),
+    ] = None
+    animate: Annotated[
+        Path | None,
+        look_option(help="Animation (.webp, or .png for APNG) in which the gaze moves."),
+    ] = None
+    flip: Annotated[
+        Path | None,
+        look_option(help="Animation that alternates between this seed and the next one."),
+    ] = None
+    page: Annotated[
+        Path | None,
+        look_option(
+            help="A page (.html, one file) on which the metamer follows the mouse or a finger, by"
+            " WebGL2."
+        ),
+    ] = None
+    size_px: Annotated[
+        int | None,
+        look_option(
+            min=64,
+            max=4096,
+            help=r"Longer edge of animations and page. \[default: 480, --flip 960, --page 512]",
+        ),
+    ] = None
+
+
+@takes_settings
 def foveate(
     picture: Annotated[
         Path,
@@ -76,119 +229,13 @@ def foveate(
             r" \[default: foveated.png, or foveated/]"
         ),
     ] = None,
-    gaze: Annotated[
-        str | None,
-        gaze_option(
-            "the middle",
-            " For frames also a gaze for each: replay:FILE, a recording (.asc, .csv), or FILE.csv"
-            " with columns x_px and y_px and a line per frame.",
-        ),
-    ] = None,
-    display: DisplayOption = None,
-    fov: FovOption = None,
-    panorama: Annotated[
-        bool, typer.Option("--panorama", help="An equirectangular panorama, 2:1.")
-    ] = False,
-    methods: Annotated[list[str] | None, method_option("Condition", DEFAULT_METHOD)] = None,
-    settings: SettingsOption = None,
-    seed: Annotated[int, typer.Option(help="Seed of noise and displacement.", min=0)] = 0,
-    _list: Annotated[
-        bool,
-        list_option("the conditions, their parameters and the pooling laws", _print_methods),
-    ] = False,
+    *,
+    seen: ViewingOptions,
+    condition: ConditionOptions,
     numpy_only: NumpyOption = False,
-    flow: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="For frames: NAME.flo for each but the first, how far its pixels have moved since"
-            " the frame before. Noise then moves along; otherwise it is fixed to the screen.",
-        ),
-    ] = None,
-    video: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="For frames: write them as a video too, .mp4, .webm, or lossless .avi.",
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(
-            min=1,
-            max=1000,
-            help=r"Frames a second, for --video and --gaze replay:FILE."
-            r" \[default: the input video's, or 30]",
-        ),
-    ] = None,
-    stops: Annotated[
-        float | None,
-        _file_option(
-            help="Make light brighter (or darker, below 0) by this many stops.",
-            show_default="0; for a panorama of light, by which 99 % of it can be shown",
-        ),
-    ] = None,
-    clip: Annotated[
-        bool,
-        _file_option(
-            "--clip", help="Clip light that a display cannot show, instead of refusing it."
-        ),
-    ] = False,
-    encoded: Annotated[
-        bool,
-        _file_option(
-            "--encoded",
-            help="A file of floats holds display-referred colour, not scene-linear light.",
-        ),
-    ] = False,
-    background: Annotated[
-        float,
-        _file_option(min=0.0, max=1.0, help="Grey behind transparent pixels."),
-    ] = 0.5,
-    compare: Annotated[
-        Path | None,
-        look_option(
-            help="One labelled sheet: the picture with its pools drawn in, and all conditions"
-            " (or those of --methods)."
-        ),
-    ] = None,
-    steps: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for pictures of every step: pools, level of detail, base, noise,"
-            " displacement; sheet.png shows them all."
-        ),
-    ] = None,
-    score: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for scores: statistics, bands by eccentricity, FovVideoVDP and"
-            " ColorVideoVDP (where installed), each beside what it is blind to; one page."
-        ),
-    ] = None,
-    animate: Annotated[
-        Path | None,
-        look_option(help="Animation (.webp, or .png for APNG) in which the gaze moves."),
-    ] = None,
-    flip: Annotated[
-        Path | None,
-        look_option(help="Animation that alternates between this seed and the next one."),
-    ] = None,
-    page: Annotated[
-        Path | None,
-        look_option(
-            help="A page (.html, one file) on which the metamer follows the mouse or a finger, by"
-            " WebGL2."
-        ),
-    ] = None,
-    size_px: Annotated[
-        int | None,
-        look_option(
-            min=64,
-            max=4096,
-            help=r"Longer edge of animations and page. \[default: 480, --flip 960, --page 512]",
-        ),
-    ] = None,
+    clip: ClipOptions,
+    file: LightOptions,
+    looks: FoveatedLooks,
 ) -> None:
     """Make a metamer of a picture for one gaze, or a condition that it is compared with.
 
@@ -218,46 +265,44 @@ def foveate(
         metamerlab foveate clip.mp4 shown/ --gaze replay:eye.asc --display fhd27-60hz
     """
     from pipeline.video_file import is_video
-    from stimuli.foveated.any_picture import PictureReading
-    from stimuli.foveated.clip_to_files import foveate_clip
+    from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
     from stimuli.foveated.foveate_files import Outputs, foveate_file
+    from stimuli.foveated.gaze_and_display import StatedViewing
 
     with user_errors():
-        sheet = compare is not None or score is not None
-        choices = _choices(methods, settings, sheet)
-        outputs = Outputs(
-            out or Path("foveated.png"), compare, steps, score, animate, flip, page, size_px
-        )
+        sheet = looks.compare is not None or looks.score is not None
+        choices = _choices(condition.methods, condition.settings, sheet)
+        outputs = Outputs(out or Path("foveated.png"), **vars(looks))
         moving = picture.is_dir() or is_video(picture)
+        each = seen.gaze if is_of_frames(seen.gaze) else None
         if moving:
-            _check_clip(picture, out, outputs, video)
+            _check_clip(picture, out, outputs, clip.video)
         else:
-            each = gaze if is_of_frames(gaze) else None
-            for option, given in (("--video", video), ("--fps", fps), (f"--gaze {each}", each)):
-                if given is not None:
-                    raise StudyError(
-                        f"{option} is for a folder of frames or a video (PICTURE is neither)"
-                    )
-            _check(picture, outputs, flow)
+            given = {"--video": clip.video, "--fps": clip.fps, f"--gaze {each}": each}
+            if wrong := [name for name, value in given.items() if value is not None]:
+                raise StudyError(
+                    f"{wrong[0]} is for a folder of frames or a video (PICTURE is neither)"
+                )
+            _check(picture, outputs, clip.flow)
         console = PlainConsole(soft_wrap=True)
         with renderer(console, numpy_only) as ctx, Teller(console) as teller:
-            exposed = panorama and stops is None and not clip
-            reading = PictureReading(background, clip, stops or 0.0, encoded, exposed)
-            common: dict[str, Any] = {
-                "gaze": gaze, "display": display, "fov_deg": fov, "panorama": panorama,
-                "seed": seed, "reading": reading, "ctx": ctx,
-                "say": teller.say, "progress": teller.progress,
-            }  # fmt: skip
-            if moving:
-                shown = out or Path("foveated")
-                with frames_of(picture, fps, teller.say) as (frames, rate):
-                    if gaze is not None and is_of_frames(gaze):
-                        common["gaze"] = track_of(gaze, display, rate, teller.say)
-                    foveate_clip(
-                        frames, shown, flow=flow, choice=choices[0], video=video, fps=rate, **common
-                    )
-            else:
-                foveate_file(picture, outputs, choices=choices, **common)
+            reading = file.reading(seen.panorama)
+            viewing = StatedViewing(
+                None if each else seen.gaze, seen.display, seen.fov, seen.panorama
+            )
+            if not moving:
+                foveate_file(
+                    picture, outputs, viewing=viewing, choices=choices, seed=condition.seed,
+                    reading=reading, ctx=ctx, reporter=teller.reporter,
+                )  # fmt: skip
+                return
+            with frames_of(picture, clip.fps, teller.say) as (frames, rate):
+                track = track_of(each, seen.display, rate, teller.say) if each else None
+                foveate_clip(
+                    frames, out or Path("foveated"), viewing=viewing, choice=choices[0],
+                    asked=ClipSettings(clip.flow, track, clip.video, rate, reading),
+                    seed=condition.seed, ctx=ctx, reporter=teller.reporter,
+                )  # fmt: skip
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
@@ -24,6 +24,7 @@ from study_app.cli.one_picture_options import (
     named_methods,
     panel_option,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of
 from study_app.cli.terminal import say, say_notes
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from study_app.live.loop import DrawnFlip, LiveLoop
     from study_app.live.renderer import LiveView
     from study_app.live.screen import WindowScreen
-    from study_app.window import Window
+    from study_app.window import Pacing, Window
 
 KEYS = "m: method, l: law, s: seed, o: overlay, escape: end"
 _LAWS = ("v1", "v2", "authors")
@@ -50,16 +51,13 @@ _TOLD_S = 0.5  # between two changes of what the overlay says
 _file_option = panel_option("The file")
 
 
-def live(
-    source: Annotated[
-        str,
-        typer.Argument(
-            help="A picture, a folder of frames, a video, or builtin:NAME, such as builtin:garden."
-        ),
-    ],
-    gaze: Annotated[
-        str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")
-    ] = "mouse",
+@dataclass(frozen=True)
+class LiveOptions:
+    """How a picture follows the gaze, and what is kept of it."""
+
+    gaze: Annotated[str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")] = (
+        "mouse"
+    )
     methods: Annotated[
         list[str] | None,
         typer.Option(
@@ -69,52 +67,63 @@ def live(
             help="Conditions, the first one to begin with; the key m goes through these."
             rf" \[default: {DEFAULT_METHOD}, then all that the GPU draws]",
         ),
-    ] = None,
-    settings: SettingsOption = None,
+    ] = None
+    settings: SettingsOption = None
     head: Annotated[
         str | None, typer.Option(help="lsl or lsl:NAME: the head's pose turns a panorama.")
-    ] = None,
+    ] = None
     change: Annotated[
         str,
         typer.Option(help="always: a frame follows the gaze; during-saccades: only in saccades."),
-    ] = "always",
-    seed: Annotated[int, typer.Option(min=0, help="Seed to begin with.")] = 0,
-    display: DisplayOption = None,
-    fov: FovOption = None,
+    ] = "always"
+    seed: Annotated[int, typer.Option(min=0, help="Seed to begin with.")] = 0
+    display: DisplayOption = None
+    fov: FovOption = None
     panorama: Annotated[
         bool, typer.Option("--panorama", help="An equirectangular panorama; drag to look around.")
-    ] = False,
+    ] = False
     fps: Annotated[
         float | None,
         typer.Option(min=1, max=1000, help=r"Frames a second. \[default: the video's, or 30]"),
-    ] = None,
+    ] = None
     overlay: Annotated[
         bool, typer.Option("--overlay", help="Begin with rings, frame time and latency shown.")
-    ] = False,
+    ] = False
     record: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Keep a log of every flip (.jsonl), new."),
-    ] = None,
+    ] = None
     verify: Annotated[
         Path | None,
         typer.Option(
             metavar="LOG", help="Draw frames of a log again, off screen, instead of showing SOURCE."
         ),
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    ] = None
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None
     software_pacing: Annotated[
         bool,
         typer.Option("--software-pacing", help="A timer instead of the display's refresh."),
-    ] = False,
-    stops: Annotated[
-        float | None, _file_option(help="Make light brighter by this many stops.")
-    ] = None,
-    clip: Annotated[
-        bool, _file_option("--clip", help="Clip light that a display cannot show.")
-    ] = False,
+    ] = False
+    stops: Annotated[float | None, _file_option(help="Make light brighter by this many stops.")] = (
+        None
+    )
+    clip: Annotated[bool, _file_option("--clip", help="Clip light that a display cannot show.")] = (
+        False
+    )
     encoded: Annotated[
         bool, _file_option("--encoded", help="Floats hold display-referred colour, not light.")
-    ] = False,
+    ] = False
+
+
+@takes_settings
+def live(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="A picture, a folder of frames, a video, or builtin:NAME, such as builtin:garden."
+        ),
+    ],
+    asked: LiveOptions,
 ) -> None:
     """Show a picture that follows the gaze: a metamer, or what it is compared with.
 
@@ -134,44 +143,34 @@ def live(
     from stimuli.foveated.any_picture import PictureReading
 
     with user_errors():
-        exposed = panorama and stops is None and not clip
-        reading = PictureReading(clip=clip, stops=stops or 0.0, encoded=encoded, exposed=exposed)
-        if verify is not None:
-            if any((methods, settings, display, fov, panorama, fps, record, seconds, stops, clip,
-                    encoded, overlay, seed, head, gaze != "mouse",
-                    change != "always")):  # fmt: skip
+        if asked.verify is not None:
+            if replace(asked, verify=None) != LiveOptions():
                 raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
-            _verify(source, verify)
+            _verify(source, asked.verify)
             return
-        show = _Show(
-            source, gaze, head, one_of("--change", change, get_args(Change)),
-            _choices(methods, settings), seed, reading, panorama, display, fov, fps,
-            record, seconds,
-        )  # fmt: skip
+        exposed = asked.panorama and asked.stops is None and not asked.clip
+        reading = PictureReading(
+            clip=asked.clip, stops=asked.stops or 0.0, encoded=asked.encoded, exposed=exposed
+        )
+        change = one_of("--change", asked.change, get_args(Change))
+        show = _Show(source, asked, change, _choices(asked.methods, asked.settings), reading)
+        record = asked.record
         if record is not None:
             check_file(record, (".jsonl",))
             if record.exists():
                 raise StudyError(f"{record}: must be a new file, and is there; name another one")
-        _run(show, overlay=overlay, pacing="software" if software_pacing else "vsync")
+        _run(show)
 
 
 @dataclass(frozen=True)
 class _Show:
-    """Options of the command."""
+    """Options of the command, as they are shown."""
 
     source: str
-    gaze: str
-    head: str | None
+    asked: LiveOptions
     change: Change
     choices: list[Choice]
-    seed: int
     reading: PictureReading
-    panorama: bool
-    display: str | None
-    fov_deg: float | None
-    fps: float | None
-    record: Path | None
-    seconds: float | None
 
 
 def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choice]:
@@ -195,45 +194,47 @@ def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choi
     return [Choice(name, parameters) for name, parameters in chosen]
 
 
-def _run(show: _Show, *, overlay: bool, pacing: Any) -> None:
+def _run(show: _Show) -> None:
     from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
     from study_app.gaze.open_source import check_kind
     from study_app.monitor import monitor_display
     from study_app.window import Window
 
-    check_kind(show.gaze)
-    if show.head is not None:
-        one_of("--head", show.head.partition(":")[0], ("lsl",))
-        if not show.panorama:
+    asked = show.asked
+    check_kind(asked.gaze)
+    if asked.head is not None:
+        one_of("--head", asked.head.partition(":")[0], ("lsl",))
+        if not asked.panorama:
             raise StudyError("--head turns a panorama; add --panorama, or leave --head out")
-    shown_on = load_display(show.display) if show.display is not None else None
+    shown_on = load_display(asked.display) if asked.display is not None else None
     read, fps = None, 0.0
     if not show.source.startswith(BUILTIN):
-        with frames_of(Path(show.source), show.fps, say) as (path, fps):
-            read = read_source(path, show.reading, panorama=show.panorama)
-    elif show.panorama:
+        with frames_of(Path(show.source), asked.fps, say) as (path, fps):
+            read = read_source(path, show.reading, panorama=asked.panorama)
+    elif asked.panorama:
         raise StudyError(f"--panorama is for a file; {show.source} is flat")
-    if show.fps is not None and (read is None or len(read.frames) == 1):
+    if asked.fps is not None and (read is None or len(read.frames) == 1):
         raise StudyError("--fps is for a folder of frames or a video (SOURCE is neither)")
     shown_on = shown_on or monitor_display()
     screen_size = shown_on.height_px, shown_on.width_px
-    flat_size = screen_size if read is None or show.panorama else read.size
+    flat_size = screen_size if read is None or asked.panorama else read.size
     geometry = _geometry(flat_size, show)
     corner = tuple((a - b) // 2 for a, b in zip(screen_size[::-1], flat_size[::-1], strict=True))
+    pacing: Pacing = "software" if asked.software_pacing else "vsync"
     with ExitStack() as open_now:
         window = open_now.enter_context(Window(shown_on, pacing=pacing))
         source = read or draw_source(show.source, geometry, window.ctx)
         say_notes(source.notes)
         renderer = FoveatingRenderer(window.ctx, source, geometry, show.choices[0])
         open_now.callback(renderer.release)
-        _Showing(show, window, renderer, (corner[0], corner[1]), fps, overlay).run()
+        _Showing(show, window, renderer, (corner[0], corner[1]), fps).run()
 
 
 def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
     from pipeline.foveation.geometry import FlatGeometry
     from stimuli.foveated.gaze_and_display import look_at
 
-    looking = look_at(size, display=show.display, fov_deg=show.fov_deg)
+    looking = look_at(size, display=show.asked.display, fov_deg=show.asked.fov)
     say(looking.words)
     say_notes(looking.notes)
     assert isinstance(looking.geometry, FlatGeometry)
@@ -250,17 +251,17 @@ class _Showing:
         renderer: FoveatingRenderer,
         corner: tuple[int, int],
         fps: float,
-        overlay: bool,
     ) -> None:
         from study_app.live.screen import WindowScreen
 
-        self._show, self._window, self._renderer, self._corner = show, window, renderer, corner
+        self._show, self._asked, self._corner = show, show.asked, corner
+        self._window, self._renderer = window, renderer
         geometry = renderer.geometry
         self._screen: WindowScreen = WindowScreen(
             window, corner, geometry.centre_px, geometry.distance_px
         )
-        self._screen.overlay = overlay
-        self._fps, self._seed, self._choices = fps, show.seed, list(show.choices)
+        self._screen.overlay = show.asked.overlay
+        self._fps, self._seed, self._choices = fps, show.asked.seed, list(show.choices)
         self._turned = (0.0, 0.0)
         self._head: TrustedGaze | None = None
         self._faced: GazeSample | None = None  # the head's first pose, then the newest
@@ -279,14 +280,14 @@ class _Showing:
 
         window, screen = self._window, self._screen
         self._warm_up()
-        window.show_cursor(self._show.gaze == "mouse", stays=True)
+        window.show_cursor(self._asked.gaze == "mouse", stays=True)
         gaze = open_gaze(
-            self._show.gaze,
+            self._asked.gaze,
             TrackerContext(window.display, window.now, window.cursor_px, screen.refresh_hz),
         )
         try:
-            if self._show.head is not None:
-                self._head = open_head(self._show.head, window.now)
+            if self._asked.head is not None:
+                self._head = open_head(self._asked.head, window.now)
                 say(f"head: {self._head.info().description}, {self._head.info().rate_hz:g} Hz")
             info = gaze.info()
             say_notes(info.notes)
@@ -317,7 +318,7 @@ class _Showing:
                 flips=loop.number, missed=loop.missed, left_out=left_out,
                 latency=latency.model_dump(mode="json"),
             )  # fmt: skip
-            say(f"wrote {self._show.record}")
+            say(f"wrote {self._asked.record}")
         say(f"{loop.number} frames, {loop.missed} refreshes missed")
         poses = self._head.left_out if self._head is not None else 0
         for count, what in ((left_out, "samples"), (poses, "poses of the head")):
@@ -330,7 +331,7 @@ class _Showing:
         told_s, marked_s, told = begin_s, begin_s, 0
         while self._keys(loop):
             now_s = window.now()
-            if self._show.seconds is not None and now_s - begin_s >= self._show.seconds:
+            if self._asked.seconds is not None and now_s - begin_s >= self._asked.seconds:
                 return
             if now_s - marked_s > _MARKED_S:
                 gaze.mark("live")  # the tracker's clock is measured anew: clocks drift
@@ -420,16 +421,16 @@ class _Showing:
         from study_app.live.log import LiveLog
         from study_app.recorder import utc_now
 
-        if self._show.record is None:
+        if self._asked.record is None:
             yield None
             return
         drawn_by, reading = describe(self._window.ctx), self._show.reading
         log = LiveLog(
-            self._show.record, at=utc_now(), source=self._show.source, reading=vars(reading),
-            gaze=self._show.gaze, display=self._window.display.model_dump(mode="json"),
+            self._asked.record, at=utc_now(), source=self._show.source, reading=vars(reading),
+            gaze=self._asked.gaze, display=self._window.display.model_dump(mode="json"),
             renderer=drawn_by.name, driver=drawn_by.version,
             revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
-            change=self._show.change, head=self._show.head,
+            change=self._show.change, head=self._asked.head,
         )  # fmt: skip
         with closing(log):
             log.choice(self._renderer.describe())

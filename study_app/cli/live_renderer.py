@@ -20,7 +20,7 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, texture_bytes, upload
-from protocols.outside import check_within
+from protocols.limits import check_within
 from protocols.recipes.base import Cut
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading, read_any

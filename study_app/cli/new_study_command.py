@@ -6,7 +6,7 @@ import re
 import secrets
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from glob import glob
@@ -25,6 +25,7 @@ from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.assumed import pairs as pairs_of
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
@@ -68,6 +69,132 @@ def _is_new_folder(name: str) -> bool:
     return not Path(name).suffix and "*" not in name and not Path(name).is_file()
 
 
+@dataclass(frozen=True)
+class OwnOptions:
+    """Scenes, pairs, pictures and methods of the user's own."""
+
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE",
+            help="A 3D file of yours (.glb, .gltf, .obj), or a built-in scene; may be given more"
+            " than once. It is copied, with all that it names, and views of it are drawn.",
+        ),
+    ] = None
+    pair: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LEFT RIGHT DISPARITY",
+            help="A rectified pair of photographs of yours, with the disparity of the left one;"
+            " may be given more than once.",
+        ),
+    ] = None
+    units_per_px: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Number in the disparity file for one pixel; left out: 1. Give this and the"
+            " next three once for all pairs, or once for each pair in order."
+        ),
+    ] = None
+    focal_px: Annotated[
+        list[float] | None, typer.Option(help="Focal length of a pair; left out: assumed.")
+    ] = None
+    baseline_m: Annotated[
+        list[float] | None,
+        typer.Option(help="Metres between a pair's cameras; left out: assumed."),
+    ] = None
+    offset_px: Annotated[
+        list[float] | None,
+        typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
+    ] = None
+    photos: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE ...",
+            help="Photographs of yours, such as *.jpg: each is shown as methods prepare it for an"
+            " eye that looks at its middle.",
+        ),
+    ] = None
+    exr: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FRAMES",
+            help="OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one"
+            " with depth; may be given more than once.",
+        ),
+    ] = None
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHAT=NAME",
+            help="A channel of --exr that is not recognised: r, g, b, depth, motion_x or motion_y;"
+            " may be given more than once.",
+        ),
+    ] = None
+    unknown: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="A number in the disparity files that stands for unknown, as it is stored; may be"
+            " repeated. none: no further number does.",
+        ),
+    ] = None
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="Names from 'metamerlab warp --list', onnx:FILE, frames:FOLDER, and 'reference',"
+            " the true view; with --photos names from 'metamerlab foveate --list'. The study's test"
+            " compares the first with the second.",
+        ),
+    ] = None
+
+    def pairs(self) -> list[PairFiles]:
+        """Return the pairs, each with its rig: what is given once holds for all of them.
+
+        Raises
+        ------
+        StudyError
+            If a pair is not three files, or an option is given another number of times.
+        """
+        named = self.pair or []
+        rigs: list[dict[str, Any]] = [{} for _ in named]
+        for key in ("units_per_px", "focal_px", "baseline_m", "offset_px"):
+            values = getattr(self, key)
+            if not values:
+                continue
+            option = f"--{key.replace('_', '-')}"
+            if not named:
+                raise StudyError(
+                    f"{option}: --units-per-px, --focal-px, --baseline-m and --offset-px are of a"
+                    " pair (got none); give it with --pair LEFT RIGHT DISPARITY, or leave them out"
+                )
+            if len(values) not in (1, len(named)):
+                raise StudyError(
+                    f"{option}: must be given once for all pairs, or once for each (got"
+                    f" {len(values)} times, and {len(named)} pairs)"
+                )
+            for index, rig in enumerate(rigs):
+                rig[key] = values[index if len(values) > 1 else 0]
+        unknown = unknown_numbers(self.unknown)
+        if not named:
+            return []
+        from stimuli.bring_in import PairFiles
+
+        pairs = []
+        for text, rig in zip(named, rigs, strict=True):
+            files = text.split(_BETWEEN)
+            if len(files) != len(_PAIR_FILES):
+                raise StudyError(
+                    f"--pair: must be followed by three files, {' '.join(_PAIR_FILES)} (got"
+                    f" {', '.join(files)}); '--pair left.png right.png disparity.pfm' is an example"
+                )
+            left, right, disparity = map(Path, files)
+            pairs.append(replace(PairFiles(left, right, disparity), **rig, unknown=unknown))
+        return pairs
+
+
+@takes_settings
 def new_study(
     folder: Annotated[Path, typer.Argument(help="New folder.", metavar="DIR")],
     name: Annotated[
@@ -84,81 +211,8 @@ def new_study(
         str,
         typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(PARTS)}."),
     ] = "two-interval",
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FILE",
-            help="A 3D file of yours (.glb, .gltf, .obj), or a built-in scene; may be given more"
-            " than once. It is copied, with all that it names, and views of it are drawn.",
-        ),
-    ] = None,
-    pair: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LEFT RIGHT DISPARITY",
-            help="A rectified pair of photographs of yours, with the disparity of the left one;"
-            " may be given more than once.",
-        ),
-    ] = None,
-    units_per_px: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Number in the disparity file for one pixel; left out: 1. Give this and the"
-            " next three once for all pairs, or once for each pair in order."
-        ),
-    ] = None,
-    focal_px: Annotated[
-        list[float] | None, typer.Option(help="Focal length of a pair; left out: assumed.")
-    ] = None,
-    baseline_m: Annotated[
-        list[float] | None,
-        typer.Option(help="Metres between a pair's cameras; left out: assumed."),
-    ] = None,
-    offset_px: Annotated[
-        list[float] | None,
-        typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
-    ] = None,
-    photos: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FILE ...",
-            help="Photographs of yours, such as *.jpg: each is shown as methods prepare it for an"
-            " eye that looks at its middle.",
-        ),
-    ] = None,
-    exr: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FRAMES",
-            help="OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one"
-            " with depth; may be given more than once.",
-        ),
-    ] = None,
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="WHAT=NAME",
-            help="A channel of --exr that is not recognised: r, g, b, depth, motion_x or motion_y;"
-            " may be given more than once.",
-        ),
-    ] = None,
-    unknown: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="A number in the disparity files that stands for unknown, as it is stored; may be"
-            " repeated. none: no further number does.",
-        ),
-    ] = None,
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Names from 'metamerlab warp --list', onnx:FILE, frames:FOLDER, and 'reference',"
-            " the true view; with --photos names from 'metamerlab foveate --list'. The study's test"
-            " compares the first with the second.",
-        ),
-    ] = None,
+    *,
+    own: OwnOptions,
 ) -> None:
     """Make a folder to start a study from: protocol, display file, and where things belong.
 
@@ -195,25 +249,23 @@ def new_study(
             )
         screen = load_display(display)
         study_files(named, shown, screen, task)  # a mistake is told before anything is copied
-        pairs = [
-            replace(made, unknown=unknown_numbers(unknown))
-            for made in _pairs(pair or [], units_per_px, focal_px, baseline_m, offset_px)
-        ]
+        pairs = own.pairs()
         from stimuli.example_pictures import example_files
 
         with whole_folder(folder) as work:
             given = _Given(
-                scene or [], pairs, _groups(photos), _groups(exr), _channels(channel), methods
-            )
-            own, notes = _own(work, folder, given, screen)
+                own.scene or [], pairs, _groups(own.photos), _groups(own.exr),
+                _channels(own.channel), own.methods,
+            )  # fmt: skip
+            taken, notes = _own(work, folder, given, screen)
             secret = secrets.token_hex(32)
-            texts = study_files(named, shown, screen, task, secret=secret, own=own)
+            texts = study_files(named, shown, screen, task, secret=secret, own=taken)
             made = {file: text.encode() for file, text in texts.items()} | example_files(task)
             for file, data in made.items():
                 (work / file).parent.mkdir(exist_ok=True)
                 with open(work / file, "wb", opener=open_new) as written:
                     written.write(data)
-            inputs = PARTS[task] if own.stills_px is None else FOVEATED
+            inputs = PARTS[task] if taken.stills_px is None else FOVEATED
             for below in (*FOLDERS, inputs[1]):
                 (work / below).mkdir(exist_ok=True)
     say_notes(notes)
@@ -221,52 +273,6 @@ def new_study(
     say(f"  cd {shlex.quote(str(folder))}")
     say("  metamerlab protocol check study.toml")
     say("and see README.md there.")
-
-
-def _pairs(
-    named: Sequence[str],
-    units_per_px: list[float] | None,
-    focal_px: list[float] | None,
-    baseline_m: list[float] | None,
-    offset_px: list[float] | None,
-) -> list[PairFiles]:
-    """Return the pairs, each with its rig: what is given once holds for all of them."""
-    rigs: list[dict[str, Any]] = [{} for _ in named]
-    options = (
-        ("units_per_px", units_per_px), ("focal_px", focal_px), ("baseline_m", baseline_m),
-        ("offset_px", offset_px),
-    )  # fmt: skip
-    for key, values in options:
-        if not values:
-            continue
-        option = f"--{key.replace('_', '-')}"
-        if not named:
-            raise StudyError(
-                f"{option}: --units-per-px, --focal-px, --baseline-m and --offset-px are of a pair"
-                " (got none); give it with --pair LEFT RIGHT DISPARITY, or leave them out"
-            )
-        if len(values) not in (1, len(named)):
-            raise StudyError(
-                f"{option}: must be given once for all pairs, or once for each (got"
-                f" {len(values)} times, and {len(named)} pairs)"
-            )
-        for index, rig in enumerate(rigs):
-            rig[key] = values[index if len(values) > 1 else 0]
-    if not named:
-        return []
-    from stimuli.bring_in import PairFiles
-
-    pairs = []
-    for text, rig in zip(named, rigs, strict=True):
-        files = text.split(_BETWEEN)
-        if len(files) != len(_PAIR_FILES):
-            raise StudyError(
-                f"--pair: must be followed by three files, {' '.join(_PAIR_FILES)} (got"
-                f" {', '.join(files)}); '--pair left.png right.png disparity.pfm' is an example"
-            )
-        left, right, disparity = map(Path, files)
-        pairs.append(replace(PairFiles(left, right, disparity), **rig))
-    return pairs
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,6 +22,8 @@ from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     import moderngl
+
+    from stimuli.foveated.gaze_and_display import StatedViewing
 
 LOOK = "To look at"
 """Panel of what is made to be looked at."""
@@ -69,6 +72,20 @@ SettingsOption = Annotated[
         help="A parameter, as name=value, of every method that has it.",
     ),
 ]
+
+
+@dataclass(frozen=True)
+class PictureViewing:
+    """The display or the angle at which a picture is seen."""
+
+    display: DisplayOption = None
+    fov: FovOption = None
+
+    def stated(self, gaze: str | None = None, panorama: bool = False) -> StatedViewing:
+        """Return it with a gaze, as work on pictures takes it."""
+        from stimuli.foveated.gaze_and_display import StatedViewing
+
+        return StatedViewing(gaze, self.display, self.fov, panorama)
 
 
 def method_option(what: str, default: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any, get_type_hints
 
@@ -15,40 +15,53 @@ def takes_settings(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command for Typer that builds what its parameters of dataclass types are.
 
     Each field annotated with ``typer.Option`` or ``typer.Argument`` becomes a parameter of its
-    name, at the place of the dataclass; other fields keep their defaults.
+    name, at the place of the dataclass, as do those of a field that is a dataclass itself; other
+    fields keep their defaults.
     """
-    parameters: list[inspect.Parameter] = []
-    built: dict[str, tuple[Any, list[str]]] = {}
     hints = get_type_hints(command, include_extras=True)
-    for parameter in inspect.signature(command).parameters.values():
-        kind = hints[parameter.name]
-        if not is_dataclass(kind):
-            parameters.append(parameter.replace(annotation=kind, kind=parameter.KEYWORD_ONLY))
-            continue
-        told = get_type_hints(kind, include_extras=True)
-        told = {name: hint for name, hint in told.items() if _is_option(hint)}
-        options = [one for one in fields(kind) if one.name in told]
-        parameters += [
-            inspect.Parameter(
-                one.name, parameter.KEYWORD_ONLY, annotation=told[one.name],
-                default=getattr(kind, one.name, parameter.empty),
-            )
-            for one in options
-        ]  # fmt: skip
-        built[parameter.name] = kind, [one.name for one in options]
+    parameters: list[inspect.Parameter] = []
+    for one in inspect.signature(command).parameters.values():
+        kind = hints[one.name]
+        if is_dataclass(kind):
+            parameters += _options(kind)
+        else:
+            parameters.append(one.replace(annotation=kind, kind=one.KEYWORD_ONLY))
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        settings = {
-            name: kind(**{option: given.pop(option) for option in options})
-            for name, (kind, options) in built.items()
-        }
-        command(**settings, **given)
+        built = {name: _made(kind, given) for name, kind in hints.items() if is_dataclass(kind)}
+        command(**built, **given)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
 
 
-def _is_option(hint: Any) -> bool:
-    return any(isinstance(one, ParameterInfo) for one in getattr(hint, "__metadata__", ()))
+def _told(kind: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the names and hints of the fields that commands give."""
+    hints = get_type_hints(kind, include_extras=True)
+    for one in fields(kind):
+        told = getattr(hints[one.name], "__metadata__", ())
+        if is_dataclass(hints[one.name]) or any(isinstance(each, ParameterInfo) for each in told):
+            yield one.name, hints[one.name]
+
+
+def _options(kind: Any) -> Iterator[inspect.Parameter]:
+    for name, hint in _told(kind):
+        if is_dataclass(hint):
+            yield from _options(hint)
+            continue
+        default = getattr(kind, name, inspect.Parameter.empty)
+        yield inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, annotation=hint, default=default
+        )
+
+
+def _made(kind: Any, given: dict[str, Any]) -> Any:
+    """Return a dataclass of what was given for its options, which it takes away."""
+    return kind(
+        **{
+            name: _made(hint, given) if is_dataclass(hint) else given.pop(name)
+            for name, hint in _told(kind)
+        }
+    )

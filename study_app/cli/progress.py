@@ -16,6 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from stimuli.reporter import Reporter
 from study_app.cli.terminal import Description, PlainConsole, say
 
 
@@ -48,6 +49,11 @@ class Teller:
 
     def __exit__(self, *_: object) -> None:
         self._close()
+
+    @property
+    def reporter(self) -> Reporter:
+        """The same, as work on files takes it."""
+        return Reporter(self.say, self.progress)
 
     def say(self, line: str) -> None:
         """Print a line."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, assert_never
 
@@ -30,15 +31,25 @@ from protocols.script import (
 )
 from protocols.suggest import did_you_mean
 from study_app.cli.errors import user_errors
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say
 from study_app.session_folders import sitting_folder
 
 
+@dataclass(frozen=True)
+class PlaceOptions:
+    """A participant, and the place in the counterbalancing."""
+
+    code: Annotated[str, typer.Option(help="The participant's code.")]
+    slot: Annotated[int, typer.Option(min=0, max=2**53, help="The counterbalancing slot.")] = 0
+
+
+@takes_settings
 def script(
     protocol: ProtocolArgument,
-    code: Annotated[str, typer.Option(help="The participant's code.")],
-    slot: Annotated[int, typer.Option(min=0, max=2**53, help="The counterbalancing slot.")] = 0,
+    person: PlaceOptions,
+    *,
     trial: Annotated[str | None, typer.Option(help="This trial alone, such as main-0003.")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print plan and scripts as JSON, for programs.")
@@ -71,12 +82,12 @@ def script(
 
     with user_errors():
         study, screen = load_study(protocol, display)
-        sitting_folder(Path(), study, code)
+        sitting_folder(Path(), study, person.code)
         spoken = study.text.default_language if language is None else language
         one_of("--language", spoken, study.text.languages)
         manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
         require_showable(study, screen, manifest if stimuli else None)
-        plan = make_plan(study, manifest, code, slot)
+        plan = make_plan(study, manifest, person.code, person.slot)
         planned = [one for one in plan.trials if trial in (None, one.id)]
         if not planned:
             known = [one.id for one in plan.trials]

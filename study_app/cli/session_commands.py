@@ -141,28 +141,42 @@ class ObserverOptions:
         return dataclasses.replace(model, **options)
 
 
+@dataclasses.dataclass(frozen=True)
+class CrowdOptions:
+    """How many observers there are, and their seed."""
+
+    participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class DeskOptions:
+    """Faults of the virtual display, and the virtual eye."""
+
+    missed_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
+    ] = 0.0
+    late_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that come late.")
+    ] = 0.0
+    doubled_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
+    ] = 0.0
+    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = GAZE_HZ
+    steady_gaze: Annotated[
+        bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
+    ] = False
+
+
 @app.command()
 @takes_settings
 def simulate(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
-    participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0,
+    crowd: CrowdOptions,
     *,
     observers: ObserverOptions,
-    missed_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
-    ] = 0.0,
-    late_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that come late.")
-    ] = 0.0,
-    doubled_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
-    ] = 0.0,
-    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = GAZE_HZ,
-    steady_gaze: Annotated[
-        bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
-    ] = False,
+    desk: DeskOptions,
     display: DisplayOption = None,
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")
@@ -190,8 +204,8 @@ def simulate(
         study, screen = load_study(protocol, display)
         if web is not None:
             desk_only = {
-                "--late-per-1000": late_per_1000, "--doubled-per-1000": doubled_per_1000,
-                "--steady-gaze": steady_gaze, "--gaze-hz": gaze_hz != GAZE_HZ,
+                "--late-per-1000": desk.late_per_1000, "--doubled-per-1000": desk.doubled_per_1000,
+                "--steady-gaze": desk.steady_gaze, "--gaze-hz": desk.gaze_hz != GAZE_HZ,
             }  # fmt: skip
             if given := [name for name, value in desk_only.items() if value]:
                 raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
@@ -200,13 +214,13 @@ def simulate(
         simulation = SimulatedStudy(
             study,
             screen,
-            seed=seed,
+            seed=crowd.seed,
             model=observers.model(study),
-            gaze=STEADY if steady_gaze else HUMAN,
-            gaze_rate_hz=gaze_hz,
-            missed_per_flip=missed_per_1000 / 1000,
-            late_per_flip=late_per_1000 / 1000,
-            doubled_per_flip=doubled_per_1000 / 1000,
+            gaze=STEADY if desk.steady_gaze else HUMAN,
+            gaze_rate_hz=desk.gaze_hz,
+            missed_per_flip=desk.missed_per_1000 / 1000,
+            late_per_flip=desk.late_per_1000 / 1000,
+            doubled_per_flip=desk.doubled_per_1000 / 1000,
             manifest=read_manifest(stimuli) if stimuli else None,
         )
         plan = make_plan(
@@ -227,7 +241,7 @@ def simulate(
                 disable=not terminal.is_terminal,
             ) as progress,
         ):
-            task = progress.add_task("trials", total=participants * len(plan.trials))
+            task = progress.add_task("trials", total=crowd.participants * len(plan.trials))
 
             def on_attempt(code: str, attempt: Attempt) -> None:
                 done = attempt.outcome == "completed"
@@ -236,7 +250,9 @@ def simulate(
             gc.freeze()  # what is loaded by now stays: no session need search it for garbage
             try:
                 if web is None:
-                    ended = simulate_study(simulation, out, participants, on_attempt=on_attempt)
+                    ended = simulate_study(
+                        simulation, out, crowd.participants, on_attempt=on_attempt
+                    )
                     outcomes = {code: outcome.main_done for code, outcome in ended.items()}
                 else:
                     from study_app.web.browser_observers import (
@@ -244,13 +260,13 @@ def simulate(
                     )
 
                     outcomes = simulate_in_browser(
-                        simulation, web, out, participants, on_attempt=on_attempt
+                        simulation, web, out, crowd.participants, on_attempt=on_attempt
                     )
             finally:
                 gc.unfreeze()
         made = count_of(len(outcomes), "simulated session")
         say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
-        codes = {*map(participant_code, range(participants)), *outcomes}
+        codes = {*map(participant_code, range(crowd.participants)), *outcomes}
         require_decisions(
             sitting
             for sitting in find_sittings(out, study.study.name)

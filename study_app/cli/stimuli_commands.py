@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from protocols.errors import StudyError
 from study_app.cli.build_command import build
 from study_app.cli.errors import user_errors
 from study_app.cli.holes_command import export_holes
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of
 from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
@@ -121,7 +123,28 @@ def probe(
             raise typer.Exit(1)
 
 
+@dataclass(frozen=True)
+class LightingOptions:
+    """The light of a file's scene."""
+
+    lighting: Annotated[
+        str | None,
+        typer.Option(
+            metavar="unlit|sun",
+            help="As the protocol's key, for files. Left out: sun if the file has plain"
+            " colours alone.",
+        ),
+    ] = None
+    sun_direction: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z", help="As the protocol's key: from the scene towards the sun, y up."
+        ),
+    ] = None
+
+
 @app.command()
+@takes_settings
 def look(
     scene: Annotated[
         str, typer.Argument(help="A .glb, .gltf or .obj file, or a built-in scene's name.")
@@ -137,20 +160,8 @@ def look(
             help="Draw this view only: the protocol's line, 'view = {...}'. May be repeated.",
         ),
     ] = None,
-    lighting: Annotated[
-        str | None,
-        typer.Option(
-            metavar="unlit|sun",
-            help="As the protocol's key, for files. Left out: sun if the file has plain"
-            " colours alone.",
-        ),
-    ] = None,
-    sun_direction: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            metavar="X Y Z", help="As the protocol's key: from the scene towards the sun, y up."
-        ),
-    ] = None,
+    *,
+    light: LightingOptions,
     interactive: Annotated[
         bool,
         typer.Option(
@@ -180,11 +191,11 @@ def look(
     from stimuli.scene_views import LIGHTINGS, ScenePreview, look_around
 
     with user_errors():
-        kind = None if lighting is None else one_of("--lighting", lighting, LIGHTINGS)
+        kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
         if out.suffix.lower() != ".png":
             raise StudyError(f"{out}: must end in .png")
         chosen = [parse_view(line) for line in view or ()]
-        preview = ScenePreview(scene, scale, seed, chosen, kind, sun_direction)
+        preview = ScenePreview(scene, scale, seed, chosen, kind, light.sun_direction)
         notes: list[str] = []
         with lent_context() as ctx:
             if interactive:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +10,7 @@ import typer
 
 from study_app.cli.errors import user_errors
 from study_app.cli.one_picture_options import (
-    DisplayOption,
-    FovOption,
+    PictureViewing,
     SeedOption,
     SettingsOption,
     check_file,
@@ -19,6 +19,7 @@ from study_app.cli.one_picture_options import (
     read_parameters,
     renderer,
 )
+from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import Teller
 from study_app.cli.terminal import PlainConsole
 
@@ -63,10 +64,25 @@ def bake(
     with user_errors():
         check_file(out, (ENDING,))
         with Teller(PlainConsole(soft_wrap=True)) as teller:
-            bake_file(texture, out, wraps=wrap, say=teller.say)
+            bake_file(texture, out, wraps=wrap, reporter=teller.reporter)
+
+
+@dataclass(frozen=True)
+class DrawingOptions:
+    """How large a scene is drawn, and how its globes turn."""
+
+    size_px: Annotated[int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")] = (
+        768
+    )
+    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the globes by this angle.")] = 0.0
+    animate: Annotated[
+        Path | None,
+        look_option(help="Animation (.webp, or .png for APNG) of the turning globes."),
+    ] = None
 
 
 @app.command()
+@takes_settings
 def show(
     scene: Annotated[str, typer.Argument(help="planet or spheres.")],
     out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
@@ -77,20 +93,11 @@ def show(
         typer.Option(help=r"A map of a globe, baked with --wrap. \[default: a built-in planet]"),
     ] = None,
     gaze: Annotated[str | None, gaze_option("where the scene says")] = None,
-    display: DisplayOption = None,
-    fov: FovOption = None,
+    *,
+    seen: PictureViewing,
     settings: SettingsOption = None,
     seed: SeedOption = 0,
-    size_px: Annotated[
-        int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")
-    ] = 768,
-    turn: Annotated[
-        float, typer.Option(metavar="DEG", help="Turn the globes by this angle.")
-    ] = 0.0,
-    animate: Annotated[
-        Path | None,
-        look_option(help="Animation (.webp, or .png for APNG) of the turning globes."),
-    ] = None,
+    drawing: DrawingOptions,
 ) -> None:
     """Draw a scene three times: as it is, with a foveated blur, and with noise for what it lost.
 
@@ -107,12 +114,13 @@ def show(
     """
     from pipeline.errors import GLUnavailableError
     from stimuli.foveated.moving import ENDINGS
-    from stimuli.textured.texture_files import metamer_settings, show_scene
+    from stimuli.textured.texture_files import SceneSettings, metamer_settings, show_scene
 
     with user_errors():
         check_file(out, (".png", ".jpg"))
-        if animate is not None:
-            check_file(animate, ENDINGS)
+        if drawing.animate is not None:
+            check_file(drawing.animate, ENDINGS)
+        asked = SceneSettings(baked, drawing.size_px, drawing.turn, drawing.animate)
         chosen = metamer_settings(read_parameters(settings or []))
         console = PlainConsole(soft_wrap=True)
         with renderer(console, False) as ctx, Teller(console) as teller:
@@ -121,7 +129,6 @@ def show(
                     "scenes are drawn by OpenGL 4.3; 'metamerlab doctor' helps"
                 )
             show_scene(
-                scene, out, ctx, baked=baked, gaze=gaze, display=display, fov_deg=fov,
-                size_px=size_px, settings=chosen, seed=seed, turn_deg=turn, animate=animate,
-                say=teller.say,
+                scene, out, ctx, asked=asked, viewing=seen.stated(gaze), settings=chosen,
+                seed=seed, reporter=teller.reporter,
             )  # fmt: skip

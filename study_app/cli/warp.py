@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,15 +19,13 @@ from study_app.cli.one_picture_options import (
     check_outputs,
     choose_methods,
     list_option,
-    look_option,
     method_option,
     print_methods,
     renderer,
 )
 from study_app.cli.option_groups import takes_settings
-from study_app.cli.options import unknown_numbers
 from study_app.cli.terminal import PlainConsole, say, table_of
-from study_app.cli.warp_options import EyeOptions, FileOptions, PairOptions, PictureOptions
+from study_app.cli.warp_options import EyeOptions, HoleOptions, SourceOptions, WarpLooks
 
 if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
@@ -51,6 +49,16 @@ def _print_methods(console: Console) -> None:
     print_methods(console, METHODS, method_parameters)
 
 
+@dataclass(frozen=True)
+class MethodOptions:
+    """Methods, their parameters, and the seed."""
+
+    methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None
+    settings: SettingsOption = None
+    _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False
+    seed: SeedOption = 0
+
+
 @takes_settings
 def warp(
     source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
@@ -58,65 +66,11 @@ def warp(
         Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
     ] = Path("filled.png"),
     *,
-    methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None,
-    settings: SettingsOption = None,
-    _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False,
-    seed: SeedOption = 0,
-    rim_px: Annotated[
-        int | None,
-        typer.Option(
-            help="Number of background pixels along a hole, 0 to 4, that are hole too. A"
-            " photograph's pixels at a silhouette mix both sides, and would leave a ghost of the"
-            " outline. Give 0 to a pair rendered without anti-aliasing, 1 to a file with"
-            " anti-aliased edges, more to pictures that are blurred or enlarged."
-            r" \[default: 1 for a stereo pair, 0 for a file]"
-        ),
-    ] = None,
-    depth_speckle: Annotated[
-        bool | None,
-        typer.Option(
-            "--depth-speckle/--no-depth-speckle",
-            help="Mend outliers of depth before the warp: pixels that nothing around them bears"
-            " out. Give --no-depth-speckle to rendered depth, --depth-speckle to a file with"
-            r" measured depth. \[default: mend for a stereo pair, leave a file]",
-        ),
-    ] = None,
-    file: FileOptions,
-    picture: PictureOptions,
-    unknown: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="A number in --depth or --disparity that stands for unknown, as it is stored; may"
-            " be repeated. none: no further number does.",
-        ),
-    ] = None,
-    mask: Annotated[
-        Path | None,
-        typer.Option(
-            help="A picture as large as SOURCE that is white where SOURCE is to be filled, and"
-            " black elsewhere. SOURCE is not warped, and needs no depth."
-        ),
-    ] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(help="The true new view. Fills are measured against it."),
-    ] = None,
-    pair: PairOptions,
+    method: MethodOptions,
+    holes: HoleOptions,
+    given: SourceOptions,
     eye: EyeOptions,
-    steps: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise."
-        ),
-    ] = None,
-    compare: Annotated[
-        Path | None,
-        look_option(
-            help="One labelled sheet with the fills side by side: those of --methods, or of all"
-            " methods. With --true-within also crops of fovea and periphery.",
-        ),
-    ] = None,
+    looks: WarpLooks,
 ) -> None:
     """Warp one picture and fill its holes.
 
@@ -152,30 +106,23 @@ def warp(
     from study_app.cli.warp_source import load
 
     with user_errors():
-        if mask is not None and (rim_px, depth_speckle) != (None, None):
+        if given.mask is not None and holes != HoleOptions():
             raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
-        WarpSettings(rim_px=rim_px or 0)  # checks its range before anything is read
-        missing = unknown_numbers(unknown)
-        if picture.depth is None:
-            pair = replace(pair, unknown=missing)
-        else:
-            picture = replace(picture, unknown=missing)
-        choices = _choices(methods, settings, compare is not None)
+        WarpSettings(rim_px=holes.rim_px or 0)  # checks its range before anything is read
+        given = given.with_unknown()
+        choices = _choices(method.methods, method.settings, looks.compare is not None)
         check_outputs(
-            {"OUT": (out, FILE_ENDINGS), "--compare": (compare, (".png",))},
-            [steps],
-            [Path(source), pair.disparity, pair.right, picture.flow, picture.depth, truth, mask],
+            {"OUT": (out, FILE_ENDINGS), "--compare": (looks.compare, (".png",))},
+            [looks.steps],
+            [Path(source), *given.files],
         )
-        if steps is not None:
-            check_result(steps, replace=True)
-        loaded = load(source, file, pair, picture, truth, mask)
-        settled = loaded.settings
-        if rim_px is not None:
-            settled = replace(settled, rim_px=rim_px)
-        if depth_speckle is not None:
-            settled = replace(settled, depth_speckle=depth_speckle)
+        if looks.steps is not None:
+            check_result(looks.steps, replace=True)
+        loaded = load(source, given)
+        asked = {name: value for name, value in vars(holes).items() if value is not None}
+        loaded = replace(loaded, settings=replace(loaded.settings, **asked))
         choices, seen = _look(choices, loaded, eye)
-        _run(replace(loaded, settings=settled), choices, seed, out, compare, steps, seen)
+        _run(loaded, choices, method.seed, out, looks, seen)
 
 
 def _run(
@@ -183,8 +130,7 @@ def _run(
     choices: list[Choice],
     seed: int,
     out: Path,
-    compare: Path | None,
-    steps: Path | None,
+    looks: WarpLooks,
     eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe
@@ -195,6 +141,7 @@ def _run(
     from stimuli.upsampled import periphery, upsampled, upsampled_sheet
     from stimuli.warp_steps import write_steps
 
+    compare, steps = looks.compare, looks.steps
     frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
     console = PlainConsole(soft_wrap=True)
     with renderer(console, False) as ctx:

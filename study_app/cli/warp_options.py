@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from study_app.cli.one_picture_options import DisplayOption, FovOption, GazeOption, panel_option
+import typer
+
+from study_app.cli.one_picture_options import (
+    DisplayOption,
+    FovOption,
+    GazeOption,
+    look_option,
+    panel_option,
+)
+from study_app.cli.options import unknown_numbers
 
 _file_option = panel_option("File of colour, depth and flow")
 _picture_option = panel_option("Picture with motion or depth")
@@ -149,6 +158,97 @@ class PairOptions:
     ] = False
     unknown: tuple[float, ...] | None = None
     """Numbers that stand for unknown; given once for both kinds."""
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """What is said of SOURCE, of whatever kind it is."""
+
+    file: FileOptions
+    picture: PictureOptions
+    unknown: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="A number in --depth or --disparity that stands for unknown, as it is stored; may"
+            " be repeated. none: no further number does.",
+        ),
+    ] = None
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="A picture as large as SOURCE that is white where SOURCE is to be filled, and"
+            " black elsewhere. SOURCE is not warped, and needs no depth."
+        ),
+    ] = None
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="The true new view. Fills are measured against it."),
+    ] = None
+    pair: PairOptions = PairOptions()
+
+    @property
+    def files(self) -> list[Path | None]:
+        """What is read besides SOURCE."""
+        pair, picture = self.pair, self.picture
+        return [pair.disparity, pair.right, picture.flow, picture.depth, self.truth, self.mask]
+
+    def with_unknown(self) -> SourceOptions:
+        """Return these with the numbers that stand for unknown where the file is that holds them.
+
+        Raises
+        ------
+        StudyError
+            If one is no number.
+        """
+        numbers = unknown_numbers(self.unknown)
+        if self.picture.depth is None:
+            return replace(self, pair=replace(self.pair, unknown=numbers))
+        return replace(self, picture=replace(self.picture, unknown=numbers))
+
+
+@dataclass(frozen=True)
+class HoleOptions:
+    """How the warp treats silhouettes and depth."""
+
+    rim_px: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of background pixels along a hole, 0 to 4, that are hole too. A"
+            " photograph's pixels at a silhouette mix both sides, and would leave a ghost of the"
+            " outline. Give 0 to a pair rendered without anti-aliasing, 1 to a file with"
+            " anti-aliased edges, more to pictures that are blurred or enlarged."
+            r" \[default: 1 for a stereo pair, 0 for a file]"
+        ),
+    ] = None
+    depth_speckle: Annotated[
+        bool | None,
+        typer.Option(
+            "--depth-speckle/--no-depth-speckle",
+            help="Mend outliers of depth before the warp: pixels that nothing around them bears"
+            " out. Give --no-depth-speckle to rendered depth, --depth-speckle to a file with"
+            r" measured depth. \[default: mend for a stereo pair, leave a file]",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class WarpLooks:
+    """What is made to be looked at."""
+
+    steps: Annotated[
+        Path | None,
+        look_option(
+            help="Folder for pictures of every intermediate: masks, depth, bands, moments, noise."
+        ),
+    ] = None
+    compare: Annotated[
+        Path | None,
+        look_option(
+            help="One labelled sheet with the fills side by side: those of --methods, or of all"
+            " methods. With --true-within also crops of fovea and periphery.",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)

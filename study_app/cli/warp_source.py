@@ -22,7 +22,7 @@ from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair
 from stimuli.score.pair import read_colour, read_hole_mask
 from study_app.cli.options import one_of
 from study_app.cli.terminal import say
-from study_app.cli.warp_options import FileOptions, PairOptions, PictureOptions
+from study_app.cli.warp_options import FileOptions, PairOptions, PictureOptions, SourceOptions
 
 DEFAULT_PARALLAX = 0.03
 """Parallax of near things, in widths of the picture."""
@@ -48,17 +48,10 @@ class Loaded:
     """Pixels to fill besides those that the warp uncovers."""
 
 
-def load(
-    source: str,
-    file: FileOptions,
-    pair: PairOptions,
-    picture: PictureOptions,
-    truth: Path | None = None,
-    mask: Path | None = None,
-) -> Loaded:
-    """Read what to warp; `truth` is a picture of what the target view shows.
+def load(source: str, given: SourceOptions) -> Loaded:
+    """Read what to warp.
 
-    With `mask` the picture stays as it is, without depth, and what the mask marks is its hole.
+    With a mask the picture stays as it is, without depth, and what the mask marks is its hole.
 
     Raises
     ------
@@ -67,6 +60,9 @@ def load(
     OSError, InputError
         If a file is missing or not what it must be.
     """
+    file, picture, pair, truth, mask = (
+        given.file, given.picture, given.pair, given.truth, given.mask
+    )  # fmt: skip
     if truth is not None and pair.right is not None:
         raise StudyError("--truth and --right name the same picture: give one of them")
     if source in BUILT_IN and not Path(source).exists():
@@ -225,9 +221,9 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             focal_px=options.focal_px,
             baseline_m=options.baseline_m,
             offset_px=options.offset_px,
-            mirrored=options.to_left,
             unknown=options.unknown,
         )
+        pair = replace(pair, mirrored=options.to_left)
         if options.right is not None:
             _check_pair(pair, options)
         return pair

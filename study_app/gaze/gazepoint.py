@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
 from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address, first_rate
@@ -25,7 +26,7 @@ PORT = 4242
 WAIT_S = 5.0
 """Longest wait for the first samples."""
 _SENT = ("TIME", "POG_BEST", "BLINK", "PUPILMM", "USER_DATA")
-_LINE_MOST = 1 << 16
+_LINE_MOST = FIXED["tracker_line"].most
 _POINT_S = 6.0
 """Longest time that the calibration may take for each target."""
 _ATTRIBUTE = re.compile(r'(\w+)="([^"]*)"')

@@ -16,13 +16,14 @@ from typing import Any, ClassVar, Literal
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 from protocols.outside import visible_line
 from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
 
 _BUFFER_S = 10
-_CHANNELS_MOST = 256
+_CHANNELS_MOST = FIXED["channels"].most
 """Of a stream: each sample comes with all of its channels, several times per refresh."""
-_RATE_MOST_HZ = 20_000.0
+_RATE_MOST_HZ = FIXED["stream_hz"].most
 _RATE_FACTOR = 1.5
 """Largest factor between the rate of the first samples and the one that the stream says."""
 _X_LABELS = ("x_px", "gaze_x", "x", "gazex", "por_x", "screen_x", "norm_pos_x")

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
 from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address, first_rate
@@ -36,7 +37,7 @@ WAIT_S = 8.0
 """Longest wait for the first samples: the clocks' report comes every few seconds."""
 SETTLE_S, HOLD_S = 0.6, 0.6
 """At each target: the eye's way, and what counts."""
-_ANSWER_MOST = 1 << 20
+_ANSWER_MOST = FIXED["tracker_answer"].most
 _EPOCH_1900_S = 2_208_988_800
 _RTP, _RTCP = 0, 1
 _WORN = 255

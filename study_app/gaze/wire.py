@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 from study_app.gaze.lsl import rate_of
 from study_app.gaze.source import GazeSource
 
@@ -21,7 +22,7 @@ ENOUGH_S = 0.5
 RETRY_S = 0.25
 """Between two attempts to connect again, and how soon a thread sees that it is to end."""
 KEEP_ALIVE_S = 15.0
-_WAITING_MOST = 1 << 26
+_WAITING_MOST = FIXED["tracker_waiting"].most
 """Bytes that may wait to be taken, as over a long page; more are left to the other end."""
 _FEW = 30
 """Samples that a clock's offset needs."""

@@ -29,7 +29,7 @@ from protocols.hashing import Json, canonical_json, sha256_json
 from protocols.journal import UtcTime
 from protocols.journal_checksums import due, first_link, sealed_line, stated
 from protocols.latency import EyeState, LatencySummary
-from protocols.outside import check_within
+from protocols.limits import check_within
 from protocols.read_file import read_bytes
 from protocols.recipes.base import Change
 from protocols.units import Count, Model, Sha256

@@ -19,8 +19,9 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, SessionResume, SessionStart
+from protocols.limits import check_within
 from protocols.manifest import Manifest
-from protocols.outside import check_within, reading
+from protocols.outside import reading
 from protocols.read_file import read_bytes
 from protocols.schema import StudyProtocol
 from protocols.script import Live, ScriptPhase, Scripts, TrialScript

@@ -40,8 +40,8 @@ from protocols.journal import (
     SessionStart,
 )
 from protocols.journal_file import JOURNAL_NAME
+from protocols.limits import check_within
 from protocols.manifest import Manifest
-from protocols.outside import check_within
 from protocols.plan import PlannedTrial, make_plan
 from protocols.read_file import read_bytes
 from protocols.result_folder import whole_folder
@@ -518,9 +518,7 @@ class Session:
         def write(trial: Trial, log: Log) -> None:
             stage.written = True
             event = attempt_event(
-                step.trial,
-                step.attempt,
-                step.position,
+                step,
                 trial,
                 log,
                 script,

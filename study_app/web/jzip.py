@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import StudyError
+from protocols.limits import FIXED
 
 VERSION = "3"
-MOST_BYTES = 2 << 30
+MOST_BYTES = FIXED["jatos"].most
 RESERVED = frozenset({"jatos", "publix", "public", "assets", "study_assets", "study_assets_root"})
 WORKERS = frozenset(
     {"Jatos", "PersonalSingle", "PersonalMultiple", "GeneralSingle", "GeneralMultiple", "MT",

@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
-from protocols.outside import LIMITS_VARIABLE
+from protocols.limits import LIMITS_VARIABLE
 from stimuli.denoised import training_pictures as kept
 from stimuli.denoised import unet
 from stimuli.denoised.path_traced import PathTracer, encoded

@@ -158,12 +158,13 @@ def test_every_condition_has_a_line_and_offers_its_parameters():
 def test_files_are_taken_by_frame_number(tmp_path, picture):
     made = (255 * picture[::-1]).round().astype(np.uint8)
     Image.fromarray(made).save(tmp_path / "000003.png")
-    shown = foveate(picture, (1, 1), method=f"files:{tmp_path}", frame=3)
+    foveator = Foveator(picture.shape[:2], method=f"files:{tmp_path}")
+    shown = foveator(picture, (1, 1), frame=3)
     np.testing.assert_allclose(shown, made / 255, atol=1e-6)
     with pytest.raises(InputError, match="must hold picture 000000"):
         foveate(picture, (1, 1), method=f"files:{tmp_path}")
     with pytest.raises(InputError, match="must be 64 x 47 px"):
-        foveate(picture[:47], (1, 1), method=f"files:{tmp_path}", frame=3)
+        Foveator((47, 64), method=f"files:{tmp_path}")(picture[:47], (1, 1), frame=3)
 
 
 def test_files_refuse_an_empty_folder(tmp_path):

@@ -22,7 +22,7 @@ from protocols.hashing import sha256_json
 from protocols.load import load_display
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading
-from stimuli.foveated.clip_to_files import foveate_clip
+from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingRenderer, read_source
@@ -93,8 +93,8 @@ def test_a_replayed_recording_shows_the_frames_that_foveate_writes(
     gl_context, frames, tape, tmp_path, method
 ):
     written = foveate_clip(
-        frames, tmp_path / "out", gaze=track_of(f"replay:{tape}", None, HZ, print), seed=5,
-        choice=Choice(method), fps=HZ, ctx=gl_context,
+        frames, tmp_path / "out", choice=Choice(method), seed=5, ctx=gl_context,
+        asked=ClipSettings(track=track_of(f"replay:{tape}", None, HZ, print), fps=HZ),
     )  # fmt: skip
     source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice(method))

@@ -32,13 +32,14 @@ from protocols.plan import make_plan
 from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from stimuli.choice import Choice
-from stimuli.foveated.clip_to_files import foveate_clip
+from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
+from stimuli.foveated.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from study_app.attempt import Watcher
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingStudio
-from study_app.conduct import conduct
+from study_app.conduct import RunSettings, conduct
 from study_app.gaze.open_source import recorded
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
@@ -138,7 +139,7 @@ def sit(study, display, root, studio, *, gaze_of=None, pixels=pixels_of, stage=V
     recorder, plan = begin(setting, "P01", "en", made, gaze)
     recorder.waits_for_disk = False
     with recorder:
-        conduct(setting, plan, recorder, made, gaze, late_most=sys.maxsize)
+        conduct(setting, plan, recorder, made, gaze, RunSettings(late_most=sys.maxsize))
     made._live.release()
     return recorder.folder, made
 
@@ -210,8 +211,9 @@ def test_a_replayed_recording_shows_in_a_trial_the_frames_that_foveate_writes(
         Image.fromarray(pixels_of("")[..., :3]).save(frames / f"{k:04d}.png")
     little = str(tmp_path / "little.toml")
     written = foveate_clip(
-        frames, tmp_path / "out", seed=int(rows[0]["seed"]), choice=Choice(method), fps=HZ,
-        gaze=track_of(f"replay:{rest}", little, HZ, print), display=little, ctx=gl_context,
+        frames, tmp_path / "out", seed=int(rows[0]["seed"]), choice=Choice(method),
+        asked=ClipSettings(track=track_of(f"replay:{rest}", little, HZ, print), fps=HZ),
+        viewing=StatedViewing(display=little), ctx=gl_context,
     )  # fmt: skip
     assert {row["eye"] for row in rows} == {"found", "lost"}
     assert len({row["field_x_px"] for row in rows}) > 1

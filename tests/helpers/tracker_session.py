@@ -13,7 +13,7 @@ from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.conduct import conduct
+from study_app.conduct import RunSettings, conduct
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze_check import Targets, TrackerCalibration
@@ -171,7 +171,12 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     try:
         with recorder:
             conduct(
-                setting, plan, recorder, stage, gaze, validate=validation if validates else None
+                setting,
+                plan,
+                recorder,
+                stage,
+                gaze,
+                RunSettings(validate=validation if validates else None),
             )
     finally:
         gaze.close()

@@ -208,7 +208,7 @@ from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import chosen, make_plan
 from protocols.script import trial_script
-from study_app.presenter import Presenter
+from study_app.presenter import Presenter, PresenterSettings
 from study_app.stage import Picture
 from study_app.window import Window
 
@@ -227,7 +227,7 @@ def picture():
 shots = []
 with Window(display, pacing="software") as window:
     with Presenter(window, study, study.text.languages["en"], manifest, folder / "clips",
-                   refresh_hz=60.0) as presenter:
+                   PresenterSettings(60.0)) as presenter:
         presenter.prepare(trial, script, 1)
         for phase in script.phases:
             for told in (None, *phase.follows.values()):

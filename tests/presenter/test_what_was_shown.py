@@ -112,7 +112,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
 from study_app.opening import texts_of
 from study_app.strip import Extras
-from study_app.presenter import Presenter
+from study_app.presenter import Presenter, PresenterSettings
 from study_app.stage import Picture
 from protocols.script import trial_script
 from study_app.window import Window
@@ -134,7 +134,7 @@ per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}
 with Window(display, pacing="software") as window:
     with Presenter(window, protocol, texts_of(protocol, "en"), manifest, folder / "clips",
-                   refresh_hz=60.0, extras=Extras(photodiode="patch" in sys.argv)) as presenter:
+                   PresenterSettings(60.0, Extras(photodiode="patch" in sys.argv))) as presenter:
         presenter.prepare(plan.trials[0], script, 1)
         for name, shown in {
             "fixate": Picture(phase["fixate"]),

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.onnx_files import open_session
 from pipeline.methods.registry import create_method, method_files
-from protocols.outside import LIMITS_VARIABLE
+from protocols.limits import LIMITS_VARIABLE
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

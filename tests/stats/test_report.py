@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from undrawn_reports import drawn_narrow, undrawn
 
+from analysis.report.report_source import TableSettings
 from analysis.report.wording import big, number, p_number, p_text, printable, share
 from analysis.report.write_report import report_decisions, report_sessions
 from protocols.errors import StudyError
@@ -168,7 +169,7 @@ def test_rules_that_were_not_applied_to_a_table_left_nothing_out(made, demo_prot
     with undrawn():
         table = made / "r" / "tables" / "decisions.csv"
         found = report_decisions(
-            table, tmp_path / "out", protocol=demo_protocol, figure_files=False
+            table, tmp_path / "out", table=TableSettings(demo_protocol), figure_files=False
         )
     assert any("were not applied" in note for note in found.warnings)
     assert "Rules fixed before data collection" not in found.content.methods
@@ -311,7 +312,7 @@ def test_a_protocol_given_for_a_table_must_know_its_methods(
     rows.to_csv(tmp_path / "old.csv", index=False)
 
     with pytest.raises(StudyError, match="must be those of the protocol"):
-        report_decisions(tmp_path / "old.csv", tmp_path / "r", protocol=demo_protocol)
+        report_decisions(tmp_path / "old.csv", tmp_path / "r", table=TableSettings(demo_protocol))
 
 
 @pytest.mark.slow

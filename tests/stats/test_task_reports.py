@@ -30,6 +30,7 @@ from analysis.models.detection import YesNoResults
 from analysis.models.ideal_observer import abx_share
 from analysis.parts import computed
 from analysis.power import power
+from analysis.report.report_source import TableSettings
 from analysis.report.wording import share
 from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
@@ -735,7 +736,7 @@ def test_a_protocol_given_for_a_table_must_know_its_conditions(tmp_path):
     trials.to_csv(tmp_path / "t.csv", index=False)
 
     with pytest.raises(StudyError, match=r"method must be one of the protocol's .*got other"):
-        report_decisions(tmp_path / "t.csv", tmp_path / "r", protocol=protocol)
+        report_decisions(tmp_path / "t.csv", tmp_path / "r", table=TableSettings(protocol))
 
 
 def test_every_task_has_an_analysis_and_an_unknown_one_is_named():

@@ -19,6 +19,12 @@ class Look:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Frame:
+    look: Look
+    dark: Annotated[bool, typer.Option("--dark")] = False
+
+
 GIVEN: list[object] = []
 app = typer.Typer()
 
@@ -35,11 +41,18 @@ def draw(
     GIVEN[:] = [name, look, wide]
 
 
+@app.command()
+@takes_settings
+def hang(frame: Frame, *, high: Annotated[bool, typer.Option("--high")] = False) -> None:
+    GIVEN[:] = [frame, high]
+
+
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
-        ("a --scene garden", ["a", Look("garden"), False]),
-        ("a --views 3 --wide --scene garden", ["a", Look("garden", 3), True]),
+        ("draw a --scene garden", ["a", Look("garden"), False]),
+        ("draw a --views 3 --wide --scene garden", ["a", Look("garden", 3), True]),
+        ("hang --views 3 --dark --scene garden", [Frame(Look("garden", 3), dark=True), False]),
     ],
 )
 def test_the_fields_of_a_dataclass_are_options_and_reach_the_command_as_one(line, wanted):
@@ -47,13 +60,15 @@ def test_the_fields_of_a_dataclass_are_options_and_reach_the_command_as_one(line
     assert wanted == GIVEN
 
 
-@pytest.mark.parametrize("line", ["a", "a --scene x --views 0", "a --scene x --notes y"])
+@pytest.mark.parametrize(
+    "line", ["draw a", "draw a --scene x --views 0", "draw a --scene x --notes y", "hang"]
+)
 def test_what_a_field_needs_and_forbids_holds_and_others_are_no_options(line):
     assert CliRunner().invoke(app, line.split()).exit_code == 2
 
 
 def test_help_lists_fields_in_place_and_the_command_keeps_its_text():
-    said = CliRunner().invoke(app, ["--help"]).output
+    said = CliRunner().invoke(app, ["draw", "--help"]).output
 
     assert "Draw it." in said
     assert said.index("--scene") < said.index("--views") < said.index("--wide")

@@ -35,17 +35,10 @@ from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
 from protocols.journal_file import read_journal
-from protocols.limits import unpacked
+from protocols.limits import FIXED, LIMITS, LIMITS_VARIABLE, unpacked
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import read_manifest
-from protocols.outside import (
-    LIMITS,
-    LIMITS_VARIABLE,
-    bounded_bytes,
-    lines_of,
-    parsed_json,
-    visible_line,
-)
+from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
@@ -461,8 +454,9 @@ def test_a_frame_that_no_reader_reads_is_one_message(tmp_path):
 
 def test_the_page_of_limits_has_each_of_them_and_what_commands_take(repository):
     page = (repository / "docs" / "images.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"\| `(\w+)` \| ([\d,]+) \|$", page, re.M))
-    assert {name: int(most.replace(",", "")) for name, most in rows.items()} == LIMITS
+    rows = re.findall(r"^\| (.+) \| `(\w+)` \| ([\d,]+) \|$", page, re.M)
+    told = [(of, name, f"{most:,}") for name, (most, of) in (LIMITS | FIXED).items()]
+    assert rows == told
     for name, (always, each, seconds) in NEEDS.items():
         assert f"| `{name}` | {always >> 20} | {each} | {seconds:g} |" in page
 
