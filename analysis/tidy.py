@@ -38,7 +38,7 @@ from protocols.schema import StudyProtocol
 
 
 @dataclass(frozen=True)
-class Tidy:
+class TidyTables:
     """The tables of a study.
 
     Attributes
@@ -78,7 +78,7 @@ class Tidy:
 
 def read_sessions(
     folder: Path, protocol: StudyProtocol, *, progress: Progress | None = None
-) -> Tidy:
+) -> TidyTables:
     """Read every journal below `folder` and apply the protocol's exclusion rules.
 
     Raises
@@ -89,7 +89,7 @@ def read_sessions(
     return tidy_tables(read_study(folder, protocol, progress=progress), protocol)
 
 
-def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
+def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> TidyTables:
     """Return the tables of journals that were read, with the exclusion rules applied."""
     notes = list(study.notes)
     sessions, attempts, decisions, answers = [], [], [], []
@@ -108,7 +108,7 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
         protocol.analysis.exclusions,
     )
     closing = pd.DataFrame(answers, columns=["session", "participant", "question", "text"])
-    return Tidy(
+    return TidyTables(
         sessions=marked,
         attempts=frame(attempts, attempt_columns(protocol)),
         decisions=chosen,
@@ -127,7 +127,7 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> Tidy:
     )
 
 
-def write_tables(tidy: Tidy, study: StudyProtocol, folder: Path) -> None:
+def write_tables(tidy: TidyTables, study: StudyProtocol, folder: Path) -> None:
     """Write the tables and their data dictionary as CSV into `folder`."""
     tables = {
         "sessions.csv": tidy.sessions,

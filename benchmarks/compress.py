@@ -33,7 +33,7 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli import pictures as sheets
-from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
+from stimuli.compressed.rivals import InfeasibleRival, measured, rivals, sheet_of
 from stimuli.foveated.builtin_pictures import builtin_picture
 
 SIZES_KB = (15, 25, 41, 70, 120)
@@ -187,7 +187,7 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
             for kind in KINDS:
                 size_bytes = round(1000 * size_kb)
                 (one,) = rivals(picture, gaze_px, size_bytes, settings, kinds=(kind,))
-                if isinstance(one, Missed):
+                if isinstance(one, InfeasibleRival):
                     print(f"{name}: no {one.name} of {size_kb:g} kB: {one.why}")
                     continue
                 said = measured(one, picture, geometry, gaze_px)

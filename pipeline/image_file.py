@@ -15,8 +15,8 @@ from PIL import Image
 from pipeline.avif import opened_avif
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
-from pipeline.limits import check_need, check_values
 from pipeline.netpbm import read_netpbm
+from pipeline.picture_limits import check_need, check_values
 from pipeline.statements.check_statements import check_statements, refusal
 from pipeline.statements.row import Use
 from protocols.outside import reading, visible_line
@@ -224,7 +224,7 @@ def check_fits(path: Path, command: str) -> None:
     Raises
     ------
     InputError
-        As `pipeline.limits.check_need`. What is no picture, its reader refuses.
+        As `pipeline.picture_limits.check_need`. What is no picture, its reader refuses.
     """
     size_px = stated_size_px(path)
     if size_px is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.picture_limits import check_values
 
 _GAP = rb"(?:\s|#[^\n]*\n)+"
 _HEADER = re.compile(

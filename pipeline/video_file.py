@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
-from pipeline.statements.check_statements import Said, judged
+from pipeline.picture_limits import check_values
+from pipeline.statements.check_statements import VideoStatement, judged
 from pipeline.video_header.read_header import number_bytes, statements
 from protocols.outside import reading
 
@@ -36,7 +36,9 @@ LARGEST_SHIFT: Final = 0.5
 """Frames that a frame may come early or late: it is still nearest to its own place."""
 _ROUNDING_MS: Final = 1.0  # of times in Matroska
 _NEAR_RATE_SHARE: Final = 0.03
-_NO_FRAMES: Final = Said("no frames", "has none, or is damaged, or its codec is not known")
+_NO_FRAMES: Final = VideoStatement(
+    "no frames", "has none, or is damaged, or its codec is not known"
+)
 
 
 def is_video(path: Path) -> bool:
@@ -197,7 +199,7 @@ class VideoFrames:
         self._next += 1
         return True
 
-    def _off_the_rate(self, time_ms: float) -> Said:
+    def _off_the_rate(self, time_ms: float) -> VideoStatement:
         last_ms, gaps = (self._last_ms, self._next - 1) if self._next > 1 else (time_ms, 1)
         before_ms = (last_ms - self._first_ms) / gaps
         rate = 1000 / before_ms if before_ms > 0 else self.fps
@@ -207,7 +209,7 @@ class VideoFrames:
             f"frame {self._next} comes {after_s:.3f} s after the first; at {self.fps:g} a second it"
             f" would be {self._next / self.fps:.3f} s"
         )
-        return Said("frame times", words, {"rate": f"{rate:g}"})
+        return VideoStatement("frame times", words, {"rate": f"{rate:g}"})
 
     def _retrieve(self) -> NDArray[np.uint8]:
         """Return the frame that was grabbed last."""
@@ -215,7 +217,9 @@ class VideoFrames:
             done, frame = self._video.retrieve()
         if done and frame.ndim == 3 and frame.shape[2] == 4:
             if not (frame[..., 3] == 255).all():
-                judged(self.path, [Said("alpha", f"frame {self._next - 1} is transparent")])
+                judged(
+                    self.path, [VideoStatement("alpha", f"frame {self._next - 1} is transparent")]
+                )
             frame = frame[..., :3]
         shape = (*self.size_px[::-1], 3)
         if not done or frame.dtype != np.uint8 or frame.shape != shape:

@@ -74,7 +74,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Ends:
+class WalkEnds:
     """Ends of walks: pixel (N, 2), the step taken (N, 2), how many steps (N), whether found (N)."""
 
     end: NDArray[np.intp]
@@ -83,7 +83,9 @@ class Ends:
     found: NDArray[np.bool_]
 
 
-def background_ends(scene: Scene, start: NDArray[np.intp], direction: NDArray[np.float64]) -> Ends:
+def background_ends(
+    scene: Scene, start: NDArray[np.intp], direction: NDArray[np.float64]
+) -> WalkEnds:
     """Walk to the background side, and the other way where that side is foreground or outside."""
     ahead = walk_to_known(scene.known, start, direction)
     guide_m = scene.depth_m[start[:, 0], start[:, 1]]
@@ -98,18 +100,18 @@ def background_ends(scene: Scene, start: NDArray[np.intp], direction: NDArray[np
     return _replace(ends, lost, _nearest_known(scene.known, start[lost]), np.ones(len(lost), bool))
 
 
-def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> Ends:
+def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> WalkEnds:
     """The nearest known pixel in any direction, which always exists."""
     border = _border(known)
     end = border[_nearest(border, start)] if len(start) else start
     steps = np.abs(end - start).max(axis=1, initial=0)
     step = (end - start) / np.maximum(steps, 1)[:, None]
-    return Ends(end, step, steps, np.ones(len(start), bool))
+    return WalkEnds(end, step, steps, np.ones(len(start), bool))
 
 
 def walk_to_known(
     known: NDArray[np.bool_], start: NDArray[np.intp], direction: NDArray[np.float64]
-) -> Ends:
+) -> WalkEnds:
     """Step from pixel to pixel until one is known; not found where the image ends before."""
     longest = np.abs(direction).max(axis=1, keepdims=True)
     step = np.divide(direction, longest, out=np.zeros_like(direction), where=longest > 0)
@@ -126,7 +128,7 @@ def walk_to_known(
         done = walking[arrived]
         end[done], steps[done], found[done] = pixel[arrived], count, True
         walking = walking[~arrived]
-    return Ends(end, step, steps, found)
+    return WalkEnds(end, step, steps, found)
 
 
 def walk_within(
@@ -152,13 +154,15 @@ def walk_within(
     return end
 
 
-def _replace(ends: Ends, where: NDArray[np.intp], by: Ends, chosen: NDArray[np.bool_]) -> Ends:
+def _replace(
+    ends: WalkEnds, where: NDArray[np.intp], by: WalkEnds, chosen: NDArray[np.bool_]
+) -> WalkEnds:
     fields = {}
     for name in ("end", "step", "steps", "found"):
         values = getattr(ends, name).copy()
         values[where] = getattr(by, name)[chosen]
         fields[name] = values
-    return Ends(**fields)
+    return WalkEnds(**fields)
 
 
 def _clearly_nearer(

@@ -12,7 +12,7 @@ from markupsafe import Markup
 T = TypeVar("T")
 
 
-class Warned(Protocol):
+class NotedResult(Protocol):
     """A result that says when not to trust it."""
 
     @property
@@ -20,7 +20,7 @@ class Warned(Protocol):
         """Reasons."""
 
 
-W = TypeVar("W", bound=Warned)
+W = TypeVar("W", bound=NotedResult)
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ Style = Literal["project", "nuke", "blender", "unreal"]
 
 
 @dataclass(frozen=True)
-class Known:
+class NamedChannel:
     """A channel's whole name, as a pattern, and the factor that brings it to our unit."""
 
     pattern: str
@@ -115,17 +115,29 @@ class Motion:
     to_previous: bool
 
 
-KNOWN: dict[str, tuple[Known, ...]] = {
-    "r": (Known(r"R"), Known(r"(?P<layer>[^.]+)\.Combined\.R"), Known(r"(?P<layer>FinalImage)\.R")),
-    "g": (Known(r"G"), Known(r"(?P<layer>[^.]+)\.Combined\.G"), Known(r"(?P<layer>FinalImage)\.G")),
-    "b": (Known(r"B"), Known(r"(?P<layer>[^.]+)\.Combined\.B"), Known(r"(?P<layer>FinalImage)\.B")),
-    "depth": (
-        Known(r"Z"),
-        Known(r"depth\.Z"),
-        Known(r"((?P<layer>[^.]+)\.)?Depth\.(Z|V)"),
-        Known(r"(?P<layer>[^.]*)MovieRenderQueue_WorldDepth\.R", 0.01),
+KNOWN: dict[str, tuple[NamedChannel, ...]] = {
+    "r": (
+        NamedChannel(r"R"),
+        NamedChannel(r"(?P<layer>[^.]+)\.Combined\.R"),
+        NamedChannel(r"(?P<layer>FinalImage)\.R"),
     ),
-    "target_depth": (Known(r"target\.Z"),),
+    "g": (
+        NamedChannel(r"G"),
+        NamedChannel(r"(?P<layer>[^.]+)\.Combined\.G"),
+        NamedChannel(r"(?P<layer>FinalImage)\.G"),
+    ),
+    "b": (
+        NamedChannel(r"B"),
+        NamedChannel(r"(?P<layer>[^.]+)\.Combined\.B"),
+        NamedChannel(r"(?P<layer>FinalImage)\.B"),
+    ),
+    "depth": (
+        NamedChannel(r"Z"),
+        NamedChannel(r"depth\.Z"),
+        NamedChannel(r"((?P<layer>[^.]+)\.)?Depth\.(Z|V)"),
+        NamedChannel(r"(?P<layer>[^.]*)MovieRenderQueue_WorldDepth\.R", 0.01),
+    ),
+    "target_depth": (NamedChannel(r"target\.Z"),),
 }
 MOTION: dict[Style, MotionStyle] = {
     "project": MotionStyle(r"flow\.x", r"flow\.y"),

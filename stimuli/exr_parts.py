@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.image_file import check_fits, check_flat, in_display_window
-from pipeline.limits import check_values
+from pipeline.picture_limits import check_values
 from pipeline.statements.check_statements import check_statements
 from protocols.outside import reading, visible_line
 from stimuli.channels import Planes

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.method import Method, Plate, PlateMethod, TexturePlate
+from pipeline.methods.method import CleanPlate, Method, PlateMethod, TexturePlate
 from pipeline.methods.on_gpu import filled_colour
 
 
@@ -39,7 +39,7 @@ class Fills:
         self._method = method
         self._views = views
         self._seed = seed
-        self._plate: Plate | TexturePlate | None = None
+        self._plate: CleanPlate | TexturePlate | None = None
         self._source: int | None = None
         self._next = 0  # the first frame that the plate has not seen
 
@@ -65,7 +65,7 @@ class Fills:
             self._plate.release()
         self._plate = None
 
-    def _filled(self, frame: int, plate: Plate | TexturePlate | None) -> NDArray[np.float32]:
+    def _filled(self, frame: int, plate: CleanPlate | TexturePlate | None) -> NDArray[np.float32]:
         """Fill one frame, from a plate where there is one."""
         filler = self._method if plate is None else plate
         if isinstance(filler, TexturePlate):  # or a method on the GPU, which has what a plate has
@@ -75,9 +75,9 @@ class Fills:
         return filler.fill(self._views.warped(frame), self._seed)
 
 
-def _checked(plate: Plate | TexturePlate) -> Plate | TexturePlate:
+def _checked(plate: CleanPlate | TexturePlate) -> CleanPlate | TexturePlate:
     """Require a plate that fills; a plug-in's may not."""
-    if not isinstance(plate, Plate | TexturePlate):
+    if not isinstance(plate, CleanPlate | TexturePlate):
         old = [name for name in ("settle", "settle_textures") if hasattr(plate, name)]
         has = f", which has {old[0]}" if old else ""
         cure = "; fill takes the frame with its holes, where settle took the finished fill"

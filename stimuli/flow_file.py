@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.picture_limits import check_values
 from protocols.whole_file import write_whole
 from stimuli.plane_file import check_byte_order
 

@@ -23,7 +23,7 @@ from stimuli.exr import WarpInput
 
 
 @dataclass(frozen=True)
-class Filled:
+class FillResult:
     """One fill, and its quality where the truth is known.
 
     `quality` is that of the holes that do not touch the frame's border, or of what a mask
@@ -46,7 +46,7 @@ def warp_and_fill(
     truth: NDArray[np.float32] | None = None,
     truth_mask: NDArray[np.bool_] | None = None,
     hole: NDArray[np.bool_] | None = None,
-) -> tuple[WarpedFrame, list[Filled]]:
+) -> tuple[WarpedFrame, list[FillResult]]:
     """Warp `frame` once and fill it by every method of `choices`.
 
     Parameters
@@ -84,7 +84,7 @@ def warp_and_fill(
         finally:
             method.release()
         quality, quality_all = (_measure(colour, truth, mask) for mask in (inside, everywhere))
-        results.append(Filled(choice, colour, quality, quality_all))
+        results.append(FillResult(choice, colour, quality, quality_all))
     return warped, results
 
 
@@ -97,7 +97,7 @@ def _measure(
 
 
 def comparison(
-    warped: WarpedFrame, fills: Sequence[Filled], truth: NDArray[np.float32] | None = None
+    warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32] | None = None
 ) -> pictures.Picture:
     """Labelled sheet of 8-bit pictures: the holes, the truth if known, each fill, its quality."""
     tiles = [("warped, holes marked", pictures.of_holes(warped.colour, warped.hole))]
@@ -109,7 +109,7 @@ def comparison(
     return pictures.sheet(tiles)
 
 
-def quality_words(fill: Filled) -> str:
+def quality_words(fill: FillResult) -> str:
     """A line for a label; empty where nothing was measured."""
     quality = fill.quality or fill.quality_all
     if quality is None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
 from pipeline.image_file import check_fits, check_numbers, count_pictures, read_pixels
-from pipeline.limits import check_need, check_values
+from pipeline.picture_limits import check_need, check_values
 from protocols.outside import check_zip, reading
 from stimuli.channels import EMPTY_DEPTH, lone_plane
 from stimuli.exr import check_depth_unit

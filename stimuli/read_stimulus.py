@@ -89,7 +89,7 @@ def read_picture(path: Path) -> Frame:
     return np.ascontiguousarray(three_channels(path, pixels))
 
 
-class Stated(NamedTuple):
+class StimulusHeader(NamedTuple):
     """Statements in the header of a stimulus."""
 
     size_px: tuple[int, int] | None
@@ -98,7 +98,7 @@ class Stated(NamedTuple):
     """Other statements, which are not followed."""
 
 
-def stated(path: Path, fps: float | None) -> Stated:
+def stated(path: Path, fps: float | None) -> StimulusHeader:
     """Return what the header of a stimulus says, without decoding it; of a folder, of its first.
 
     Raises
@@ -107,12 +107,12 @@ def stated(path: Path, fps: float | None) -> Stated:
         If a video cannot be read, or its header says what must be refused.
     """
     if fps is None:
-        return Stated(image_file.stated_size_px(path))
+        return StimulusHeader(image_file.stated_size_px(path))
     if path.is_dir():
-        return Stated(next(map(image_file.stated_size_px, frame_files(path)), None))
+        return StimulusHeader(next(map(image_file.stated_size_px, frame_files(path)), None))
     video = VideoFrames(path)
     video.release()
-    return Stated(video.size_px, video.notes)
+    return StimulusHeader(video.size_px, video.notes)
 
 
 def file_sha256(path: Path) -> str:

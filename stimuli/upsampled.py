@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry, share_around
 from pipeline.frame import WarpedFrame
 from stimuli import pictures
-from stimuli.one_frame import Filled, quality_words
+from stimuli.one_frame import FillResult, quality_words
 from stimuli.teaser import Crop, auto_crops, difference
 from stimuli.true_view import with_true_view
 
@@ -77,14 +77,16 @@ def periphery(eye: Eye) -> NDArray[np.bool_]:
     return np.asarray(eye.share()[..., 0] == 0)
 
 
-def upsampled(fills: Sequence[Filled], truth: NDArray[np.float32], eye: Eye) -> list[Filled]:
+def upsampled(
+    fills: Sequence[FillResult], truth: NDArray[np.float32], eye: Eye
+) -> list[FillResult]:
     """Put the true view around the gaze into every fill; elsewhere a fill keeps its bits."""
     share = eye.share()
     return [replace(one, colour=with_true_view(one.colour, truth, share)) for one in fills]
 
 
 def upsampled_sheet(
-    warped: WarpedFrame, fills: Sequence[Filled], truth: NDArray[np.float32], eye: Eye
+    warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32], eye: Eye
 ) -> pictures.Picture:
     """Lay out what a foveated display shows by each method, beside the true view.
 

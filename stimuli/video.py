@@ -28,7 +28,7 @@ _HEAD = 4096  # bytes that hold everything before the frames
 
 
 @dataclass(frozen=True)
-class Unpacked:
+class UnpackedVideo:
     """A video's frames as a folder of PNG, ``000000.png`` on."""
 
     folder: Path
@@ -39,7 +39,7 @@ class Unpacked:
 
 
 @contextmanager
-def unpacked_video(path: Path) -> Iterator[Unpacked]:
+def unpacked_video(path: Path) -> Iterator[UnpackedVideo]:
     """Give a video's frames as a folder that is gone when the block ends.
 
     Raises
@@ -67,7 +67,7 @@ def unpacked_video(path: Path) -> Iterator[Unpacked]:
                 f"of {video.promised} frames that the video should have, {count} could be read:"
                 " was it cut short?"
             )
-        yield Unpacked(folder, video.fps, count, notes)
+        yield UnpackedVideo(folder, video.fps, count, notes)
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 from stimuli import pictures
 from stimuli.exr import WarpInput
-from stimuli.one_frame import Filled
+from stimuli.one_frame import FillResult
 from stimuli.pictures import Picture, Step
 
 METAMERIC = "metameric"
@@ -33,7 +33,7 @@ def write_steps(
     folder: Path,
     frame: WarpInput,
     warped: WarpedFrame,
-    fills: Sequence[Filled],
+    fills: Sequence[FillResult],
     *,
     seed: int,
 ) -> list[Path]:

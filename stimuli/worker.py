@@ -43,14 +43,14 @@ class RendererInfo:
 NUMPY = RendererInfo("", "none: numpy", "")
 
 
-class Held(Protocol):
+class ContextHolder(Protocol):
     """A thing that holds a context."""
 
     def release(self) -> None:
         """Free the GPU."""
 
 
-H = TypeVar("H", bound=Held)
+H = TypeVar("H", bound=ContextHolder)
 K = TypeVar("K")
 T = TypeVar("T")
 

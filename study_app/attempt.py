@@ -14,7 +14,7 @@ from study_app.gaze.saccades import SUPPRESSED_AFTER_S, Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import JudgedFlip, Pacer
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Stage
-from study_app.trial import Observed, Trial, Watch, advance
+from study_app.trial import FlipObservation, GazeVerdict, Trial, advance
 
 BLANK = ScriptPhase(name=ITI, frames=1)
 """Phase that is shown while nothing else is."""
@@ -22,7 +22,7 @@ TRACKER_PATIENCE_S = 2.0
 """A tracker that is silent for longer between two attempts ends the run."""
 
 
-class Flipped(NamedTuple):
+class FlipRecord(NamedTuple):
     """One flip of an attempt."""
 
     phase: int
@@ -32,7 +32,7 @@ class Flipped(NamedTuple):
     flip: JudgedFlip
 
 
-class Given(NamedTuple):
+class GivenAnswer(NamedTuple):
     """An answer to a question."""
 
     answer: str
@@ -47,14 +47,14 @@ class Given(NamedTuple):
 
 
 @dataclass
-class Log:
+class AttemptLog:
     """Data that are collected during an attempt, in memory."""
 
-    flips: list[Flipped] = field(default_factory=list)
+    flips: list[FlipRecord] = field(default_factory=list)
     shown: list[FlipReport] = field(default_factory=list)
     """Report of the stage on each of `flips`."""
     samples: list[GazeSample] = field(default_factory=list)
-    given: dict[str, Given] = field(default_factory=dict)
+    given: dict[str, GivenAnswer] = field(default_factory=dict)
     """The answers by question, in their order."""
     quality: GazeQuality | None = None
     disturbance: str = ""
@@ -62,7 +62,7 @@ class Log:
 
 
 @dataclass
-class Watcher:
+class GazeWatcher:
     """A gaze source with the rules that judge it. Two read it, each all: trials, and live frames.
 
     Attributes
@@ -132,7 +132,7 @@ class AttemptResult:
     """End of an attempt, and what was collected."""
 
     trial: Trial
-    log: Log
+    log: AttemptLog
     interrupts: tuple[VoidReason, ...]
     """Pause and quit keys, also those during the inter-trial interval."""
 
@@ -140,8 +140,8 @@ class AttemptResult:
 def run_attempt(
     script: TrialScript,
     stage: Stage,
-    watcher: Watcher | None,
-    on_outcome: Callable[[Trial, Log], None],
+    watcher: GazeWatcher | None,
+    on_outcome: Callable[[Trial, AttemptLog], None],
     mark: Callable[[str, float], None] = lambda _text, _t_s: None,
 ) -> AttemptResult:
     """Run one attempt to the end of its inter-trial interval.
@@ -160,7 +160,7 @@ def run_attempt(
         Told the name and the onset of every phase, for recordings elsewhere. Must not wait.
     """
     pacer = Pacer(stage.refresh_hz)
-    log = Log()
+    log = AttemptLog()
     state = Trial()
     written, last = False, len(script.phases) - 1
     before: int | None = None  # the phase of the flip before
@@ -177,7 +177,7 @@ def run_attempt(
         shown = stage.show(FlipPicture(phase, state.frames, rests, notice))
         flip = pacer.flip(shown.t_s)
         log.shown.append(shown)
-        log.flips.append(Flipped(state.phase, state.shown_frames(script), flip))
+        log.flips.append(FlipRecord(state.phase, state.shown_frames(script), flip))
         if before != state.phase:  # the first flip of a phase
             mark(phase.name, flip.t_s)
             watched_before = before is not None and script.phases[before].watched
@@ -202,12 +202,12 @@ def run_attempt(
             interrupts.append(interrupt)
         refreshes = 1 if before is None else flip.refreshes
         before = state.phase
-        state = advance(state, Observed(refreshes, gaze, answer, interrupt), script)
+        state = advance(state, FlipObservation(refreshes, gaze, answer, interrupt), script)
     return AttemptResult(state, log, tuple(interrupts))
 
 
 def _read_keys(
-    stage: Stage, state: Trial, script: TrialScript, onset_s: float, log: Log
+    stage: Stage, state: Trial, script: TrialScript, onset_s: float, log: AttemptLog
 ) -> tuple[str | None, VoidReason | None]:
     """Return the answer, where one is awaited, and the wish to pause or quit."""
     answer: str | None = None
@@ -221,16 +221,18 @@ def _read_keys(
             question = script.phases[state.phase].question
             answer = question.answer_of(press.key, press.at) if question else None
             if question and answer is not None:
-                log.given[question.name] = Given(answer, press, onset_s)
+                log.given[question.name] = GivenAnswer(answer, press, onset_s)
     disturbance = stage.disturbed() if interrupt is None else ""
     if disturbance and not state.over:
         interrupt, log.disturbance = "focus-lost", disturbance
     return answer, interrupt
 
 
-def _read_gaze(watcher: Watcher | None, stage: Stage, log: Log, *, recording: bool) -> Watch:
+def _read_gaze(
+    watcher: GazeWatcher | None, stage: Stage, log: AttemptLog, *, recording: bool
+) -> GazeVerdict:
     if watcher is None:
-        return Watch.HELD
+        return GazeVerdict.HELD
     samples = watcher.taken()
     if recording:
         log.samples.extend(samples)

@@ -11,10 +11,10 @@ from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import GazeMode, TrialScript
-from study_app.attempt import Flipped, Log
+from study_app.attempt import AttemptLog, FlipRecord
 from study_app.gaze.saccades import Saccade
 from study_app.gaze.source import GazeSample
-from study_app.live.in_trials import Kept, LiveFrame, live_entries
+from study_app.live.in_trials import KeptPixels, LiveFrame, live_entries
 from study_app.recorder import Recorder
 from study_app.session import RunTrial
 from study_app.trial import Trial
@@ -31,11 +31,11 @@ _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-stri
 def attempt_event(
     step: RunTrial,
     trial: Trial,
-    log: Log,
+    log: AttemptLog,
     script: TrialScript,
     manifest: Manifest,
     recorder: Recorder,
-    kept: Mapping[int, Kept],
+    kept: Mapping[int, KeptPixels],
     saccades: Sequence[Saccade],
     *,
     store_gaze: bool,
@@ -92,7 +92,7 @@ def attempt_event(
     )
 
 
-def _live(log: Log, saccades: Sequence[Saccade], recorder: Recorder) -> LiveFrames:
+def _live(log: AttemptLog, saccades: Sequence[Saccade], recorder: Recorder) -> LiveFrames:
     flips = [shown.live.flip for shown in log.shown if shown.live is not None]
     return LiveFrames.of(
         ((flip.eye, flip.age_s) for flip in flips if flip.follows),
@@ -107,7 +107,7 @@ def _live(log: Log, saccades: Sequence[Saccade], recorder: Recorder) -> LiveFram
 
 
 def _shown(
-    planned: PlannedTrial, flips: Sequence[Flipped], manifest: Manifest
+    planned: PlannedTrial, flips: Sequence[FlipRecord], manifest: Manifest
 ) -> tuple[ShownStimulus, ...]:
     found = []
     for index, name in enumerate(planned.stimuli):
@@ -125,7 +125,7 @@ def _shown(
 
 
 def _phases(
-    flips: Sequence[Flipped], script: TrialScript, session_time: Callable[[float], float]
+    flips: Sequence[FlipRecord], script: TrialScript, session_time: Callable[[float], float]
 ) -> tuple[PhaseRecord, ...]:
     """Sum up the flips by phase; the flip that replaces a phase's last picture ends it."""
     records = []
@@ -163,11 +163,11 @@ def _gaze_csv(samples: Sequence[GazeSample], start_s: float) -> bytes:
 
 def _flips_csv(
     planned: PlannedTrial,
-    log: Log,
+    log: AttemptLog,
     script: TrialScript,
     manifest: Manifest,
     start_s: float,
-    kept: Mapping[int, Kept],
+    kept: Mapping[int, KeptPixels],
 ) -> bytes:
     hashes = [manifest.clip(name).frames_sha256 for name in planned.stimuli]
     names = [phase.name for phase in script.phases]
@@ -188,7 +188,7 @@ def _flips_csv(
     return "".join(lines).encode("ascii")
 
 
-def _live_columns(live: LiveFrame | None, kept: Mapping[int, Kept]) -> str:
+def _live_columns(live: LiveFrame | None, kept: Mapping[int, KeptPixels]) -> str:
     if live is None:
         return "," * LIVE_HEADER.count(",")
     flip, look = live.flip, live.flip.look

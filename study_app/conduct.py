@@ -25,7 +25,7 @@ from protocols.participant_texts import consent_text
 from protocols.plan import Plan
 from protocols.script import Scripts
 from protocols.viewing import Viewing
-from study_app.attempt import AttemptResult, Log, Watcher, run_attempt
+from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
 from study_app.attempt_record import attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
@@ -184,7 +184,7 @@ class _Conductor:
             watch = None
             if self._protocol.stimuli.follows_gaze:
                 watch = SaccadeWatch(math.radians(viewing.distance_mm / viewing.pitch_x_mm))
-            self._watcher = Watcher(gaze, monitor, watch)
+            self._watcher = GazeWatcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
         self._gaze_check = None
         if asked.validate is not None and self._watcher is not None:
@@ -306,7 +306,7 @@ class _Conductor:
         if self._watcher:
             self._watcher.source.mark(f"{step.trial.id} attempt {step.attempt}")
 
-        def write(trial: Trial, log: Log) -> None:
+        def write(trial: Trial, log: AttemptLog) -> None:
             event = attempt_event(
                 step,
                 trial,

@@ -37,14 +37,14 @@ from protocols.session_schema import Texts
 from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
 from study_app.draw import Painter
-from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entries, live_entry
+from study_app.live.in_trials import KeptPixels, LiveShow, SessionGaze, live_entries, live_entry
 from study_app.live.renderer import GazeState, Studio
 from study_app.page_turner import NOTICE_S, PageTurner
 from study_app.pages import PageLayout
 from study_app.paint import bitmaps_of, drawn
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 from study_app.strip import PATCH_PX, Extras, patch_place
-from study_app.virtual import Asked, Observer
+from study_app.virtual import AskedQuestions, Observer
 from study_app.window import Window
 
 _POLL_SHARE = 0.6
@@ -135,7 +135,7 @@ class Presenter:
         self._target = self._texture(fixation_target(protocol, display))
         self._preparing = text_picture(protocol, display, texts.preparing)
         self._ready[id(self._preparing)] = self._preparing, self._texture(self._preparing)
-        self._asked: Asked | None = None
+        self._asked: AskedQuestions | None = None
         self._next: Names | None = None
         self._stimuli: tuple[moderngl.TextureArray, ...] = ()
         self._number = 0
@@ -181,7 +181,7 @@ class Presenter:
         """Say whose gaze live pictures follow."""
         self._live.follow(gaze, polled=polled)
 
-    def kept(self) -> Mapping[int, Kept]:
+    def kept(self) -> Mapping[int, KeptPixels]:
         """Return what is kept of an attempt's live frames."""
         return self._live.kept()
 
@@ -225,7 +225,7 @@ class Presenter:
         self._window.require_display()
         self._store.allow(False)
         self._next, self._answer = None, None
-        self._asked = Asked(self._observer, trial, attempt) if self._observer else None
+        self._asked = AskedQuestions(self._observer, trial, attempt) if self._observer else None
         self._stimuli = self._store.show(trial.stimuli)
         self._live.prepare(script, self._pixels)
         self._live_pictures = {number: self._live.first(number) for number in live_entries(script)}

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 from protocols.plan import PlannedTrial
 from protocols.script import Picture as Notice
 from protocols.script import ScriptPhase, TrialScript
-from study_app.live.in_trials import Kept, LiveFrame, SessionGaze
+from study_app.live.in_trials import KeptPixels, LiveFrame, SessionGaze
 
 
 class KeyPress(NamedTuple):
@@ -106,7 +106,7 @@ class Stage(Protocol):
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
         """Say whose gaze live pictures follow; `polled`: as `SourceInfo.polled`."""
 
-    def kept(self) -> Mapping[int, Kept]:
+    def kept(self) -> Mapping[int, KeptPixels]:
         """Return what is kept of an attempt's live frames, by `LiveFrame.flip.number`.
 
         Called while nothing moves: reading pixels back takes longer than a refresh.

@@ -22,7 +22,7 @@ from protocols.phases import STUDY_QUESTION
 from protocols.script import GazeMode, Picture, ScriptPhase, TrialScript
 
 
-class Watch(Enum):
+class GazeVerdict(Enum):
     """State of gaze at one frame."""
 
     HELD = "held"
@@ -35,13 +35,13 @@ class Watch(Enum):
     """No data for longer than a blink, or too often."""
 
 
-class Observed(NamedTuple):
+class FlipObservation(NamedTuple):
     """Observations up to one flip."""
 
     refreshes: int = 1
     """Refreshes since the flip before: 1 in time, more where some were missed, 0 where two
     flips fell into one."""
-    gaze: Watch = Watch.HELD
+    gaze: GazeVerdict = GazeVerdict.HELD
     answer: str | None = None
     interrupt: VoidReason | None = None
     """`paused`, `quit` or `focus-lost`."""
@@ -93,7 +93,7 @@ class Trial(NamedTuple):
         return next((told[name] for name in stands if name in told), None)
 
 
-def advance(trial: Trial, observed: Observed, script: TrialScript) -> Trial:
+def advance(trial: Trial, observed: FlipObservation, script: TrialScript) -> Trial:
     """Return the trial after one more flip.
 
     A flip that comes late shortens nothing: a clip skips the frames that are late and keeps its
@@ -118,10 +118,10 @@ def advance(trial: Trial, observed: Observed, script: TrialScript) -> Trial:
         trial = _count_dropped(trial, observed, script)
     if trial.dropped > script.dropped_max:
         return _void(trial, "dropped-frames", script)
-    if phase.watched and observed.gaze in (Watch.VIOLATION, Watch.LOSS):
+    if phase.watched and observed.gaze in (GazeVerdict.VIOLATION, GazeVerdict.LOSS):
         if script.gaze is GazeMode.ENFORCE:
             reason: VoidReason = "data-loss"
-            if observed.gaze is Watch.VIOLATION:
+            if observed.gaze is GazeVerdict.VIOLATION:
                 reason = "gaze-break"
             elif observed.refreshes - 1 > script.dropped_max:
                 reason = "dropped-frames"  # gaze was not read either while nothing was shown
@@ -163,11 +163,11 @@ def _void(trial: Trial, reason: VoidReason, script: TrialScript) -> Trial:
     return trial._replace(phase=len(script.phases) - 1, frames=0, void_reason=reason)
 
 
-def _gated(trial: Trial, observed: Observed, step: int, script: TrialScript) -> Trial:
+def _gated(trial: Trial, observed: FlipObservation, step: int, script: TrialScript) -> Trial:
     """Wait until gaze was held for the length of the phase."""
     phase = script.phases[trial.phase]
     gated = script.gaze is GazeMode.ENFORCE
-    held = not gated or observed.gaze is Watch.HELD
+    held = not gated or observed.gaze is GazeVerdict.HELD
     shown = trial._replace(
         frames=trial.frames + step if held else 0,  # the hold starts over
         waited=trial.waited + observed.refreshes,
@@ -179,7 +179,7 @@ def _gated(trial: Trial, observed: Observed, step: int, script: TrialScript) -> 
     return shown
 
 
-def _count_dropped(trial: Trial, observed: Observed, script: TrialScript) -> Trial:
+def _count_dropped(trial: Trial, observed: FlipObservation, script: TrialScript) -> Trial:
     """Count the missed refreshes that kept a picture of a watched phase on the screen."""
     kept = trial.phase if trial.frames else trial.phase - 1
     if kept < 0 or not script.phases[kept].watched:

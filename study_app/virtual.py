@@ -17,7 +17,7 @@ from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.plan import PlannedTrial
 from protocols.script import ScriptQuestion, TrialScript
-from study_app.live.in_trials import Kept, LiveShow, SessionGaze, live_entry
+from study_app.live.in_trials import KeptPixels, LiveShow, SessionGaze, live_entry
 from study_app.live.renderer import GazeState, Studio
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 
@@ -75,7 +75,7 @@ class Observer(Protocol):
 
 
 @dataclass
-class Asked:
+class AskedQuestions:
     """Questions to an observer in one attempt, each once."""
 
     observer: Observer
@@ -125,7 +125,7 @@ class VirtualStage:
         self._clock, self._true_hz = clock, refresh_hz
         self._nominal_hz = nominal_hz or refresh_hz
         self._observer, self._on_prepare = observer, on_prepare
-        self._asked: Asked | None = None
+        self._asked: AskedQuestions | None = None
         self._faults: Mapping[int, Fault] = {}
         self._flips = 0
         self._number = 0
@@ -161,7 +161,7 @@ class VirtualStage:
         if self._live is not None:
             self._live.follow(gaze, polled=polled)
 
-    def kept(self) -> Mapping[int, Kept]:
+    def kept(self) -> Mapping[int, KeptPixels]:
         """Return what is kept of live frames."""
         return {} if self._live is None else self._live.kept()
 
@@ -169,7 +169,7 @@ class VirtualStage:
         """Nothing to load, but what follows the gaze; a new attempt begins."""
         if self._live is not None:
             self._live.prepare(script, lambda n: self._pixels_of(script.stimuli[n].name))
-        self._asked, self._flips = Asked(self._observer, trial, attempt), 0
+        self._asked, self._flips = AskedQuestions(self._observer, trial, attempt), 0
         self._pending.clear()
         self._faults = self._on_prepare(trial, attempt)
 

@@ -28,7 +28,7 @@ from protocols.errors import Problem, StudyError
 from protocols.load import load_display, load_protocol
 from protocols.plugins import check_methods
 from protocols.tasks.base import Arrangement, Cell, Task
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.gaze.open_source import ADAPTERS, open_gaze
 from study_app.observers import OBSERVERS, default_model
 from study_app.simulate import SimulatedStudy, simulate_study

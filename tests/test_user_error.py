@@ -11,7 +11,7 @@ import typer
 
 from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
 from protocols.errors import StudyError
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 
 PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 BUGS = {"ShaderError", "_RefusedError"}  # a shader of ours, and what a context catches itself

@@ -9,7 +9,7 @@ from analysis.export.choices import ExportOptions
 from analysis.export.exported_people import Person
 from analysis.export.public import scrub
 from analysis.journals import Progress
-from analysis.tidy import Tidy
+from analysis.tidy import TidyTables
 from protocols.hashing import Json
 from protocols.outside import json_bytes, markdown
 from protocols.prose import count_of
@@ -23,7 +23,7 @@ class ExportedStudy:
 
     protocol: StudyProtocol
     people: tuple[Person, ...]
-    tables: Tidy
+    tables: TidyTables
     options: ExportOptions
     progress: Progress
     shifts: dict[str, dict[int, float]] | None = None

@@ -16,7 +16,7 @@ import pandas as pd
 
 from analysis.export.exported_people import drawn
 from analysis.journals import JournalReading, StudyReadings
-from analysis.tidy import Tidy
+from analysis.tidy import TidyTables
 from protocols.counterbalancing import arrival_shows
 from protocols.errors import StudyError
 from protocols.hashing import sha256_bytes
@@ -40,7 +40,7 @@ _Arranged = tuple[frozenset[tuple[str, object]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class Unordered:
+class OrderlessSessions:
     """Sessions without the order of their trials."""
 
     study: StudyReadings
@@ -93,7 +93,7 @@ def refuse_adaptive(protocol: StudyProtocol) -> None:
         )
 
 
-def without_order(study: StudyReadings, protocol: StudyProtocol) -> Unordered:
+def without_order(study: StudyReadings, protocol: StudyProtocol) -> OrderlessSessions:
     """Return the sessions with main trials alone, in an order that all share.
 
     What is not whole is left out: which trials are missing tells what came first.
@@ -118,10 +118,10 @@ def without_order(study: StudyReadings, protocol: StudyProtocol) -> Unordered:
         events, shifts[reading.name] = _rearranged(reading, names)
         kept.append(replace(reading, journal=replace(reading.journal, events=events)))
         trials |= {(reading.start.participant, trial): name for trial, name in names.items()}
-    return Unordered(StudyReadings(tuple(kept), tuple(notes)), shifts, trials)
+    return OrderlessSessions(StudyReadings(tuple(kept), tuple(notes)), shifts, trials)
 
 
-def unordered_tables(tidy: Tidy, unordered: Unordered) -> Tidy:
+def unordered_tables(tidy: TidyTables, unordered: OrderlessSessions) -> TidyTables:
     """Return the main trials of tables, named and sorted without their order."""
     return replace(
         tidy,
@@ -131,7 +131,7 @@ def unordered_tables(tidy: Tidy, unordered: Unordered) -> Tidy:
     )
 
 
-def without_columns(tidy: Tidy, names: frozenset[str]) -> Tidy:
+def without_columns(tidy: TidyTables, names: frozenset[str]) -> TidyTables:
     """Return tables of attempts and decisions without these columns."""
     return replace(
         tidy,
@@ -140,7 +140,7 @@ def without_columns(tidy: Tidy, names: frozenset[str]) -> Tidy:
     )
 
 
-def _unordered(table: pd.DataFrame, unordered: Unordered, more: list[str]) -> pd.DataFrame:
+def _unordered(table: pd.DataFrame, unordered: OrderlessSessions, more: list[str]) -> pd.DataFrame:
     main = table[table["kind"] == "main"]
     names = [
         unordered.trials[str(participant), str(trial)]

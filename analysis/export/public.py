@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.journals import StudyReadings
-from analysis.tidy import Tidy
+from analysis.tidy import TidyTables
 from protocols.chance import Chance
 from protocols.errors import StudyError
 from protocols.journal import Attempt
@@ -136,7 +136,7 @@ def _words(protocol: StudyProtocol) -> set[str | None]:
     }
 
 
-def public_tables(tidy: Tidy, protocol: StudyProtocol, codes: dict[str, str]) -> Tidy:
+def public_tables(tidy: TidyTables, protocol: StudyProtocol, codes: dict[str, str]) -> TidyTables:
     """Return tidy tables without wall-clock times, folders, typed answers and private words.
 
     Parameters

@@ -25,7 +25,7 @@ MOST_DRAWN = 40
 
 
 @dataclass(frozen=True)
-class Without:
+class LeftOutResult:
     """The primary comparison without one participant, or one scene (`kind`)."""
 
     kind: str
@@ -61,14 +61,14 @@ class LeavingOut:
     jod: float
     jod_lower: float
     jod_upper: float
-    without: tuple[Without, ...]
+    without: tuple[LeftOutResult, ...]
     power: float
     planned_power: float | None
     participants: int
     planned_participants: int | None
     notes: tuple[str, ...] = ()
 
-    def turning(self, alpha: float) -> list[Without]:
+    def turning(self, alpha: float) -> list[LeftOutResult]:
         """Return those without whom the result is another: significant, or not."""
         return [one for one in self.without if (one.p < alpha) != (self.p < alpha)]
 
@@ -105,7 +105,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
                     left = two_way(*rest)
                     low, high = (float(end) for end in left.limits(plan.confidence))
                     p = float(left.p_value())
-                    without.append(Without(kind, name, float(left.share), low, high, p))
+                    without.append(LeftOutResult(kind, name, float(left.share), low, high, p))
         lower, upper = (float(end) for end in whole.limits(plan.confidence))
         jod, jod_lower, jod_upper = (stats.norm.ppf([whole.share, lower, upper]) / JOD).tolist()
         planned = plan.planned_participants
@@ -154,7 +154,9 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
                 " error by a noncentral t; no effect that was found enters."
             ),
             tables={
-                "leaving_out.csv": pd.DataFrame(lines, columns=[*Without.__dataclass_fields__])
+                "leaving_out.csv": pd.DataFrame(
+                    lines, columns=[*LeftOutResult.__dataclass_fields__]
+                )
             },
             figures=(
                 PartFigure(

@@ -20,7 +20,7 @@ P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
 
 @dataclass(frozen=True)
-class OfModel:
+class ModelEffects:
     """The random effects of one model; `model` is empty where there is one only."""
 
     model: str
@@ -31,7 +31,7 @@ class OfModel:
 class RandomEffectResults:
     """Every number."""
 
-    models: tuple[OfModel, ...]
+    models: tuple[ModelEffects, ...]
     notes: tuple[str, ...]
 
 
@@ -54,7 +54,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         return self._of.wanted(table, plan)
 
     @abstractmethod
-    def models(self, found: Any, plan: P) -> Iterator[OfModel]:
+    def models(self, found: Any, plan: P) -> Iterator[ModelEffects]:
         """Yield the models of the other part."""
 
     def compute(
@@ -160,10 +160,10 @@ class RightEffects(RandomEffectsPart[AnalysisPlan]):
     about: ClassVar[str] = "right answers"
     unit: ClassVar[str] = "logits"
 
-    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the mixed one."""
         if found is not None:
-            yield OfModel("", found.mixed.deviations)
+            yield ModelEffects("", found.mixed.deviations)
 
 
 class ChoiceEffects(RandomEffectsPart[Any]):
@@ -179,10 +179,10 @@ class ChoiceEffects(RandomEffectsPart[Any]):
         """Return whether there are more methods than a pair."""
         return len(plan.methods) > 2 and super().wanted(table, plan)
 
-    def models(self, found: Any, plan: Any) -> Iterator[OfModel]:
+    def models(self, found: Any, plan: Any) -> Iterator[ModelEffects]:
         """Yield one for each size."""
         for one in found.together if found is not None else ():
-            yield OfModel(plan.at(one.size), one.model.deviations)
+            yield ModelEffects(plan.at(one.size), one.model.deviations)
 
 
 class TimeEffects(RandomEffectsPart[AnalysisPlan]):
@@ -198,10 +198,10 @@ class TimeEffects(RandomEffectsPart[AnalysisPlan]):
         """Return whether times are modelled."""
         return plan.reaction == "models" and super().wanted(table, plan)
 
-    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the log-normal one."""
         if found is not None and found.model is not None:
-            yield OfModel("", found.model.deviations)
+            yield ModelEffects("", found.model.deviations)
 
 
 class RatingEffects(RandomEffectsPart[AnalysisPlan]):
@@ -213,7 +213,7 @@ class RatingEffects(RandomEffectsPart[AnalysisPlan]):
     about: ClassVar[str] = "ratings"
     unit: ClassVar[str] = "latent units"
 
-    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[OfModel]:
+    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the cumulative-link one."""
         if found is not None:
-            yield OfModel("", found.model.deviations)
+            yield ModelEffects("", found.model.deviations)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from analysis.models.compared_methods import ALL_SIZES, found_pairings
 from analysis.parts import AnalysisPlan
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 from protocols.errors import StudyError
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.schema import StudyProtocol
@@ -134,7 +134,7 @@ def from_protocol(protocol: StudyProtocol) -> PreferencePlan:
 
 
 def from_decisions(
-    decisions: pd.DataFrame, name: str, told: PreferencesTold | None = None
+    decisions: pd.DataFrame, name: str, told: PreferenceTableSettings | None = None
 ) -> PreferencePlan:
     """Return settings for a table without a protocol: every pairing found.
 
@@ -143,7 +143,7 @@ def from_decisions(
     StudyError
         If the options name methods or comparisons that the table does not have.
     """
-    told = told or PreferencesTold()
+    told = told or PreferenceTableSettings()
     found = found_pairings(decisions)
     methods = told.sort(sorted({method for pairing in found for method in pairing}))
     sizes = tuple(sorted(map(str, decisions["size"].unique())))
@@ -179,7 +179,7 @@ def from_decisions(
 
 
 def _asked(
-    pairs: Iterable[tuple[str, str]], told: PreferencesTold, methods: Sequence[str]
+    pairs: Iterable[tuple[str, str]], told: PreferenceTableSettings, methods: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
     """Return the pairings that are asked for, the way round that they do."""
     asked = {"method": told.method, "against": told.against}

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.parts import AnalysisPlan
-from analysis.plans.told import RatesTold, check_contrasts
+from analysis.plans.table_settings import RateTableSettings, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
@@ -207,7 +207,7 @@ class CurvePlan(RatePlan):
 def common_settings_of_table(
     decisions: pd.DataFrame,
     name: str,
-    told: RatesTold,
+    told: RateTableSettings,
     answers: tuple[str, ...],
     plan: type[RatePlan] = RatePlan,
 ) -> RatePlan:

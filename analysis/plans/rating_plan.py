@@ -6,7 +6,7 @@ from typing import Literal
 import pandas as pd
 
 from analysis.parts import AnalysisPlan
-from analysis.plans.told import RatingsTold, check_contrasts
+from analysis.plans.table_settings import RatingTableSettings, check_contrasts
 from protocols.errors import StudyError
 from protocols.schema import StudyProtocol
 from protocols.suggest import did_you_mean
@@ -66,7 +66,7 @@ def from_protocol(study: StudyProtocol) -> RatingPlan:
     )
 
 
-def settings_of(decisions: pd.DataFrame, name: str, told: RatingsTold) -> RatingPlan:
+def settings_of(decisions: pd.DataFrame, name: str, told: RatingTableSettings) -> RatingPlan:
     """Return the settings of a table.
 
     Raises

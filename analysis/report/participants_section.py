@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator
 
-from analysis.tidy import Tidy
+from analysis.tidy import TidyTables
 from protocols.blocks import Block, Paragraph, TableBlock
 from protocols.prose import count_of
 
 
-def participant_blocks(tidy: Tidy | None) -> tuple[Block, ...]:
+def participant_blocks(tidy: TidyTables | None) -> tuple[Block, ...]:
     """Return the flow of participants, and answers to questions with choices; none of a table."""
     return () if tidy is None else tuple(_blocks(tidy))
 
 
-def _blocks(tidy: Tidy) -> Iterator[Block]:
+def _blocks(tidy: TidyTables) -> Iterator[Block]:
     before = {"began": "of these ", "completed the session": "stopped: ", "analysed": "left out: "}
     yield TableBlock.of(
         "Participants, from the first page to the analysis",
@@ -40,7 +40,7 @@ def _blocks(tidy: Tidy) -> Iterator[Block]:
     )
 
 
-def participant_sentence(tidy: Tidy | None) -> tuple[str, ...]:
+def participant_sentence(tidy: TidyTables | None) -> tuple[str, ...]:
     """Return the flow of participants in a sentence; none of a table."""
     if tidy is None:
         return ()

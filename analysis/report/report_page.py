@@ -10,7 +10,7 @@ from analysis.report.content import ReportContent
 from analysis.report.participants_section import participant_blocks
 from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
-from analysis.tidy import Tidy
+from analysis.tidy import TidyTables
 from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, TableBlock
 from protocols.hashing import Json
 from protocols.html_page import Figure, html_page
@@ -59,7 +59,7 @@ def report_page(
     )
 
 
-def _quality(tidy: Tidy | None) -> Iterator[Block]:
+def _quality(tidy: TidyTables | None) -> Iterator[Block]:
     """Yield who took part, what rules left out, and how each session went."""
     yield from participant_blocks(tidy)
     if tidy is None or not tidy.flow:
@@ -100,7 +100,7 @@ def _told(value: Any, text: Callable[[Any], str], without: str = "no gaze") -> s
     return without if value is None else text(value)
 
 
-def _answers(tidy: Tidy | None) -> Iterator[Section]:
+def _answers(tidy: TidyTables | None) -> Iterator[Section]:
     """Yield the section of what participants typed; none where nobody was asked."""
     if tidy is None or tidy.answers.empty:
         return

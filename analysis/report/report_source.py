@@ -7,13 +7,13 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.parts import AnalysisPlan
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.recording_notes import recording_notes
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis
 from analysis.tasks.note import note_path, options_from, read_note
-from analysis.tidy import Tidy, read_sessions
+from analysis.tidy import TidyTables, read_sessions
 from protocols.errors import StudyError
 from protocols.hashing import Json, sha256_file
 from protocols.latency import LatencySummary
@@ -29,7 +29,7 @@ class ReportSource:
 
     analysis: AnyAnalysis
     decisions: pd.DataFrame
-    tidy: Tidy | None
+    tidy: TidyTables | None
     protocol: StudyProtocol | None
     settings: AnalysisPlan
     simulated: bool
@@ -197,4 +197,4 @@ def _guessed(table: Table) -> Analysis:
             " --task TASK', which notes the task beside the table"
             f" (there is no {note_path(path).name} here, and the columns fit several tasks)"
         )
-    return PreferencesTold()
+    return PreferenceTableSettings()

@@ -94,7 +94,7 @@ def number_range(lower: float, upper: float) -> str:
     return NONE if math.isnan(lower) else f"[{', '.join(number(e, within=ends) for e in ends)}]"
 
 
-class Limited(Protocol):
+class IntervalEstimate(Protocol):
     """An estimate with limits."""
 
     @property
@@ -106,7 +106,7 @@ class Limited(Protocol):
         """The upper one."""
 
 
-def placed(one: Limited, value: float) -> str:
+def placed(one: IntervalEstimate, value: float) -> str:
     """Return the value of an estimate with as many digits as its limits have."""
     return number(value, within=(one.lower, one.upper))
 

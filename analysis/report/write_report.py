@@ -14,8 +14,8 @@ from markupsafe import Markup, escape
 from analysis.data_dictionary import dictionary
 from analysis.parts import PartFigure
 from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
-from analysis.report.beside import beside, beside_blocks
 from analysis.report.content import ReportContent, content_of
+from analysis.report.exclusion_comparison import beside, beside_blocks
 from analysis.report.report_page import report_page
 from analysis.report.report_source import (
     Progress,

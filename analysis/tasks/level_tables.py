@@ -13,7 +13,7 @@ from analysis.parts.own_curves import OwnCurvesPart
 from analysis.parts.slopes import SlopesPart
 from analysis.parts.stated import StatedPart
 from analysis.plans.rate_plan import CurvePlan, RatePlan, common_settings_of_table
-from analysis.plans.told import CurvesTold
+from analysis.plans.table_settings import CurveTableSettings
 from analysis.tables.table import Source, opened
 from analysis.tasks.rates import RatesTask
 from protocols.errors import StudyError
@@ -25,7 +25,7 @@ class TableOfLevels(RatesTask):
 
     kind: ClassVar[str] = "psychometric"
     task: ClassVar[str] = "answers"
-    options: ClassVar[type[Analysis]] = CurvesTold
+    options: ClassVar[type[Analysis]] = CurveTableSettings
     parts: ClassVar[tuple[AnyPart, ...]] = (
         CurvesPart(),
         ThresholdsPart(),

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from analysis.plans.told import keys_of, said_of
+from analysis.plans.table_settings import keys_of, said_of
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import with_tuples

@@ -12,7 +12,7 @@ from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rating_plan import RatingPlan, conditions_of, from_protocol, settings_of
-from analysis.plans.told import RatingsTold
+from analysis.plans.table_settings import RatingTableSettings
 from analysis.simulations import RatedSteps
 from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Source
@@ -34,7 +34,7 @@ class RatingsTask(TaskAnalysis[RatingPlan]):
         TimesPart(),
         TimeEffects(TimesPart()),
     )
-    options: ClassVar[type[Analysis]] = RatingsTold
+    options: ClassVar[type[Analysis]] = RatingTableSettings
 
     def settings(self, study: StudyProtocol) -> RatingPlan:
         """Return the plan that a protocol fixes."""

@@ -10,7 +10,7 @@ from analysis.models.cells import conditions
 from analysis.parts import AnalysisPlan, AnyPart
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
-from analysis.plans.told import TimesTold, check_contrasts
+from analysis.plans.table_settings import TimeTableSettings, check_contrasts
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions, read_times
 from analysis.tasks.base import TaskAnalysis
@@ -20,7 +20,7 @@ from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
 
 
-class TimesPlan(TimesTold, AnalysisPlan):
+class TimesPlan(TimeTableSettings, AnalysisPlan):
     """Names and rules of the analysis of reaction times.
 
     `alternatives`: how many answers the table holds; None where none is right or wrong.
@@ -43,7 +43,7 @@ class TableOfTimes(TaskAnalysis[TimesPlan]):
 
     kind: ClassVar[str] = "reaction"
     task: ClassVar[str] = "reaction times"
-    options: ClassVar[type[Analysis]] = TimesTold
+    options: ClassVar[type[Analysis]] = TimeTableSettings
     parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> TimesPlan:

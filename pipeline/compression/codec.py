@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, to_bytes, unpack
-from pipeline.compression.compressed_file import LEAST_ANGLES, MOST_ANGLES, Compressed, Statistics
+from pipeline.compression.compressed_file import (
+    LEAST_ANGLES,
+    MOST_ANGLES,
+    CompressedPicture,
+    Statistics,
+)
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import (
     MOST_LEVELS,
@@ -91,7 +96,7 @@ def compress(
     pictures: Sequence[NDArray[np.floating]],
     gaze_px: tuple[float, float],
     settings: CompressionSettings | None = None,
-) -> Compressed:
+) -> CompressedPicture:
     """Compress a picture, or the frames of a clip.
 
     Parameters
@@ -152,7 +157,7 @@ class _Work:
         self._maps = map_grids(grid, MOST_LEVELS if settings.statistics else 0)
         self._coded: dict[int, tuple[bytes, ...]] = {}
 
-    def at_quality(self, quality: int) -> Compressed:
+    def at_quality(self, quality: int) -> CompressedPicture:
         """Code bases at a quality, and maps of what these lack."""
         codec, hold = self._settings.codec, self._settings.hold
         bases = self._bases(quality)
@@ -160,7 +165,9 @@ class _Work:
         statistics = tuple(
             self._statistics(bases[at : at + hold], self._frames[at : at + hold]) for at in groups
         )
-        return Compressed(self._grid, codec, quality, len(self._maps), bases, statistics, hold)
+        return CompressedPicture(
+            self._grid, codec, quality, len(self._maps), bases, statistics, hold
+        )
 
     @property
     def has_every_pixel(self) -> bool:
@@ -175,7 +182,7 @@ class _Work:
         """Bytes that maps leave of a size, before they are made."""
         return size_bytes * (1 - FIRST_SHARE) if self._maps else size_bytes
 
-    def at_size(self, size_bytes: int) -> Compressed:
+    def at_size(self, size_bytes: int) -> CompressedPicture:
         """Look for the best quality of the bases with which the whole fits."""
         quality = self._best_within(self._room(size_bytes))
         while True:
@@ -195,7 +202,7 @@ class _Work:
             )
         return self._raised(found, quality, size_bytes)
 
-    def _raised(self, found: Compressed, quality: int, size_bytes: int) -> Compressed:
+    def _raised(self, found: CompressedPicture, quality: int, size_bytes: int) -> CompressedPicture:
         """Use what room is left: maps may have taken less than was thought."""
         left = size_bytes - len(compressed_file.to_bytes(found))
         better = self._best_within(sum(len(base) for base in found.bases) + left)
@@ -239,7 +246,7 @@ def decoded_base(base: bytes, grid: PolarGrid, codec: str) -> Floats:
     return np.clip(from_cells(decoded_cells(base, grid, codec) / 255, grid), 0, 1)
 
 
-def decoded_maps(compressed: Compressed, frame: int = 0) -> list[LostMap]:
+def decoded_maps(compressed: CompressedPicture, frame: int = 0) -> list[LostMap]:
     """Return the maps of what was lost in a frame, a level each; none without statistics."""
     grids = compressed.map_grids()
     if not grids:
@@ -249,7 +256,9 @@ def decoded_maps(compressed: Compressed, frame: int = 0) -> list[LostMap]:
     return unpack(atlas, held.scales, grids)
 
 
-def decompress(compressed: Compressed, *, seed: int = 0, frame: int = 0) -> NDArray[np.float32]:
+def decompress(
+    compressed: CompressedPicture, *, seed: int = 0, frame: int = 0
+) -> NDArray[np.float32]:
     """Make a picture that has the statistics in the file.
 
     Parameters

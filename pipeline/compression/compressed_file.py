@@ -46,7 +46,7 @@ class Statistics:
 
 
 @dataclass(frozen=True, eq=False)
-class Compressed:
+class CompressedPicture:
     """A picture or clip for one gaze.
 
     Parameters
@@ -106,7 +106,7 @@ def check_request(size: tuple[int, int], gaze_px: tuple[float, float], angles: i
             )
 
 
-def to_bytes(compressed: Compressed) -> bytes:
+def to_bytes(compressed: CompressedPicture) -> bytes:
     """Write the format."""
     grid = compressed.grid
     header = _HEADER.pack(
@@ -130,7 +130,7 @@ def to_bytes(compressed: Compressed) -> bytes:
     return body + _CHECK.pack(zlib.crc32(body))
 
 
-def from_bytes(data: bytes, name: str = "the file") -> Compressed:
+def from_bytes(data: bytes, name: str = "the file") -> CompressedPicture:
     """Read the format.
 
     Raises
@@ -158,7 +158,7 @@ def from_bytes(data: bytes, name: str = "the file") -> Compressed:
         raise InputError(f"{name}: {error}") from None
 
 
-def _parsed(body: bytes) -> Compressed:
+def _parsed(body: bytes) -> CompressedPicture:
     (_, _, width, height, x, y, angles, codec, quality, levels, frames, hold) = _HEADER.unpack_from(
         body
     )
@@ -177,7 +177,7 @@ def _parsed(body: bytes) -> Compressed:
     statistics = tuple(rest.statistics(levels) for _ in range(groups))
     bases = tuple(rest.block() for _ in range(frames))
     rest.end()
-    return Compressed(grid, CODECS[codec], quality, levels, bases, statistics, hold)
+    return CompressedPicture(grid, CODECS[codec], quality, levels, bases, statistics, hold)
 
 
 class _Rest:
@@ -206,7 +206,7 @@ class _Rest:
             raise InputError(f"{len(self._body) - self._at} bytes more than it says it holds")
 
 
-def read_compressed(path: Path) -> Compressed:
+def read_compressed(path: Path) -> CompressedPicture:
     """Read a file.
 
     Raises

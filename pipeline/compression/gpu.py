@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.compression import image_codecs
 from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_cells
-from pipeline.compression.compressed_file import Compressed
+from pipeline.compression.compressed_file import CompressedPicture
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
@@ -43,7 +43,7 @@ class DecompressPass(PicturePass):
     Compiles and allocates on construction. `load` uploads a frame; a call binds and dispatches.
     """
 
-    def __init__(self, ctx: moderngl.Context, like: Compressed) -> None:
+    def __init__(self, ctx: moderngl.Context, like: CompressedPicture) -> None:
         self._eye = PoolUniforms(Flat().of(*like.grid.size), Pooling(fovea_deg=0))
         super().__init__(ctx, like.grid.size, self._eye)
         self._grid, self._maps = like.grid, like.map_grids()
@@ -70,7 +70,7 @@ class DecompressPass(PicturePass):
             self._base = self._texture(self.size)
             self._prepare_noise()
 
-    def load(self, compressed: Compressed, frame: int = 0) -> None:
+    def load(self, compressed: CompressedPicture, frame: int = 0) -> None:
         """Decode a frame's pictures and upload them.
 
         Raises
@@ -113,7 +113,7 @@ class DecompressPass(PicturePass):
         )
 
     def apply(
-        self, compressed: Compressed, *, seed: int = 0, frame: int = 0
+        self, compressed: CompressedPicture, *, seed: int = 0, frame: int = 0
     ) -> NDArray[np.float32]:
         """Load, work, read back: for callers without textures."""
         self.load(compressed, frame)

@@ -52,7 +52,7 @@ class Call:
 
 
 @dataclass(eq=False)
-class Carried:
+class CarriedNoise:
     """Noise that surfaces carry along, and the last pass that reads it."""
 
     finish: Shader
@@ -269,7 +269,7 @@ class MetamerPass(FoveationPass):
         count = chain_length(*self.size)
         self.levels = levels = min(settings.levels, count)
         self._screen: NoisePass | None = None
-        self._carried: Carried | None = None
+        self._carried: CarriedNoise | None = None
         if seed is not None:
             self.set_seed(seed)
         self._chroma = settings.chroma != "luma"
@@ -340,7 +340,7 @@ class MetamerPass(FoveationPass):
             finish = self._compile_finish(carried=True)
             lags = fitted_mixing(self.levels).lag_correlation
             finish["lag_correlation"] = lags.reshape(-1, len(LAGS))
-            self._carried = Carried(finish, texture)
+            self._carried = CarriedNoise(finish, texture)
         self._carried.texture.write(tile.tobytes())
         self._carried.seed = seed
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame, check_some_known
-from pipeline.methods.method import Plate, composite
+from pipeline.methods.method import CleanPlate, composite
 
 
 class InNumpy:
@@ -23,7 +23,7 @@ class InNumpy:
     def __init__(
         self,
         fill: Callable[[WarpedFrame, int], NDArray[np.floating]],
-        new_plate: Callable[[], Plate] | None = None,
+        new_plate: Callable[[], CleanPlate] | None = None,
     ) -> None:
         self._fill = fill
         if new_plate is not None:

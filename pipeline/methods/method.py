@@ -45,7 +45,7 @@ class Method(Protocol):
 
 
 @runtime_checkable
-class Plate(Protocol):
+class CleanPlate(Protocol):
     """Memory of a method for one source frame, from view to view of a path."""
 
     def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
@@ -58,7 +58,7 @@ class TexturePlate(Protocol):
     """A plate on the GPU."""
 
     def fill_textures(self, frame: FrameTextures, seed: int) -> None:
-        """Fill the next view in place, as `Plate.fill` does arrays."""
+        """Fill the next view in place, as `CleanPlate.fill` does arrays."""
         ...
 
     def release(self) -> None:
@@ -74,7 +74,7 @@ class PlateMethod(Method, Protocol):
     seed. `fill` alone gives what the first view of a path gets.
     """
 
-    def new_plate(self) -> Plate | TexturePlate:
+    def new_plate(self) -> CleanPlate | TexturePlate:
         """Return an empty plate, for the views of one source frame."""
         ...
 

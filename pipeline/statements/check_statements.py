@@ -89,7 +89,7 @@ def check_statements(
         note(path, text)
 
 
-class Said(NamedTuple):
+class VideoStatement(NamedTuple):
     """A statement of a video: its row, its value in words, and what the row's cure takes.
 
     A value `cure` stands for the row's.
@@ -100,13 +100,13 @@ class Said(NamedTuple):
     values: Mapping[str, object] = {}
 
 
-def other(of: str, what: str, name: str) -> Iterator[Said]:
+def other(of: str, what: str, name: str) -> Iterator[VideoStatement]:
     """Yield a part of a video's header that is in no row, such as a box of MP4."""
     if not rows_of(ROWS, of, name):
-        yield Said("whatever else", f"{what} {name!r} in {of.partition(': ')[2]}")
+        yield VideoStatement("whatever else", f"{what} {name!r} in {of.partition(': ')[2]}")
 
 
-def judged(path: Path, said: Iterable[Said]) -> list[str]:
+def judged(path: Path, said: Iterable[VideoStatement]) -> list[str]:
     """Return notes of what a video says, or refuse it.
 
     Raises

@@ -132,7 +132,7 @@ def bake_rows(layout: Layout, parts: Iterable[NDArray[np.uint8]], put: Put) -> N
 
 
 @dataclass(frozen=True, eq=False)
-class Baked:
+class BakedTexture:
     """A baked texture.
 
     `colour[r]` (h, w, 3), uint8: encoded R'G'B' at resolution r. `moments[k][i]` (h, w, 8),
@@ -144,7 +144,7 @@ class Baked:
     moments: tuple[tuple[NDArray[np.float16], ...], ...]
 
 
-def bake(texture: NDArray[np.uint8], *, wraps: bool = False) -> Baked:
+def bake(texture: NDArray[np.uint8], *, wraps: bool = False) -> BakedTexture:
     """Bake a texture in memory.
 
     Parameters
@@ -171,9 +171,11 @@ def bake(texture: NDArray[np.uint8], *, wraps: bool = False) -> Baked:
     return baked_of(layout, held)
 
 
-def baked_of(layout: Layout, held: dict[tuple[int | None, int], NDArray[np.generic]]) -> Baked:
+def baked_of(
+    layout: Layout, held: dict[tuple[int | None, int], NDArray[np.generic]]
+) -> BakedTexture:
     """Sort planes, by level and halvings."""
     count = layout.halvings
     colour = tuple(held[None, r] for r in range(count + 1))
     moments = tuple(tuple(held[k, r] for r in range(k + 1, count + 1)) for k in range(count))
-    return Baked(layout, colour, moments)  # type: ignore[arg-type]
+    return BakedTexture(layout, colour, moments)  # type: ignore[arg-type]

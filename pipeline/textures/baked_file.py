@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.textures.bake import Baked, Rows, bake_rows, baked_of
+from pipeline.textures.bake import BakedTexture, Rows, bake_rows, baked_of
 from pipeline.textures.layout import Layout, Plane
 
 ENDING = ".moments"
@@ -53,7 +53,7 @@ def write_baked(file: BinaryIO, layout: Layout, parts: Iterable[NDArray[np.uint8
     file.write(head + _CHECK.pack(zlib.crc32(head)))
 
 
-def read_baked(path: Path) -> Baked:
+def read_baked(path: Path) -> BakedTexture:
     """Map a file's planes into memory, each proven by its checksum; read-only.
 
     Raises
@@ -69,7 +69,7 @@ def read_baked(path: Path) -> Baked:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read(path: Path) -> Baked:
+def _read(path: Path) -> BakedTexture:
     length = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(_HEADER.size)

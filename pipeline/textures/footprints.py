@@ -27,7 +27,7 @@ _CHUNK = 1 << 21  # fragments at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Touched:
+class TextureFootprint:
     """Texels that a picture reads: a mask (h, w) for each plane of which it reads anything."""
 
     masks: Mapping[Key, Mask]
@@ -48,7 +48,7 @@ class Touched:
         return LINE_BYTES * lines
 
 
-def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> Touched:
+def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> TextureFootprint:
     """Mark what is read for `fragments`; of moments nothing without `noise`.
 
     A fragment reads moments where it reads colour, of every level that it has lost: those from its
@@ -71,7 +71,7 @@ def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> Touched:
             levels = range(value, r) if noise else ()
             for key in ((None, r), *((level, r) for level in levels)):
                 masks[key] = masks[key] | mask if key in masks else mask
-    return Touched(masks)
+    return TextureFootprint(masks)
 
 
 def saved(foveated: int, unfoveated: int) -> float:

@@ -15,7 +15,7 @@ from pipeline.foveation.picture_pass import PoolUniforms
 from pipeline.gl.shader import Constant, flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE
-from pipeline.textures.bake import Baked
+from pipeline.textures.bake import BakedTexture
 from pipeline.textures.surface_noise import (
     LEAST_GAIN,
     MOST_GAIN,
@@ -54,7 +54,7 @@ class TexturePass:
     def __init__(
         self,
         ctx: moderngl.Context,
-        baked: Baked,
+        baked: BakedTexture,
         pooled: PoolUniforms,
         vertex: str,
         *,
@@ -126,7 +126,7 @@ class TexturePass:
             texture.release()
         self._held, self._textures = [], {}
 
-    def _upload(self, ctx: moderngl.Context, baked: Baked, noise: SurfaceNoise) -> None:
+    def _upload(self, ctx: moderngl.Context, baked: BakedTexture, noise: SurfaceNoise) -> None:
         shader, levels = self._programs["colour"], range(baked.layout.halvings)
         tiles = [
             np.ascontiguousarray(np.pad(tile, ((0, 0), (0, 0), (0, 1)))).view(np.uint32)

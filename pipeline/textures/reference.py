@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.bounded import added
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import rgb_slopes
-from pipeline.textures.bake import Baked
+from pipeline.textures.bake import BakedTexture
 from pipeline.textures.surface_noise import SurfaceNoise, gains
 
 Floats = NDArray[np.float64]
@@ -43,14 +43,14 @@ class Fragments:
 
 
 @dataclass(frozen=True, eq=False)
-class Shaded:
+class ShadedColour:
     """`base` and `noise` (H, W, 3): R'G'B', and what is added, within the display."""
 
     base: Floats
     noise: Floats
 
 
-def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
+def shade(baked: BakedTexture, fragments: Fragments, noise: SurfaceNoise) -> ShadedColour:
     """Colour of each fragment (H, W), in two parts: its base, and the noise on it."""
     count = baked.layout.halvings
     lod = np.clip(fragments.rho + fragments.eta, 0, count)
@@ -76,7 +76,7 @@ def shade(baked: Baked, fragments: Fragments, noise: SurfaceNoise) -> Shaded:
     for level in np.flatnonzero([energy.any() for energy in lost]).tolist():
         own = np.moveaxis(noise.at(level, fragments.place_px), -1, 0)
         rgb += (weights[level] * own).sum(axis=0)[..., None] * along[level]
-    return Shaded(base, added(base, rgb, deviation) - base)
+    return ShadedColour(base, added(base, rgb, deviation) - base)
 
 
 def lost_energy(level: int, rho: NDArray[np.floating], lod: NDArray[np.floating]) -> Floats:

@@ -6,14 +6,14 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.statements.check_statements import Said, other
+from pipeline.statements.check_statements import VideoStatement, other
 from pipeline.video_header.mp4 import cropped, shown_size
 
 _RATE_SHARE = 0.01  # how far two rates may differ by rounding
 _SWITCHED_OFF = 1
 
 
-def statements(path: Path) -> Iterator[Said]:
+def statements(path: Path) -> Iterator[VideoStatement]:
     """Yield what the header of an AVI file says, as far as it is whole."""
     kinds: list[bytes] = []
     with path.open("rb") as file:
@@ -30,14 +30,14 @@ def statements(path: Path) -> Iterator[Said]:
             at += 8 + size + size % 2
             file.seek(at)
     if kinds.count(b"vids") > 1:
-        yield Said("several video tracks", f"holds {kinds.count(b'vids')}")
+        yield VideoStatement("several video tracks", f"holds {kinds.count(b'vids')}")
     if {b"auds", b"iavs"} & set(kinds):
-        yield Said("sound", "its sound")
+        yield VideoStatement("sound", "its sound")
     for kind in sorted(set(kinds) - {b"vids", b"auds", b"iavs"}):
-        yield Said("other tracks", f"a track of kind {kind.decode('latin-1')!r}")
+        yield VideoStatement("other tracks", f"a track of kind {kind.decode('latin-1')!r}")
 
 
-def _header(header: bytes, kinds: list[bytes]) -> Iterator[Said]:
+def _header(header: bytes, kinds: list[bytes]) -> Iterator[VideoStatement]:
     frame_us = 0
     for chunk, data in _chunks(header):
         yield from other("AVI: the header", "a chunk", chunk)
@@ -51,27 +51,31 @@ def _header(header: bytes, kinds: list[bytes]) -> Iterator[Said]:
                 yield from _stream(found, frame_us)
 
 
-def _stream(found: dict[str, bytes], frame_us: int) -> Iterator[Said]:
+def _stream(found: dict[str, bytes], frame_us: int) -> Iterator[VideoStatement]:
     flags, scale, rate, start = struct.unpack("<8xI8xIII", found["strh"][:32])
     size = tuple(abs(edge) for edge in struct.unpack("<4xii", found["strf"][:12]))
     if flags & _SWITCHED_OFF:
-        yield Said("track that is switched off", "the video track is switched off")
+        yield VideoStatement("track that is switched off", "the video track is switched off")
     if scale and rate and frame_us:
         fps, average = rate / scale, 1e6 / frame_us
         if abs(average / fps - 1) > _RATE_SHARE:
-            yield Said("two frame rates", f"{average:g} a second, and {fps:g} for the stream")
+            yield VideoStatement(
+                "two frame rates", f"{average:g} a second, and {fps:g} for the stream"
+            )
     left, top, right, bottom = struct.unpack("<4h", found["strh"][48:56].ljust(8, b"\0"))
     if (right - left, bottom - top) not in ((0, 0), size):
         words = f"a frame of {right - left} x {bottom - top} px in the video stream"
-        yield Said("whatever else", words)
+        yield VideoStatement("whatever else", words)
     if start:
-        yield Said("late start", f"the video starts at {start * scale / max(rate, 1):g} s")
+        yield VideoStatement(
+            "late start", f"the video starts at {start * scale / max(rate, 1):g} s"
+        )
     for chunk, data in found.items():
         yield from other("AVI: the video stream", "a chunk", chunk)
         if chunk == "vprp" and len(data) >= 36:
             down, across, width, height, fields = struct.unpack("<20xHHIII", data[:36])
             if fields > 1:
-                yield Said("interlacing", f"its frames are {fields} fields")
+                yield VideoStatement("interlacing", f"its frames are {fields} fields")
             if len(data) >= 60 and fields == 1:
                 values = struct.unpack("<6I", data[36:60])
                 full, part, place = values[1::-1], values[3:1:-1], values[4:6]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from pipeline.statements.check_statements import UPRIGHT, Said
+from pipeline.statements.check_statements import UPRIGHT, VideoStatement
 from pipeline.video_header.colours import MATRICES, UNSAID, colour
 from pipeline.video_header.mp4 import laid_out
 
@@ -22,7 +22,7 @@ _VP9_MATRICES: Final = {1: 6, 2: 1, 3: 6, 4: 7, 5: 9, 7: 0}  # those of H.273
 _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
-def of_pixel_format(tag: bytes) -> Iterator[Said]:
+def of_pixel_format(tag: bytes) -> Iterator[VideoStatement]:
     """Yield what FFmpeg's four characters of a pixel format say of alpha and depth.
 
     Of BGRA the reader sees each frame's alpha, and judges that.
@@ -31,13 +31,13 @@ def of_pixel_format(tag: bytes) -> Iterator[Said]:
     # Y4, then how chroma is thinned, then bits; Y42B and Y41B are letters alone.
     named = planes[:1] in (b"Y", b"G") and planes[1] in b"1234" and planes[2] < 32
     if tag in _ALPHA or (named and planes[1] in b"24"):
-        yield Said("alpha", "its pixels may be transparent")
+        yield VideoStatement("alpha", "its pixels may be transparent")
     bits = planes[3] if named else 16 if tag in _DEEP else 8
     if 8 < bits <= 32:
-        yield Said("more than 8 bits", f"{bits} bits a channel")
+        yield VideoStatement("more than 8 bits", f"{bits} bits a channel")
 
 
-def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterator[Said]:
+def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterator[VideoStatement]:
     """Yield what the stream says.
 
     Parameters
@@ -70,7 +70,7 @@ def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterat
         yield from colour(UNSAID, UNSAID, own)
         own = matrix if own == UNSAID else own
     elif name == b"av01" and matrix == UNSAID:
-        yield Said("colours of AV1", "its container does not say its colours")
+        yield VideoStatement("colours of AV1", "its container does not say its colours")
     elif name in (b"mpg2", b"mpeg"):
         at = header.find(b"\0\0\1\xb5\x14")  # the sequence's extension
         at = at if at >= 0 else header.find(b"\0\0\1\xb5\x12")
@@ -84,10 +84,10 @@ def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterat
     elif name == b"mjpg":
         own = _OF_JFIF
     if fields:
-        yield Said("interlacing", "its coding allows for frames of two fields")
+        yield VideoStatement("interlacing", "its coding allows for frames of two fields")
     if UNSAID != matrix != own and {own, matrix} != {5, 6} and matrix in MATRICES:
         words = f"number {matrix} of H.273 in the container, {own} in the frames"
-        yield Said("colour matrix twice", words, {"name": MATRICES[matrix]})
+        yield VideoStatement("colour matrix twice", words, {"name": MATRICES[matrix]})
 
 
 class _Bits:
@@ -110,11 +110,13 @@ class _Bits:
         return (1 << zeros) - 1 + self.take(zeros)
 
 
-def _cut_off(left_px: int) -> Iterator[Said]:
+def _cut_off(left_px: int) -> Iterator[VideoStatement]:
     """Yield columns that FFmpeg's decoders leave, so that OpenCV presses the picture together."""
     if left_px:
         values = {"cure": "-vf null", "reader": "-flags unaligned"}
-        yield Said("clean aperture, crop", f"its coding cuts {left_px} px off its left", values)
+        yield VideoStatement(
+            "clean aperture, crop", f"its coding cuts {left_px} px off its left", values
+        )
 
 
 def _vp9(packet: bytes) -> int:
@@ -241,7 +243,7 @@ def _reference_pictures(bits: _Bits, before: list[int], number: int) -> list[int
     return places
 
 
-def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
+def _enhancements(packet: bytes, head: int) -> Iterator[VideoStatement]:
     """Yield what supplemental information of H.264 or HEVC says of the first picture.
 
     OpenCV gives packets with start codes; heads of units have `head` bytes.
@@ -260,7 +262,9 @@ def _enhancements(packet: bytes, head: int) -> Iterator[Said]:
                 yield laid_out("stereo", _PACKINGS.get(packing), f"frame packing {packing}")
             elif kind == _ORIENTATION and not bits.take(1) and bits.take(18):
                 values = {"cure": UPRIGHT}
-                yield Said("mirror image, other turn", "its frames are said to be turned", values)
+                yield VideoStatement(
+                    "mirror image, other turn", "its frames are said to be turned", values
+                )
 
 
 def _in_bytes_of_255(data: bytes) -> tuple[int, bytes]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from pipeline.statements.check_statements import Said
+from pipeline.statements.check_statements import VideoStatement
 
 UNSAID: Final = 2
 MATRICES: Final = {
@@ -26,39 +26,41 @@ _CODED = (8, 10, 12, 13)
 _ANEW = "export it anew, in sRGB"
 
 
-def colour(primaries: int, transfer: int, matrix: int) -> Iterator[Said]:
+def colour(primaries: int, transfer: int, matrix: int) -> Iterator[VideoStatement]:
     """Yield what three codes of H.273 say, without what is the default."""
     kept = _ENCODED.get(transfer, _ENCODED[UNSAID])
     own = _WIDE.get(primaries, "709")
     values: Mapping[str, str]
-    yield Said("colour matrix and range", "", {"matrix": matrix})
+    yield VideoStatement("colour matrix and range", "", {"matrix": matrix})
     if matrix not in MATRICES and matrix != UNSAID:
         values = {"primaries": own, "transfer": _LIGHT.get(transfer, kept)}
         cure = values if matrix in _CODED else {"cure": _ANEW}
-        yield Said("other colour matrix", f"its matrix is number {matrix} of H.273", cure)
+        yield VideoStatement("other colour matrix", f"its matrix is number {matrix} of H.273", cure)
     if transfer in _MAPPED:
-        yield Said("PQ, HLG", f"its transfer is {_MAPPED[transfer]}")
+        yield VideoStatement("PQ, HLG", f"its transfer is {_MAPPED[transfer]}")
         return
     if transfer in _NAMED:
         name = "gamma 2.2, gamma 2.8, SMPTE 240M, xvYCC, BT.1361"
-        yield Said(name, f"its transfer is {_NAMED[transfer]}")
+        yield VideoStatement(name, f"its transfer is {_NAMED[transfer]}")
     elif transfer not in _ENCODED:
         values = {"primaries": own, "transfer": _LIGHT.get(transfer, kept), "to": kept}
         cure = values if transfer in _LIGHT else {"cure": _ANEW}
-        yield Said("other transfer", f"its transfer is number {transfer} of H.273", cure)
+        yield VideoStatement("other transfer", f"its transfer is number {transfer} of H.273", cure)
     if primaries in _NEAR:
         name = "primaries of BT.470 BG, BT.601, SMPTE 240M"
-        yield Said(name, f"its primaries are those of {_NEAR[primaries]}")
+        yield VideoStatement(name, f"its primaries are those of {_NEAR[primaries]}")
     elif primaries not in (1, UNSAID):
         values = {"primaries": own, "transfer": kept, "to": kept}
         cure = values if primaries in _WIDE else {"cure": _ANEW}
-        yield Said("other primaries", f"its primaries are number {primaries} of H.273", cure)
+        yield VideoStatement(
+            "other primaries", f"its primaries are number {primaries} of H.273", cure
+        )
 
 
-def gamma(value: float) -> Said:
+def gamma(value: float) -> VideoStatement:
     """Return what a gamma means: near a display's own it is noted, as of linear light refused."""
     words = f"its gamma is {value:g}"
     if _LEAST_GAMMA <= value <= _LARGEST_GAMMA:
-        return Said("gamma value", words)
+        return VideoStatement("gamma value", words)
     linear = {"primaries": "709", "transfer": "linear", "to": _ENCODED[UNSAID]}
-    return Said("other transfer", words, linear if value == 1 else {"cure": _ANEW})
+    return VideoStatement("other transfer", words, linear if value == 1 else {"cure": _ANEW})

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from pipeline.statements.check_statements import UPRIGHT, Said, other
+from pipeline.statements.check_statements import UPRIGHT, VideoStatement, other
 from pipeline.video_header.colours import UNSAID, colour, gamma
 from pipeline.video_header.mp4 import cropped, dolby_vision, laid_out, shown_size
 
@@ -26,7 +26,7 @@ _PROJECTIONS = {1: "equirect", 2: "c3x2"}
 Elements: TypeAlias = Iterator[tuple[int, bytes]]
 
 
-def statements(path: Path) -> Iterator[Said]:
+def statements(path: Path) -> Iterator[VideoStatement]:
     """Yield what the header of a Matroska or WebM file says, as far as it is whole."""
     kinds: list[int] = []
     for name, data in _of_file(path):
@@ -36,7 +36,7 @@ def statements(path: Path) -> Iterator[Said]:
         elif name == _CHAPTERS:
             for edition in _all(data, 0x45B9):
                 if any(map(_number, _all(edition, 0x45DD))):
-                    yield Said("ordered chapters", "ordered chapters")
+                    yield VideoStatement("ordered chapters", "ordered chapters")
         elif name == _TRACKS:
             for track in _all(data, 0xAE):
                 kinds += map(_number, _all(track, 0x83))
@@ -45,39 +45,41 @@ def statements(path: Path) -> Iterator[Said]:
         else:
             yield from _other("the file", name)
     if kinds.count(1) > 1:
-        yield Said("several video tracks", f"holds {kinds.count(1)}")
+        yield VideoStatement("several video tracks", f"holds {kinds.count(1)}")
     if 2 in kinds:
-        yield Said("sound", "its sound")
+        yield VideoStatement("sound", "its sound")
     for kind in sorted(set(kinds) - {1, 2}):
-        yield Said("other tracks", f"a track of kind {kind}")
+        yield VideoStatement("other tracks", f"a track of kind {kind}")
 
 
-def _track(track: bytes) -> Iterator[Said]:
+def _track(track: bytes) -> Iterator[VideoStatement]:
     for element, data in _elements(track):
         match element:
             case 0xB9:
                 if not _number(data):
-                    yield Said("track that is switched off", "the video track is switched off")
+                    yield VideoStatement(
+                        "track that is switched off", "the video track is switched off"
+                    )
             case 0x234E7A:
-                yield Said("interlacing", "it gives a duration of fields")
+                yield VideoStatement("interlacing", "it gives a duration of fields")
             case 0xE0:
                 yield from _video(data, next(_all(track, 0x86), b""))
             case 0x6D80:
                 for encoding in _all(data, 0x6240):
                     if any(True for _ in _all(encoding, 0x5035)):
-                        yield Said("encryption", "its frames are encrypted")
+                        yield VideoStatement("encryption", "its frames are encrypted")
             case 0x41E4:
                 names = [d.to_bytes(4) for d in map(_number, _all(data, 0x41E7)) if d < 1 << 32]
                 for record in _all(data, 0x41ED):
                     if names and names[0] in (b"dvcC", b"dvvC", b"dvwC"):
                         yield dolby_vision(record)
                 if not names or names[0] not in (b"dvcC", b"dvvC", b"dvwC"):
-                    yield Said("whatever else", f"additions to its blocks, {names}")
+                    yield VideoStatement("whatever else", f"additions to its blocks, {names}")
             case _:
                 yield from _other("the video track", element)
 
 
-def _video(video: bytes, codec: bytes) -> Iterator[Said]:
+def _video(video: bytes, codec: bytes) -> Iterator[VideoStatement]:
     found = dict(_elements(video))
     numbers = {element: _number(data) for element, data in found.items() if len(data) <= 8}
     stored = numbers.get(0xB0, 0), numbers.get(0xBA, 0)
@@ -86,10 +88,12 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
         match element:
             case 0x9A:
                 if value == 1:
-                    yield Said("interlacing", "its frames are two fields")
+                    yield VideoStatement("interlacing", "its frames are two fields")
             case 0x9D:
                 if value not in (0, 2) and numbers.get(0x9A) != 2:
-                    yield Said("interlacing", f"its frames are two fields, in the order {value}")
+                    yield VideoStatement(
+                        "interlacing", f"its frames are two fields, in the order {value}"
+                    )
             case 0x53B8 | 0x53B9:
                 if value:
                     words = f"{'old ' * (element == 0x53B9)}stereo mode {value}"
@@ -98,7 +102,7 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
             case 0x53C0:
                 if value:
                     decoder = f"-c:v {_ALPHA[codec]}" if codec in _ALPHA else ""
-                    yield Said("alpha", "its track has transparency", {"reader": decoder})
+                    yield VideoStatement("alpha", "its track has transparency", {"reader": decoder})
             case 0x2FB523:
                 yield gamma(_float(data))
             case 0x55B0:
@@ -115,20 +119,20 @@ def _video(video: bytes, codec: bytes) -> Iterator[Said]:
         yield from shown_size(size, stored)
 
 
-def _colour(data: bytes) -> Iterator[Said]:
+def _colour(data: bytes) -> Iterator[VideoStatement]:
     numbers = {element: _number(value) for element, value in _elements(data)}
     yield from colour(*(numbers.get(element, UNSAID) for element in (0x55BB, 0x55BA, 0x55B1)))
     siting = numbers.get(0x55B7, 1) or 1, numbers.get(0x55B8, 2) or 2
     if siting != (1, 2):
-        yield Said("chroma siting", f"chroma siting {siting[0]}, {siting[1]}")
+        yield VideoStatement("chroma siting", f"chroma siting {siting[0]}, {siting[1]}")
     for element in numbers:
         if element in _LIGHT:
-            yield Said("light levels of the mastering display", "its light levels")
+            yield VideoStatement("light levels of the mastering display", "its light levels")
         else:
             yield from _other("the video's colour", element)
 
 
-def _projection(data: bytes) -> Iterator[Said]:
+def _projection(data: bytes) -> Iterator[VideoStatement]:
     found = dict(_elements(data))
     kind = _number(found.get(0x7671, b"\0"))
     if kind:
@@ -136,12 +140,12 @@ def _projection(data: bytes) -> Iterator[Said]:
     yaw, pitch, roll = (_float(found.get(element, b"")) for element in (0x7673, 0x7674, 0x7675))
     if yaw or pitch or roll % 90:
         words = f"its pose is {yaw:g}, {pitch:g}, {roll:g} degrees"
-        yield Said("mirror image, other turn", words, {"cure": UPRIGHT})
+        yield VideoStatement("mirror image, other turn", words, {"cure": UPRIGHT})
     elif roll:
-        yield Said("turn by 90, 180 or 270 degrees", "")
+        yield VideoStatement("turn by 90, 180 or 270 degrees", "")
 
 
-def _other(where: str, element: int) -> Iterator[Said]:
+def _other(where: str, element: int) -> Iterator[VideoStatement]:
     return other(f"Matroska: {where}", "an element", f"{element:X}")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from pipeline.statements.check_statements import NO_CURE, UPRIGHT, Said, other
+from pipeline.statements.check_statements import NO_CURE, UPRIGHT, VideoStatement, other
 from pipeline.video_header.colours import colour, gamma
 
 _LIGHT = {"mdcv", "clli", "amve", "cclv", "SmDm", "CoLL"}
@@ -22,7 +22,7 @@ Boxes: TypeAlias = Iterator[tuple[str, bytes]]
 Linear: TypeAlias = tuple[float, float, float, float]
 
 
-def statements(path: Path) -> Iterator[Said]:
+def statements(path: Path) -> Iterator[VideoStatement]:
     """Yield what the header of an MP4 or QuickTime file says, as far as it is whole."""
     tracks: list[str] = []
     for name, movie in _of_file(path):
@@ -44,16 +44,16 @@ def statements(path: Path) -> Iterator[Said]:
                 if kind == "vide":
                     yield from _track(data, matrix)
                 elif kind != "soun":
-                    yield Said("other tracks", f"a track of kind {kind!r}")
+                    yield VideoStatement("other tracks", f"a track of kind {kind!r}")
         if speed not in (0, 1):
             yield _speed(speed)
     if tracks.count("vide") > 1:
-        yield Said("several video tracks", f"holds {tracks.count('vide')}")
+        yield VideoStatement("several video tracks", f"holds {tracks.count('vide')}")
     if "soun" in tracks:
-        yield Said("sound", "its sound")
+        yield VideoStatement("sound", "its sound")
 
 
-def _track(track: bytes, movie: Linear) -> Iterator[Said]:
+def _track(track: bytes, movie: Linear) -> Iterator[VideoStatement]:
     shown, entry, turned = (0.0, 0.0), (0, 0), False
     for box, data in _boxes(track):
         if box == "uuid" and data[:16] == _SPHERICAL:
@@ -62,7 +62,9 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
         yield from other("MP4: the video track", "a box", box)
         if box == "tkhd":
             if not data[3] & 1:
-                yield Said("track that is switched off", "the video track is switched off")
+                yield VideoStatement(
+                    "track that is switched off", "the video track is switched off"
+                )
             at = 52 if data[0] else 40
             shown = _fixed(data, at + 36), _fixed(data, at + 40)
             turn = list(_turn(_linear(data, at), movie, data[at : at + 36]))
@@ -84,7 +86,9 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
                 for inner, mode in _boxes(info):
                     yield from other("MP4: the video's media information", "a box", inner)
                     if inner == "vmhd" and int.from_bytes(mode[4:6]) not in _COPIES:
-                        yield Said("graphics mode", f"graphics mode {int.from_bytes(mode[4:6])}")
+                        yield VideoStatement(
+                            "graphics mode", f"graphics mode {int.from_bytes(mode[4:6])}"
+                        )
             for table in _inside(data, "minf", "stbl"):
                 for inner, entries in _boxes(table):
                     yield from other("MP4: the video's tables", "a box", inner)
@@ -98,7 +102,7 @@ def _track(track: bytes, movie: Linear) -> Iterator[Said]:
 
 def shown_size(
     shown: tuple[float, float], stored: tuple[int, int], *, turned: bool = False
-) -> Iterator[Said]:
+) -> Iterator[VideoStatement]:
     """Yield what another size than the stored one means: a display size, or another shape."""
     apart = max(abs(one - other) for one, other in zip(shown, stored, strict=True))
     if min(*shown, *stored) <= 0 or apart < 1:
@@ -106,12 +110,14 @@ def shown_size(
     words = f"to be shown as {shown[0]:g} x {shown[1]:g} px, stored as {stored[0]} x {stored[1]}"
     aspect = shown[0] * stored[1] / (shown[1] * stored[0])
     if abs(aspect - 1) * min(stored) < 1:
-        yield Said("display size", words)
+        yield VideoStatement("display size", words)
     else:
-        yield Said("pixel aspect", words, {"aspect": f"{1 / aspect if turned else aspect:.6g}"})
+        yield VideoStatement(
+            "pixel aspect", words, {"aspect": f"{1 / aspect if turned else aspect:.6g}"}
+        )
 
 
-def _turn(track: Linear, movie: Linear, whole: bytes) -> Iterator[Said]:
+def _turn(track: Linear, movie: Linear, whole: bytes) -> Iterator[VideoStatement]:
     a, b, c, d = track
     e, f, g, h = movie
     both = (a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h)
@@ -120,97 +126,99 @@ def _turn(track: Linear, movie: Linear, whole: bytes) -> Iterator[Said]:
     turn = tuple(round(value / scale, 4) for value in both)
     if any(whole[8:12] + whole[20:24]) or (turn not in _TURNS and turn not in _MIRRORED):
         if both[0] > 0 < both[3] and not both[1] and not both[2]:
-            yield Said("pixel aspect", words, {"aspect": f"{both[0] / both[3]:.6g}"})
+            yield VideoStatement("pixel aspect", words, {"aspect": f"{both[0] / both[3]:.6g}"})
         else:
-            yield Said("mirror image, other turn", words, {"cure": UPRIGHT})
+            yield VideoStatement("mirror image, other turn", words, {"cure": UPRIGHT})
     elif turn in _MIRRORED:
-        yield Said("mirror image, other turn", words)
+        yield VideoStatement("mirror image, other turn", words)
     elif turn != _TURNS[0]:
         degrees = 90 * _TURNS.index(turn)
-        yield Said("turn by 90, 180 or 270 degrees", f"{180 if degrees == 180 else 90} degrees")
+        yield VideoStatement(
+            "turn by 90, 180 or 270 degrees", f"{180 if degrees == 180 else 90} degrees"
+        )
     if scale != 1:
-        yield Said("display size", words)
+        yield VideoStatement("display size", words)
 
 
-def _edits(data: bytes) -> Iterator[Said]:
+def _edits(data: bytes) -> Iterator[VideoStatement]:
     form, size = (">Qqi", 20) if data[0] else (">Iii", 12)
     count = min(int.from_bytes(data[4:8]), (len(data) - 8) // size)
     for number in range(count):
         _, start, speed = struct.unpack_from(form, data, 8 + number * size)
         if start == -1 and number == 0:
-            yield Said("late start", "an edit of no frames at its start")
+            yield VideoStatement("late start", "an edit of no frames at its start")
         elif start == -1:  # FFmpeg goes wrong here
             values = {"cure": "export it anew, without an edit of no frames"}
-            yield Said("frame times", "an edit of no frames between others", values)
+            yield VideoStatement("frame times", "an edit of no frames between others", values)
         elif speed != 1 << 16:
             yield _speed(speed / (1 << 16))
 
 
-def _speed(speed: float) -> Said:
+def _speed(speed: float) -> VideoStatement:
     values = {"speed": speed} if speed > 0 else {"cure": "export it anew at its own speed"}
-    return Said("playback speed", f"its speed is {speed:g}", values)
+    return VideoStatement("playback speed", f"its speed is {speed:g}", values)
 
 
-def _entry(coding: str, data: bytes) -> Iterator[Said]:
+def _entry(coding: str, data: bytes) -> Iterator[VideoStatement]:
     if coding == "encv":
-        yield Said("encryption", "its frames are encrypted")
+        yield VideoStatement("encryption", "its frames are encrypted")
     width, height = struct.unpack(">HH", data[24:28])
-    dolby: list[Said] = []
+    dolby: list[VideoStatement] = []
     for box, inner in _boxes(data[78:]):
         match box:
             case "colr" if inner[:4] in (b"nclx", b"nclc"):
                 yield from colour(*struct.unpack(">HHH", inner[4:10]))
             case "colr":
-                yield Said("ICC profile", "its colour profile")
+                yield VideoStatement("ICC profile", "its colour profile")
             case "gama":
                 yield gamma(_fixed(inner, 0))
             case "pasp":
                 across, down = struct.unpack(">II", inner[:8])
                 if across != down and across and down:
-                    yield Said("pixel aspect", f"its pixels are {across}:{down}")
+                    yield VideoStatement("pixel aspect", f"its pixels are {across}:{down}")
             case "clap":
                 yield from _aperture(inner, width, height)
             case "fiel":
                 if inner[0] == 2:
-                    yield Said("interlacing", "its frames are two fields")
+                    yield VideoStatement("interlacing", "its frames are two fields")
             case "st3d":
                 if inner[4]:
                     yield laid_out(
                         "stereo", _STEREO.get(inner[4]), f"stereo mode {inner[4]} of 'st3d'"
                     )
             case "vexu":  # decoders show the view of the base layer
-                yield Said("stereo", "views for two eyes, 'vexu'", {"cure": ""})
+                yield VideoStatement("stereo", "views for two eyes, 'vexu'", {"cure": ""})
             case "sv3d":
                 names = [name for kind, name in _PROJECTIONS.items() if kind in inner]
                 yield laid_out("spherical", names[0] if names else None, "a projection, 'sv3d'")
             case "sinf":
-                yield Said("encryption", "its frames are encrypted")
+                yield VideoStatement("encryption", "its frames are encrypted")
             case "chrm":
                 if inner[:2] not in (b"\0\0", b"\1\1"):
-                    yield Said("chroma siting", f"chroma siting {inner[0]}, {inner[1]}")
+                    yield VideoStatement("chroma siting", f"chroma siting {inner[0]}, {inner[1]}")
             case "dvcC" | "dvvC" | "dvwC":
                 dolby.append(dolby_vision(inner))
             case _ if box in _LIGHT:
-                yield Said("light levels of the mastering display", f"{box!r}")
+                yield VideoStatement("light levels of the mastering display", f"{box!r}")
             case _:
                 yield from other("MP4: the video's coding", "a box", box)
     yield from dolby
 
 
-def laid_out(statement: str, name: str | None, words: str) -> Said:
+def laid_out(statement: str, name: str | None, words: str) -> VideoStatement:
     """Return what two views or a panorama mean, with FFmpeg's name for how they lie in a frame."""
-    return Said(statement, words, {"name": name} if name else {"cure": NO_CURE})
+    return VideoStatement(statement, words, {"name": name} if name else {"cure": NO_CURE})
 
 
-def dolby_vision(record: bytes) -> Said:
+def dolby_vision(record: bytes) -> VideoStatement:
     """Return what a Dolby Vision configuration record means."""
     profile = record[2] >> 1
     if record[4] >> 4:
-        return Said("Dolby Vision", f"Dolby Vision, profile {profile}")
-    return Said("Dolby Vision without a base layer", f"Dolby Vision, profile {profile}")
+        return VideoStatement("Dolby Vision", f"Dolby Vision, profile {profile}")
+    return VideoStatement("Dolby Vision without a base layer", f"Dolby Vision, profile {profile}")
 
 
-def _aperture(data: bytes, width: int, height: int) -> Iterator[Said]:
+def _aperture(data: bytes, width: int, height: int) -> Iterator[VideoStatement]:
     numbers = struct.unpack(">IIIIiIiI", data[:32])
     if not all(numbers[1::2]):
         return
@@ -219,17 +227,19 @@ def _aperture(data: bytes, width: int, height: int) -> Iterator[Said]:
     yield from cropped((width, height), (left, top, across, down))
 
 
-def cropped(stored: tuple[int, int], shown: tuple[float, float, float, float]) -> Iterator[Said]:
+def cropped(
+    stored: tuple[int, int], shown: tuple[float, float, float, float]
+) -> Iterator[VideoStatement]:
     """Yield what a shown part (left, top, width, height) of the stored picture means."""
     x, y, width, height = map(round, shown)
     if (x, y, width, height) == (0, 0, *stored):
         return
     words = f"to be shown: {width} x {height} of {stored[0]} x {stored[1]} px, from {x}, {y}"
     values = {"x": x, "y": y, "width": width, "height": height}
-    yield Said("clean aperture, crop", words, values)
+    yield VideoStatement("clean aperture, crop", words, values)
 
 
-def _user(data: bytes) -> Iterator[Said]:
+def _user(data: bytes) -> Iterator[VideoStatement]:
     for box, _ in _boxes(data):
         yield from other("MP4: the user data", "a box", box)
 

@@ -9,7 +9,7 @@ from typing import Final
 import cv2
 
 from pipeline.errors import InputError
-from pipeline.statements.check_statements import Said
+from pipeline.statements.check_statements import VideoStatement
 from pipeline.video_header import avi, matroska, mp4
 from pipeline.video_header.coding import of_pixel_format, of_stream
 from pipeline.video_header.colours import UNSAID
@@ -23,7 +23,7 @@ _BY_CODING: Final = -1
 """OpenCV's format of frames that are not decoded."""
 
 
-def statements(path: Path, video: cv2.VideoCapture) -> Iterator[Said]:
+def statements(path: Path, video: cv2.VideoCapture) -> Iterator[VideoStatement]:
     """Yield what an opened video says, but the default of each statement.
 
     Raises
@@ -38,7 +38,7 @@ def statements(path: Path, video: cv2.VideoCapture) -> Iterator[Said]:
             yield said
         across, down = video.get(cv2.CAP_PROP_SAR_NUM), video.get(cv2.CAP_PROP_SAR_DEN)
         if across > 0 and down > 0 and across != down:
-            yield Said("pixel aspect", f"its pixels are {across:g}:{down:g}")
+            yield VideoStatement("pixel aspect", f"its pixels are {across:g}:{down:g}")
         pixels = number_bytes(video, cv2.CAP_PROP_CODEC_PIXEL_FORMAT)
         # The reader sees the alpha of BGRA, but then OpenCV maps no light.
         yield from of_pixel_format(b"RGBA" if mapped and pixels == b"BGRA" else pixels)
@@ -50,10 +50,10 @@ def statements(path: Path, video: cv2.VideoCapture) -> Iterator[Said]:
             min(video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
         )
         if matrix == UNSAID and pixels[:3] in _Y_CB_CR and codec in _HEARD and lines > _SD_LINES:
-            yield Said("no colour matrix", "it does not say its colour matrix")
+            yield VideoStatement("no colour matrix", "it does not say its colour matrix")
 
 
-def _matrix(said: Said, known: int) -> int:
+def _matrix(said: VideoStatement, known: int) -> int:
     """Return the colour matrix, once something has said it."""
     found = said.values.get("matrix", UNSAID)
     return found if known == UNSAID and isinstance(found, int) else known
@@ -64,7 +64,7 @@ def number_bytes(video: cv2.VideoCapture, key: int) -> bytes:
     return (int(video.get(key)) & 0xFFFFFFFF).to_bytes(4, "little")
 
 
-def _container(path: Path) -> Callable[[Path], Iterator[Said]]:
+def _container(path: Path) -> Callable[[Path], Iterator[VideoStatement]]:
     with path.open("rb") as file:
         head = file.read(12)
     if head[:4] == b"\x1aE\xdf\xa3":
@@ -76,8 +76,8 @@ def _container(path: Path) -> Callable[[Path], Iterator[Said]]:
     return _other
 
 
-def _other(path: Path) -> Iterator[Said]:  # noqa: ARG001
-    yield Said("whatever else", "its header is none of MP4, MOV, Matroska, WebM or AVI")
+def _other(path: Path) -> Iterator[VideoStatement]:  # noqa: ARG001
+    yield VideoStatement("whatever else", "its header is none of MP4, MOV, Matroska, WebM or AVI")
 
 
 def _coded(path: Path) -> tuple[bytes, bytes]:

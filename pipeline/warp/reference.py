@@ -103,7 +103,7 @@ class QuadMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
+class QuadCoverage:
     """Quads that cover pixel centres, and the weights of their corners there."""
 
     quad: Ints  # (hits,)
@@ -412,7 +412,7 @@ def torn_sides(moved: Ints, line: Ints, stretch: int, surface_px: int) -> Bools:
     return torn
 
 
-def coverage(mesh: QuadMesh, drawn: Bools, window: TargetWindow) -> Hits:
+def coverage(mesh: QuadMesh, drawn: Bools, window: TargetWindow) -> QuadCoverage:
     """Find every pixel centre that each drawn quad covers.
 
     Quads fall into the triangles abc and acd. A centre on a shared edge belongs to the
@@ -436,7 +436,7 @@ def coverage(mesh: QuadMesh, drawn: Bools, window: TargetWindow) -> Hits:
         found, shares = inside(corner[:, triangle])
         weight[np.flatnonzero(found)[:, None], triangle] = shares
     hit = weight.any(axis=1)
-    return Hits(quads[which[hit]], (y * window.width_px + x)[hit], weight[hit])
+    return QuadCoverage(quads[which[hit]], (y * window.width_px + x)[hit], weight[hit])
 
 
 def pixel_box(at: Ints, window: TargetWindow, reach: int = 0) -> tuple[Ints, Ints]:
@@ -462,7 +462,7 @@ def inside(corner: Ints) -> tuple[Bools, Floats]:
     return found, opposite / opposite.sum(axis=1, keepdims=True)
 
 
-def partitioned_depth(mesh: QuadMesh, stretched: Bools, hits: Hits) -> Floats:
+def partitioned_depth(mesh: QuadMesh, stretched: Bools, hits: QuadCoverage) -> Floats:
     """Partition depth so that one test serves surfaces and holes ([MI] eq. 1).
 
     With d in [0, 1] growing with distance, a surface gets ``0.5 d`` and a stretched quad
@@ -482,7 +482,7 @@ def partitioned_depth(mesh: QuadMesh, stretched: Bools, hits: Hits) -> Floats:
     return partitioned
 
 
-def nearest(hits: Hits, depth: Floats, stretched: Bools) -> Hits:
+def nearest(hits: QuadCoverage, depth: Floats, stretched: Bools) -> QuadCoverage:
     """Keep, at each pixel, the hit of least depth.
 
     At infinity, where the halves of eq. 1 meet, the surface; then the first quad among equals.
@@ -490,7 +490,7 @@ def nearest(hits: Hits, depth: Floats, stretched: Bools) -> Hits:
     order = np.lexsort((hits.quad, stretched[hits.quad], depth, hits.pixel))
     _, first = np.unique(hits.pixel[order], return_index=True)
     kept = order[first]
-    return Hits(hits.quad[kept], hits.pixel[kept], hits.weight[kept])
+    return QuadCoverage(hits.quad[kept], hits.pixel[kept], hits.weight[kept])
 
 
 def resolve(
@@ -499,7 +499,7 @@ def resolve(
     flow_px: NDArray[np.float32],
     mesh: QuadMesh,
     stretched: Bools,
-    shown: Hits,
+    shown: QuadCoverage,
     window: TargetWindow,
     settings: WarpSettings,
 ) -> WarpedFrame:

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.codec import CompressionSettings, compress, decompress
-from pipeline.compression.compressed_file import Compressed, read_compressed
+from pipeline.compression.compressed_file import CompressedPicture, read_compressed
 from pipeline.compression.gpu import DecompressPass
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.limits import check_need
+from pipeline.picture_limits import check_need
 from pipeline.video_file import is_video
 from protocols.whole_file import write_whole
 from stimuli import pictures
 from stimuli.compressed.compression_steps import write_steps
-from stimuli.compressed.rivals import Missed, measured, rivals, sheet_of
+from stimuli.compressed.rivals import InfeasibleRival, measured, rivals, sheet_of
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
@@ -42,7 +42,7 @@ def compress_file(
     compare: Path | None = None,
     steps: Path | None = None,
     reporter: Reporter = SILENT,
-) -> Compressed:
+) -> CompressedPicture:
     """Compress a picture, a folder of frames, or a video, for a gaze.
 
     Parameters
@@ -91,7 +91,7 @@ def compress_file(
         )
         sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
         pictures.save_picture(compare, sheet)
-        for missed in (one for one in beside if isinstance(one, Missed)):
+        for missed in (one for one in beside if isinstance(one, InfeasibleRival)):
             tell(f"note: --compare has no {missed.name}: {missed.why}")
         tell(f"wrote {compare}")
     if steps is not None:

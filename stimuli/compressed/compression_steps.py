@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.compression import image_codecs
 from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_base, decoded_cells, decompress
-from pipeline.compression.compressed_file import Compressed
+from pipeline.compression.compressed_file import CompressedPicture
 from pipeline.compression.grid import PolarGrid
 from stimuli import pictures
 from stimuli.pictures import Picture
@@ -26,7 +26,7 @@ _PICTURE_COLOUR = "#0072B2"
 
 
 def write_steps(
-    folder: Path, picture: NDArray[np.float32], held: Compressed, *, seed: int = 0
+    folder: Path, picture: NDArray[np.float32], held: CompressedPicture, *, seed: int = 0
 ) -> list[Path]:
     """Write the first frame's parts as `pictures.save_steps` does, and return what it returns.
 

@@ -49,7 +49,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Missed:
+class InfeasibleRival:
     """A rival that cannot be so small, and why."""
 
     name: str
@@ -79,14 +79,14 @@ def rivals(
     settings: CompressionSettings,
     *,
     kinds: Iterable[str] = ("plain", "foveated", "metameric"),
-) -> list[Rival | Missed]:
+) -> list[Rival | InfeasibleRival]:
     """Make a picture's files of at most `size_bytes`, by one codec, as far as they can be."""
-    found: list[Rival | Missed] = []
+    found: list[Rival | InfeasibleRival] = []
     for kind in kinds:
         try:
             found.append(_rival(kind, picture, gaze_px, replace(settings, size_bytes=size_bytes)))
         except InputError as error:
-            found.append(Missed(f"{kind} {settings.codec.upper()}", str(error)))
+            found.append(InfeasibleRival(f"{kind} {settings.codec.upper()}", str(error)))
     return found
 
 
@@ -133,14 +133,14 @@ def measured(
 
 def sheet_of(
     picture: NDArray[np.float32],
-    found: Sequence[Rival | Missed],
+    found: Sequence[Rival | InfeasibleRival],
     measure: Callable[[Rival], RivalQuality],
     columns: int | None = None,
 ) -> pictures.Picture:
     """Lay the picture and its rivals out on one labelled sheet; what there is not is grey."""
     tiles = [("picture", pictures.of_colour(picture))]
     for rival in found:
-        if isinstance(rival, Missed):
+        if isinstance(rival, InfeasibleRival):
             grey = np.full_like(picture, 0.5)
             tiles.append((f"no {rival.name}: {rival.why}", pictures.of_colour(grey)))
             continue

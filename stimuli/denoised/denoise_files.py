@@ -199,7 +199,7 @@ def network_words(name: str, facts: Facts) -> str:
 
 
 @dataclass(frozen=True)
-class Written:
+class RenderedFiles:
     """Files that `render_scene` wrote, and how noisy the picture is."""
 
     noisy: Path
@@ -217,7 +217,7 @@ def render_scene(
     rendering: Rendering | None = None,
     sampling: Sampling | None = None,
     reporter: Reporter = SILENT,
-) -> Written:
+) -> RenderedFiles:
     """Path-trace a built-in scene with most samples at the gaze.
 
     Parameters
@@ -255,7 +255,7 @@ def render_scene(
         clean.parent.mkdir(parents=True, exist_ok=True)
         save_colour(clean, pair.clean)
         tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
-    return Written(out, clean, float(counts.mean()))
+    return RenderedFiles(out, clean, float(counts.mean()))
 
 
 def _unlike_training(facts: Facts, geometry: Geometry) -> list[str]:

@@ -100,7 +100,7 @@ class AnyPicture:
 def read_any(
     path: Path, reading: PictureReading | None = None, command: str = "read"
 ) -> AnyPicture:
-    """Read a picture of whatever kind, for a command of `pipeline.limits.NEEDS`.
+    """Read a picture of whatever kind, for a command of `pipeline.picture_limits.NEEDS`.
 
     Raises
     ------

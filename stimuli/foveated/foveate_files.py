@@ -24,8 +24,8 @@ from stimuli.foveated.condition_sheet import ConditionPicture, check_choices, lo
 from stimuli.foveated.foveation_steps import write_steps
 from stimuli.foveated.gaze_and_display import (
     AS_ASSUMED,
+    GazeAndDisplay,
     StatedViewing,
-    ViewedAs,
     gaze_words,
     read_gaze,
     width_deg,
@@ -74,7 +74,7 @@ class _Work:
 
     name: str
     opened: AnyPicture
-    looking: ViewedAs
+    looking: GazeAndDisplay
     gaze_px: tuple[float, float]
     choices: tuple[Choice, ...]
     seed: int

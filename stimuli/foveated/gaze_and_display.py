@@ -42,7 +42,7 @@ class StatedViewing:
     fov_deg: float | None = None
     panorama: bool = False
 
-    def of(self, size: tuple[int, int]) -> ViewedAs:
+    def of(self, size: tuple[int, int]) -> GazeAndDisplay:
         """Return how a picture of (height, width) is looked at; raises as `look_at`."""
         return look_at(size, display=self.display, fov_deg=self.fov_deg, panorama=self.panorama)
 
@@ -52,7 +52,7 @@ AS_ASSUMED = StatedViewing()
 
 
 @dataclass(frozen=True)
-class ViewedAs:
+class GazeAndDisplay:
     """A picture before an eye, and in words where that comes from."""
 
     viewing: Viewing
@@ -67,7 +67,7 @@ def look_at(
     display: str | None = None,
     fov_deg: float | None = None,
     panorama: bool = False,
-) -> ViewedAs:
+) -> GazeAndDisplay:
     """Say how a picture is looked at.
 
     Parameters
@@ -93,7 +93,9 @@ def look_at(
             raise InputError(f"a panorama is 360 degrees wide: leave {given} out")
         around = Equirectangular()
         geometry: Geometry = around.of(width, height)
-        return ViewedAs(around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}")
+        return GazeAndDisplay(
+            around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}"
+        )
     if display is not None and fov_deg is not None:
         raise InputError("give --display or --fov, not both: each says how wide the picture is")
     notes: list[str] = []
@@ -121,7 +123,7 @@ def look_at(
         f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
         f" ({where}), {_density(shown)}"
     )
-    return ViewedAs(flat, shown, words, tuple(notes))
+    return GazeAndDisplay(flat, shown, words, tuple(notes))
 
 
 def width_deg(geometry: FlatGeometry) -> float:

@@ -13,11 +13,11 @@ from protocols.schema import StudyProtocol
 from stimuli.batch_folder import BuildOutcome, Report
 from stimuli.estimate import BuildEstimate
 
-__all__ = ["BuildEstimate", "BuildOutcome", "Builder", "Report", "Where"]
+__all__ = ["BuildEstimate", "BuildMachine", "BuildOutcome", "Builder", "Report"]
 
 
 @dataclass(frozen=True)
-class Where:
+class BuildMachine:
     """Machine that does the work."""
 
     workers: int | None = None
@@ -69,7 +69,7 @@ class Builder:
         """
         raise NotImplementedError
 
-    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[Any]:
+    def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[Any]:
         """Build what is missing in `out`; write the manifest last.
 
         Raises

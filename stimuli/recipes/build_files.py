@@ -14,9 +14,9 @@ from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.schema import StudyProtocol
 from stimuli.png import encode_bytes
-from stimuli.read_stimulus import Stated, file_sha256, read_frames, stated, wrong_size
+from stimuli.read_stimulus import StimulusHeader, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import BuildEstimate
-from stimuli.recipes.taken import RESERVED, TakingBuilder
+from stimuli.recipes.single_stimuli import RESERVED, SingleStimulusBuilder
 from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
 
@@ -26,7 +26,7 @@ _TOLD = 3
 _SOURCES = ("stimuli.read_stimulus", "stimuli.png")
 
 
-class FileBuilder(TakingBuilder[FileEntry]):
+class FileBuilder(SingleStimulusBuilder[FileEntry]):
     """Checks and hashes files, in threads of this process."""
 
     renderer = NO_RENDERER
@@ -48,7 +48,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
         files: dict[str, list[str]] = {}
         for entry in self.recipe.entries:
             header = self._headers.get(entry.name)
-            for note in header.notes if isinstance(header, Stated) else ():
+            for note in header.notes if isinstance(header, StimulusHeader) else ():
                 files.setdefault(note, []).append(entry.file)
         return [
             Problem(said[0] + (f" and {len(said) - 1} more" if len(said) > 1 else ""), note)
@@ -58,7 +58,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
     def _wrong_headers(self) -> Iterator[Problem]:
         size_px, wrong = (self.recipe.width_px, self.recipe.height_px), 0
         for index, entry in enumerate(self.recipe.entries):
-            header = self._headers.get(entry.name, Stated(None))
+            header = self._headers.get(entry.name, StimulusHeader(None))
             if isinstance(header, InputError):
                 said = str(header)
             elif header.size_px is None or header.size_px == size_px:
@@ -72,9 +72,9 @@ class FileBuilder(TakingBuilder[FileEntry]):
             yield Problem("stimuli", f"{wrong - _TOLD} more files are of another size, or refused")
 
     @cached_property
-    def _headers(self) -> dict[str, Stated | InputError]:
+    def _headers(self) -> dict[str, StimulusHeader | InputError]:
         """Header of every file that is here, or why it is refused, by name."""
-        found: dict[str, Stated | InputError] = {}
+        found: dict[str, StimulusHeader | InputError] = {}
         for entry in self.recipe.entries:
             path = self.folder / entry.file
             try:
@@ -147,7 +147,7 @@ class FileBuilder(TakingBuilder[FileEntry]):
 
     def record(self, entry: FileEntry, key: str, hashes: tuple[str, ...]) -> Clip:
         recipe, header = self.recipe, self._headers.get(entry.name)
-        notes = header.notes if isinstance(header, Stated) else ()
+        notes = header.notes if isinstance(header, StimulusHeader) else ()
         noted = {"noted": "; ".join(notes)} if notes else {}
         return Clip(
             name=entry.name,

@@ -38,7 +38,7 @@ from protocols.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
 from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.read_stimulus import file_sha256
-from stimuli.recipes.base import BuildEstimate, Where
+from stimuli.recipes.base import BuildEstimate, BuildMachine
 from stimuli.recipes.foveated_work import (
     STILLS,
     StillsPlan,
@@ -47,7 +47,7 @@ from stimuli.recipes.foveated_work import (
     still_job,
     wrong_size,
 )
-from stimuli.recipes.taken import RESERVED, Made, TakingBuilder
+from stimuli.recipes.single_stimuli import RESERVED, Made, SingleStimulusBuilder
 from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
 
@@ -69,7 +69,7 @@ class _Here(Executor):
         return future
 
 
-class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
+class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
     """Makes the stills of `foveated-images`."""
 
     def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
@@ -242,7 +242,7 @@ class FoveatedBuilder(TakingBuilder[FoveatedStimulus]):
             raise StudyError("\n".join(map(str, wrong)))
 
     @contextmanager
-    def executor(self, where: Where) -> Iterator[tuple[Executor, int]]:
+    def executor(self, where: BuildMachine) -> Iterator[tuple[Executor, int]]:
         """Executor: this process, several, or a cluster; and how many jobs it takes at once."""
         if where.scheduler is not None:
             with dask_cluster(where.scheduler, where.tls) as (cluster, workers):

@@ -12,7 +12,7 @@ from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, FillMethod
 from stimuli.build_plan import BuildPlan
-from stimuli.recipes.base import Builder, BuildEstimate, BuildOutcome, Report, Where
+from stimuli.recipes.base import Builder, BuildEstimate, BuildMachine, BuildOutcome, Report
 from stimuli.recipes.warped_checks import SceneFindings, look_at_fills, look_at_scenes
 from stimuli.scenes.builtin_scenes import scene_entry
 
@@ -81,7 +81,7 @@ class WarpedClipBuilder(Builder):
         self._need_all()
         return estimate(self.orders, out, workers)
 
-    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[ClipName]:
+    def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""
         from stimuli.build import build
         from stimuli.executors import cores, dask_cluster, local_processes

@@ -25,7 +25,7 @@ from urllib.parse import unquote, unquote_to_bytes
 from PIL import Image
 
 from pipeline.errors import InputError
-from pipeline.limits import check_memory, check_vertices
+from pipeline.picture_limits import check_memory, check_vertices
 from protocols.limits import FIXED, check_within
 from protocols.outside import bounded_bytes, parsed_json, visible_line
 from stimuli.scenes.mesh_features import row_of

@@ -13,7 +13,7 @@ from PIL import Image
 from scipy import ndimage
 
 from pipeline.errors import InputError
-from pipeline.limits import check_values
+from pipeline.picture_limits import check_values
 from stimuli.scenes.mesh_features import Notes
 from stimuli.world import Material
 

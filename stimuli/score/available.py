@@ -18,14 +18,16 @@ INSTALL = (
 
 
 @dataclass(frozen=True)
-class Missing:
+class MissingMetrics:
     """Metrics that are left out, and why, in one sentence with its cure."""
 
     metrics: tuple[str, ...]
     reason: str
 
 
-def split_available(metrics: Iterable[Metric]) -> tuple[tuple[Metric, ...], tuple[Missing, ...]]:
+def split_available(
+    metrics: Iterable[Metric],
+) -> tuple[tuple[Metric, ...], tuple[MissingMetrics, ...]]:
     """Return what can be computed, and what is missing for the rest."""
     there: list[Metric] = []
     reasons: dict[str, list[str]] = {}
@@ -35,7 +37,9 @@ def split_available(metrics: Iterable[Metric]) -> tuple[tuple[Metric, ...], tupl
             there.append(metric)
         else:
             reasons.setdefault(reason, []).append(metric.name)
-    return tuple(there), tuple(Missing(tuple(names), text) for text, names in reasons.items())
+    return tuple(there), tuple(
+        MissingMetrics(tuple(names), text) for text, names in reasons.items()
+    )
 
 
 def absent_packages(metric: Metric) -> list[str]:

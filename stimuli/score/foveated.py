@@ -16,7 +16,7 @@ from pipeline.foveation.view import SCORED_DEG, around_gaze, scored_view
 from pipeline.image_file import write_pixels
 from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
-from stimuli.score.available import Missing
+from stimuli.score.available import MissingMetrics
 from stimuli.score.batch import Subject, Subjects
 from stimuli.score.measure_clips import Report, ScoreSettings, score
 from stimuli.score.measured import Curve
@@ -50,7 +50,7 @@ class FoveatedScores:
     values: Mapping[str, float | None]
     blind: Mapping[str, str]
     band_ratios: Mapping[str, Curve]
-    missing: tuple[Missing, ...]
+    missing: tuple[MissingMetrics, ...]
 
 
 def score_foveated(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from stimuli.executors import local_processes
-from stimuli.score.available import Missing, split_available
+from stimuli.score.available import MissingMetrics, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
 from stimuli.score.cache import Cache, hash_files, measurement_key
 from stimuli.score.measured import Curve, Measured
@@ -60,7 +60,7 @@ class ScoreResults:
     subjects: Subjects
     settings: ScoreSettings
     metrics: tuple[Metric, ...]
-    missing: tuple[Missing, ...]
+    missing: tuple[MissingMetrics, ...]
     notes: tuple[str, ...]
     values: dict[tuple[str, str, str], float | None]
     per_frame: dict[tuple[str, str, str], list[float | None]]
@@ -140,7 +140,10 @@ def measure_job(
 
 
 def _measurable(
-    metrics: tuple[Metric, ...], missing: tuple[Missing, ...], subjects: Subjects, gaze: ViewerGaze
+    metrics: tuple[Metric, ...],
+    missing: tuple[MissingMetrics, ...],
+    subjects: Subjects,
+    gaze: ViewerGaze,
 ) -> tuple[tuple[Metric, ...], tuple[str, ...]]:
     """Leave out what nothing here can be measured by; say so."""
     pairs = [subject.pair for subject in subjects.items]
@@ -236,7 +239,7 @@ def _collected(
     subjects: Subjects,
     settings: ScoreSettings,
     metrics: tuple[Metric, ...],
-    missing: tuple[Missing, ...],
+    missing: tuple[MissingMetrics, ...],
     notes: tuple[str, ...],
     jobs: Sequence[_Job],
     found: dict[str, Measured],

@@ -27,7 +27,14 @@ from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import HOLES, METRICS
-from stimuli.score.tables import Duel, ScoreTable, all_duels, all_tables, tables_csv, tables_latex
+from stimuli.score.tables import (
+    PairedMethods,
+    ScoreTable,
+    all_duels,
+    all_tables,
+    tables_csv,
+    tables_latex,
+)
 from stimuli.score.write_scores import (
     BANDS_NAME,
     CSV_NAME,
@@ -82,7 +89,7 @@ def write_report(
     return out / HTML_NAME
 
 
-def tables_markdown(tables: tuple[ScoreTable, ...], found: tuple[Duel, ...]) -> str:
+def tables_markdown(tables: tuple[ScoreTable, ...], found: tuple[PairedMethods, ...]) -> str:
     """Return all tables and what they say, for a document."""
     parts = [f"**{table.title}**\n\n{table.markdown()}\n" for table in tables]
     if found:
@@ -90,7 +97,7 @@ def tables_markdown(tables: tuple[ScoreTable, ...], found: tuple[Duel, ...]) -> 
     return "\n".join(parts)
 
 
-def duels_markdown(found: tuple[Duel, ...]) -> str:
+def duels_markdown(found: tuple[PairedMethods, ...]) -> str:
     """Say of each metric whether the method beats its rival, and where it is worse."""
     lines = []
     for duel in found:
@@ -149,7 +156,7 @@ def _draw(
 def _page(
     results: ScoreResults,
     tables: tuple[ScoreTable, ...],
-    found: tuple[Duel, ...],
+    found: tuple[PairedMethods, ...],
     drawn: dict[str, dict[str, Figure]],
     times_ms: dict[str, float],
     renderer: str,
@@ -204,7 +211,7 @@ def _page(
     )
 
 
-def _verdicts(found: tuple[Duel, ...]) -> Iterator[Section]:
+def _verdicts(found: tuple[PairedMethods, ...]) -> Iterator[Section]:
     """Yield what each metric says of the method against each rival."""
     for number, against in enumerate(dict.fromkeys(duel.against for duel in found)):
         duels = [duel for duel in found if duel.against == against]
@@ -217,7 +224,7 @@ def _verdicts(found: tuple[Duel, ...]) -> Iterator[Section]:
         )
 
 
-def _verdict(duel: Duel) -> str:
+def _verdict(duel: PairedMethods) -> str:
     said = '<span class="lost">{}.</span>' if duel.loses_on_average else "{}."
     lost = ", ".join(map(duel.table.shown, duel.lost))
     more = Markup(' <span class="muted">Worse in: {}.</span>').format(lost) if lost else ""

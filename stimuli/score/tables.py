@@ -209,7 +209,7 @@ def _mean(column: list[float | None]) -> float | None:
 
 
 @dataclass(frozen=True)
-class Duel:
+class PairedMethods:
     """Comparison of one method with another by one table.
 
     Attributes
@@ -252,7 +252,7 @@ class Duel:
 
 def duels(
     tables: tuple[ScoreTable, ...], method: str = OURS, against: str = RIVAL
-) -> tuple[Duel, ...]:
+) -> tuple[PairedMethods, ...]:
     """Compare two methods by every table that has both."""
     found = []
     for table in tables:
@@ -276,11 +276,13 @@ def duels(
             sum(a for _, a, _ in pairs) / len(pairs),
             sum(b for _, _, b in pairs) / len(pairs),
         )
-        found.append(Duel(table, method, against, means, len(pairs), lost, tied))
+        found.append(PairedMethods(table, method, against, means, len(pairs), lost, tied))
     return tuple(found)
 
 
-def all_duels(tables: tuple[ScoreTable, ...], focus: str | None = None) -> tuple[Duel, ...]:
+def all_duels(
+    tables: tuple[ScoreTable, ...], focus: str | None = None
+) -> tuple[PairedMethods, ...]:
     """Compare `focus` with every other method; left out: ours with each of `RIVALS` that is there.
 
     Raises

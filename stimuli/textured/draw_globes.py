@@ -12,7 +12,7 @@ from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.picture_pass import PoolUniforms
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import check_size
-from pipeline.textures.bake import Baked
+from pipeline.textures.bake import BakedTexture
 from pipeline.textures.gpu import TexturePass
 from pipeline.textures.reference import Fragments
 from stimuli.programs import columns, set_uniform, shader_text
@@ -43,7 +43,7 @@ class TexturedRenderer:
     def __init__(
         self,
         ctx: moderngl.Context,
-        baked: Baked,
+        baked: BakedTexture,
         geometry: FlatGeometry,
         settings: MetamerSettings,
         *,

@@ -16,7 +16,7 @@ from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.image_file import check_fits, read_pixels, three_channels
-from pipeline.textures.bake import Baked, bake, strips
+from pipeline.textures.bake import BakedTexture, bake, strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
@@ -92,7 +92,7 @@ def _eight_bits(texture: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
         yield rows if largest == 255 else np.rint(rows * (255 / largest)).astype(np.uint8)
 
 
-def open_texture(baked: Path | None) -> Baked:
+def open_texture(baked: Path | None) -> BakedTexture:
     """Read a baked file; without one bake our planet's map."""
     return bake(planet_map(PLANET_PX), wraps=True) if baked is None else read_baked(baked)
 

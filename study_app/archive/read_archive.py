@@ -24,8 +24,8 @@ from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import check_zip, reading
 from protocols.read_file import read_bytes
 from protocols.result_folder import check_result, whole_folder
+from study_app.archive.encryption import is_sealed, unseal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
-from study_app.archive.seal import is_sealed, unseal
 from study_app.session_folders import Sitting
 from study_app.verification import verify
 

@@ -21,9 +21,9 @@ from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
+from study_app.archive.encryption import seal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
 from study_app.archive.read_archive import ArchiveFindings, check
-from study_app.archive.seal import seal
 from study_app.session_folders import find_sittings
 
 Progress = Callable[[str, int, int], None]

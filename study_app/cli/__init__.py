@@ -15,7 +15,7 @@ import typer
 from pipeline.errors import notes_printed
 from protocols.limits import check_limits_variable
 from study_app.cli.complete import completing
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.lazy import CommandSlot, LazyGroup
 from study_app.cli.terminal import say
 
@@ -45,7 +45,7 @@ SLOTS = (
         "new-study",
         "Make a folder to start a study from.",
         "study_app.cli.new_study_command:new_study",
-        "WithFiles",
+        "FileListCommand",
     ),
     CommandSlot(
         "protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"

@@ -16,7 +16,7 @@ from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.tasks.task_kinds import TASKS
 from study_app.cli.assumed import assumed_values, pairs
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.export_commands import register
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import (
@@ -411,7 +411,7 @@ def import_(
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
     from analysis.data_dictionary import dictionary
-    from analysis.plans.told import RatesTold
+    from analysis.plans.table_settings import RateTableSettings
     from analysis.tables.table import BY_IMPORT
     from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of_task
@@ -422,7 +422,7 @@ def import_(
         check_result(out, replace=replace, reads=[table])
         analysis = analysis_of_task(task)
         chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        has_answers = issubclass(analysis.options, RatesTold)
+        has_answers = issubclass(analysis.options, RateTableSettings)
         square: Counted | None = "answers" if has_answers else None
         if analysis.kind == "preference":
             square = "choices"

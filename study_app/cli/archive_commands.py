@@ -15,7 +15,7 @@ from study_app.archive.index import INDEX_NAME
 from study_app.archive.read_archive import ArchiveFindings, check, check_folder, opened
 from study_app.archive.read_archive import restore as restore_archive
 from study_app.archive.write_archive import ArchiveOptions, write_archive
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocols.errors import StudyError
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say_notes, table_of
 
 if TYPE_CHECKING:
-    from stimuli.recipes.base import Builder, Where
+    from stimuli.recipes.base import Builder, BuildMachine
 
 GIB = 2**30
 
@@ -97,7 +97,7 @@ def build(
     says otherwise, and runs what anyone sends who reaches it, or has a certificate of its TLS.
     Start one only in a network that you trust.
     """
-    from stimuli.recipes.base import Where
+    from stimuli.recipes.base import BuildMachine
 
     with user_errors():
         builder = _builder(protocol, display)
@@ -109,7 +109,7 @@ def build(
         if dry_run:
             _print_estimate(builder, out, machines.workers)
             return
-        _build(builder, out, Where(machines.workers, machines.scheduler, tls))
+        _build(builder, out, BuildMachine(machines.workers, machines.scheduler, tls))
 
 
 def _builder(protocol: Path, display: str | None) -> Builder:
@@ -144,7 +144,7 @@ def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
         )
 
 
-def _build(builder: Builder, out: Path, where: Where) -> None:
+def _build(builder: Builder, out: Path, where: BuildMachine) -> None:
     from pipeline.gl.context import NUMPY_INSTEAD
     from stimuli.worker import NUMPY
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocols.result_folder import check_folder, check_result
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     GazeOption,
@@ -22,7 +22,7 @@ from study_app.cli.one_picture_options import (
     renderer,
 )
 from study_app.cli.option_groups import takes_settings
-from study_app.cli.progress import Teller
+from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def compress(
         )
         if looks.steps is not None:
             check_result(looks.steps, replace=True)
-        with Teller(PlainConsole(soft_wrap=True)) as teller:
+        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
             compress_file(
                 picture, out, viewing=seen.stated(gaze), settings=settings,
                 compare=looks.compare, steps=looks.steps, reporter=teller.reporter,
@@ -206,7 +206,7 @@ def decompress(
         else:
             check_folder(out)
         console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
             decompress_file(
                 file, out, seed=seed, statistics=statistics, video=video, fps=fps, ctx=ctx,
                 reporter=teller.reporter,

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from protocols.result_folder import check_folder
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
@@ -21,7 +21,7 @@ from study_app.cli.one_picture_options import (
     renderer,
 )
 from study_app.cli.option_groups import takes_settings
-from study_app.cli.progress import Teller, going_on
+from study_app.cli.progress import ProgressLines, going_on
 from study_app.cli.terminal import PlainConsole
 
 app = typer.Typer(
@@ -99,7 +99,7 @@ def run(
         if compare is not None:
             check_file(compare, (".png",))
         console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
             denoise_file(
                 picture, out, viewing=seen.stated(gaze), network=network, seed=seed,
                 compare=compare, ctx=ctx, reporter=teller.reporter,
@@ -138,7 +138,7 @@ def render(
         if clean is not None:
             check_file(clean, FILE_ENDINGS)
         rendering = Rendering(size_px, clean_samples if clean is not None else 1)
-        with Teller(PlainConsole(soft_wrap=True)) as teller:
+        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
             render_scene(
                 scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
                 reporter=teller.reporter,
@@ -209,5 +209,5 @@ def train(
             crop_px=lesson.crop_px, seed=lesson.seed,
             rendering=Rendering(lesson.size_px, lesson.clean_samples),
         )  # fmt: skip
-        with going_on(), Teller(PlainConsole(soft_wrap=True)) as teller:
+        with going_on(), ProgressLines(PlainConsole(soft_wrap=True)) as teller:
             train_networks(training, out, work, estimate_only=estimate, reporter=teller.reporter)

@@ -14,7 +14,7 @@ from rich.text import Text
 from protocols.load import load_display
 from protocols.outside import visible
 from protocols.revision import code_revision, package_version
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.terminal import PlainConsole, say
 from study_app.doctor import EVERY_JOB, Finding, Job, Status, examine, worst
 from study_app.doctor.tracker import check_tracker

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from analysis.export.choices import EYES, FORMATS, ExportOptions
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import (
     SessionsArgument,

@@ -16,7 +16,7 @@ from protocols.load import load_protocol
 from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, reading
 from protocols.results import NAME, read_results
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.terminal import say
 

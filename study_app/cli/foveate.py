@@ -14,7 +14,7 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.gaze_of_frames import is_of_frames, track_of
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
@@ -33,7 +33,7 @@ from study_app.cli.one_picture_options import (
     renderer,
 )
 from study_app.cli.option_groups import takes_settings
-from study_app.cli.progress import Teller
+from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
@@ -285,7 +285,7 @@ def foveate(
                 )
             _check(picture, outputs, clip.flow)
         console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, Teller(console) as teller:
+        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
             reading = file.reading(seen.panorama)
             viewing = StatedViewing(
                 None if each else seen.gaze, seen.display, seen.fov, seen.panorama

@@ -9,7 +9,7 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes

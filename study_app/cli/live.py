@@ -13,7 +13,7 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.load import load_display
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.foveate import DEFAULT_METHOD, frames_of
 from study_app.cli.one_picture_options import (
     DisplayOption,
@@ -467,7 +467,7 @@ def _verify(source: str, path: Path) -> None:
     """Draw a log again, and say what is not as it was."""
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.gl.context import describe, lent_context
-    from pipeline.limits import check_need
+    from pipeline.picture_limits import check_need
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source

@@ -26,7 +26,7 @@ from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
 from stimuli.frames_folder import frames_in
-from study_app.live.renderer import Described, GazeState, LiveView, Place
+from study_app.live.renderer import GazeState, LiveView, Place, RendererDescription
 
 BUILTIN = "builtin:"
 REFERENCE = "reference"
@@ -228,10 +228,10 @@ class FoveatingRenderer:
         )  # fmt: skip
         return target
 
-    def describe(self) -> Described:
+    def describe(self) -> RendererDescription:
         """Source, geometry, condition and parameters."""
         geometry = self.geometry
-        return Described(
+        return RendererDescription(
             source_sha256=self.source.sha256,
             panorama=self.source.panorama,
             size_px=(geometry.width_px, geometry.height_px),
@@ -276,7 +276,9 @@ class FoveatingStudio:
         self._ctx = ctx
         self._made: dict[str, FoveatingRenderer] = {}
 
-    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> FoveatingRenderer:
+    def __call__(
+        self, place: int, said: RendererDescription, pixels: NDArray[np.uint8]
+    ) -> FoveatingRenderer:
         """Return what draws a picture as said."""
         source = LiveSource([pixels], said.source_sha256, said.panorama, ())
         geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)

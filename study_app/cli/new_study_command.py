@@ -24,7 +24,7 @@ from protocols.own_stimuli import OwnScene, OwnStimuli
 from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.assumed import pairs as pairs_of
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.progress import progress_line
@@ -41,7 +41,7 @@ _CHANNELS: Final = ("r", "g", "b", "depth", "motion_x", "motion_y")
 _SEVERAL: Final = {"--pair": len(_PAIR_FILES), "--photos": sys.maxsize, "--exr": sys.maxsize}
 
 
-class WithFiles(TyperCommand):
+class FileListCommand(TyperCommand):
     """A command whose options take several files, as a shell writes them for ``*.jpg``.
 
     Typer knows options of three values, and options given again, but not both: of two pairs the

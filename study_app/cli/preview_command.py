@@ -10,7 +10,7 @@ import typer
 from protocols.errors import StudyError
 from protocols.load import load_study
 from protocols.manifest import read_manifest
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.terminal import say, say_notes
 

@@ -33,7 +33,7 @@ def one_line() -> Iterator[Callable[[str, int, int], None]]:
         yield say
 
 
-class Teller:
+class ProgressLines:
     """Lines that stay, on `console`, and between them one line on stderr that says what is done.
 
     The line goes before the next one is printed, so that neither runs into the other.
@@ -44,7 +44,7 @@ class Teller:
         self._open = ExitStack()
         self._now: Callable[[str, int, int], None] | None = None
 
-    def __enter__(self) -> Teller:
+    def __enter__(self) -> ProgressLines:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -32,7 +32,7 @@ from protocols.read_file import decode_utf8, read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.whole_file import write_new
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview

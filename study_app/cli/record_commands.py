@@ -19,7 +19,7 @@ from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.load import load_protocol
 from protocols.prose import count_of
 from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     DisplayOption,

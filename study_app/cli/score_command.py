@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from protocols.errors import StudyError
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say, table_of

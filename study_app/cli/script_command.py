@@ -30,7 +30,7 @@ from protocols.script import (
     Words,
 )
 from protocols.suggest import did_you_mean
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say

@@ -12,7 +12,7 @@ import typer
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from study_app.cli.assumed import assumed_values, pairs
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import ProtocolArgument, ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.table_commands import OutOption, print_blocks

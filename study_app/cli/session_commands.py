@@ -25,7 +25,7 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Scalar
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.progress import going_on

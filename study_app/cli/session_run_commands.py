@@ -16,7 +16,7 @@ from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study, shipped
 from protocols.prose import count_of
 from study_app.cli import archive_commands, web_commands
-from study_app.cli.errors import EXIT_USER_ERROR, user_errors
+from study_app.cli.error_messages import EXIT_USER_ERROR, user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw

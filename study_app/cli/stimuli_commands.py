@@ -12,7 +12,7 @@ import typer
 
 from protocols.errors import StudyError
 from study_app.cli.build_command import build
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.holes_command import export_holes
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of

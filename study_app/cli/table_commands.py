@@ -14,20 +14,20 @@ from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analysis.plans.told import (
-    CurvesTold,
-    DetectionTold,
-    IdentificationTold,
-    PreferencesTold,
-    RatingsTold,
-    TimesTold,
+from analysis.plans.table_settings import (
+    CurveTableSettings,
+    DetectionTableSettings,
+    IdentificationTableSettings,
+    PreferenceTableSettings,
+    RatingTableSettings,
+    TimeTableSettings,
     keys_of,
 )
 from protocols.errors import StudyError
 from protocols.key_docs import key_docs
 from protocols.tasks.base import Analysis
 from study_app.cli.assumed import pairs
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
@@ -167,7 +167,7 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
 
 
 @_question(
-    CurvesTold,
+    CurveTableSettings,
     ("level", "by", "guess", "threshold_at", "shape", "falling", "log"),
     needed=("level",),
 )
@@ -188,7 +188,7 @@ def psychometric() -> None:
     """
 
 
-@_question(DetectionTold, ("signal", "by", "baseline"), ("sensitivity", "typical"))
+@_question(DetectionTableSettings, ("signal", "by", "baseline"), ("sensitivity", "typical"))
 def detection() -> None:
     """Measure detection in a yes-no task: d', criterion and bias by condition.
 
@@ -201,11 +201,11 @@ def detection() -> None:
 
 
 @_question(
-    IdentificationTold,
+    IdentificationTableSettings,
     ("by", "alternatives"),
     ("confidence", "metacognition", "graded"),
     about=("confidence",),
-    instead={"signal": DetectionTold},
+    instead={"signal": DetectionTableSettings},
 )
 def confidence() -> None:
     """Ask what confidence tells of answers: type-2 ROC area, meta-d', M-ratio, calibration.
@@ -218,7 +218,7 @@ def confidence() -> None:
     """
 
 
-@_question(TimesTold, ("by", "baseline", "contrasts", "bootstrap_draws"))
+@_question(TimeTableSettings, ("by", "baseline", "contrasts", "bootstrap_draws"))
 def reaction() -> None:
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
 
@@ -231,7 +231,7 @@ def reaction() -> None:
 
 
 @_question(
-    RatingsTold,
+    RatingTableSettings,
     ("by", "scale", "baseline", "link", "contrasts", "bootstrap_draws"),
     ("ratings", "random_ratings"),
 )
@@ -252,7 +252,7 @@ def ratings() -> None:
 
 
 @_question(
-    PreferencesTold,
+    PreferenceTableSettings,
     ("method", "against", "smallest_effect_rate"),
     ("bayes",),
     also={"bayes": "true"},

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     PictureViewing,
     SeedOption,
@@ -20,7 +20,7 @@ from study_app.cli.one_picture_options import (
     renderer,
 )
 from study_app.cli.option_groups import takes_settings
-from study_app.cli.progress import Teller
+from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
 app = typer.Typer(
@@ -63,7 +63,7 @@ def bake(
 
     with user_errors():
         check_file(out, (ENDING,))
-        with Teller(PlainConsole(soft_wrap=True)) as teller:
+        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
             bake_file(texture, out, wraps=wrap, reporter=teller.reporter)
 
 
@@ -123,7 +123,7 @@ def show(
         asked = SceneSettings(baked, drawing.size_px, drawing.turn, drawing.animate)
         chosen = metamer_settings(read_parameters(settings or []))
         console = PlainConsole(soft_wrap=True)
-        with renderer(console, False) as ctx, Teller(console) as teller:
+        with renderer(console, False) as ctx, ProgressLines(console) as teller:
             if ctx is None:
                 raise GLUnavailableError(
                     "scenes are drawn by OpenGL 4.3; 'metamerlab doctor' helps"

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     SeedOption,
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
     from pipeline.quality import Quality
     from stimuli.choice import Choice
-    from stimuli.one_frame import Filled
+    from stimuli.one_frame import FillResult
     from stimuli.upsampled import Eye
-    from study_app.cli.warp_source import Loaded
+    from study_app.cli.warp_source import LoadedSource
 
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
@@ -126,7 +126,7 @@ def warp(
 
 
 def _run(
-    loaded: Loaded,
+    loaded: LoadedSource,
     choices: list[Choice],
     seed: int,
     out: Path,
@@ -189,7 +189,7 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
 
 
 def _look(
-    choices: list[Choice], loaded: Loaded, eye: EyeOptions
+    choices: list[Choice], loaded: LoadedSource, eye: EyeOptions
 ) -> tuple[list[Choice], Eye | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
@@ -229,7 +229,7 @@ def _look(
 
 
 def _print_results(
-    console: Console, warped: WarpedFrame, fills: list[Filled], rim_px: int, mended: int,
+    console: Console, warped: WarpedFrame, fills: list[FillResult], rim_px: int, mended: int,
     eye: Eye | None,
 ) -> None:  # fmt: skip
     height, width = warped.size

@@ -38,7 +38,7 @@ class _DepthFile(TypedDict):
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedSource:
     """Input of a warp, its settings where nothing else is said, and the truth if it is known."""
 
     frame: WarpInput
@@ -48,7 +48,7 @@ class Loaded:
     """Pixels to fill besides those that the warp uncovers."""
 
 
-def load(source: str, given: SourceOptions) -> Loaded:
+def load(source: str, given: SourceOptions) -> LoadedSource:
     """Read what to warp.
 
     With a mask the picture stays as it is, without depth, and what the mask marks is its hole.
@@ -101,7 +101,7 @@ def _load_colour(path: Path, file: FileOptions) -> NDArray[np.float32]:
     )
 
 
-def _load_masked(path: Path, file: FileOptions, mask: Path) -> Loaded:
+def _load_masked(path: Path, file: FileOptions, mask: Path) -> LoadedSource:
     """A picture whose camera stays: all of it lies at one depth, and nothing moves."""
     colour = _load_colour(path, file)
     shown = read_colour(mask)
@@ -115,10 +115,12 @@ def _load_masked(path: Path, file: FileOptions, mask: Path) -> Loaded:
         raise StudyError(f"{must} black); paint white what is to be filled")
     depth_m = np.ones(hole.shape, np.float32)
     frame = WarpInput(SourceFrame(colour, depth_m), np.zeros((*hole.shape, 2), np.float32))
-    return Loaded(frame, WarpSettings(), None, hole)
+    return LoadedSource(frame, WarpSettings(), None, hole)
 
 
-def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOptions) -> Loaded:
+def _load(
+    source: str, file: FileOptions, pair: PairOptions, picture: PictureOptions
+) -> LoadedSource:
     path = Path(source)
     if picture != PictureOptions():
         if pair != PairOptions():
@@ -128,7 +130,7 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
             )
         if file != FileOptions():
             raise StudyError(_FILE_ONLY)
-        return Loaded(_load_picture(path, picture), PAIR_WARP, None)
+        return LoadedSource(_load_picture(path, picture), PAIR_WARP, None)
     if path.suffix.lower() == ".exr" and pair.disparity is None:
         if pair != PairOptions():
             raise StudyError(
@@ -138,13 +140,13 @@ def _load(source: str, file: FileOptions, pair: PairOptions, picture: PictureOpt
         transfer = Transfer.ENCODED if file.encoded else None
         names = _channels(file.channels)
         frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
-        return Loaded(frame, WarpSettings(), None)
+        return LoadedSource(frame, WarpSettings(), None)
     if file != FileOptions():
         raise StudyError(_FILE_ONLY)
     loaded = _load_pair(source, pair)
     # Half way between the cameras there is no photograph to compare with.
     truth = loaded.right if pair.amount == 1.0 else None
-    return Loaded(loaded.warp_input(pair.amount), PAIR_WARP, truth)
+    return LoadedSource(loaded.warp_input(pair.amount), PAIR_WARP, truth)
 
 
 def _load_picture(path: Path, options: PictureOptions) -> WarpInput:

@@ -19,7 +19,7 @@ from protocols.manifest import Manifest, read_manifest
 from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.web_study import BUDGET_MB, DECODED_MB, MB
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say
 

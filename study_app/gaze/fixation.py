@@ -20,7 +20,7 @@ from protocols.journal import GazeQuality
 from protocols.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
-from study_app.trial import Watch
+from study_app.trial import GazeVerdict
 
 _EPSILON_S = 1e-9
 """Stamps are sums of floats; a rule's own length must not fail by rounding."""
@@ -133,7 +133,7 @@ class FixationMonitor:
             elif self._outside_samples:
                 self._end_outside()
 
-    def verdict(self, now_s: float) -> Watch:
+    def verdict(self, now_s: float) -> GazeVerdict:
         """Return what gaze says at `now_s`."""
         silent = now_s - self._last_s > self._rules.silence_s
         if self._watching:
@@ -142,10 +142,10 @@ class FixationMonitor:
             if self._lost_s > self._rules.loss_max_share * self._planned_s:
                 self._loss = True
             if self._violation:
-                return Watch.VIOLATION
+                return GazeVerdict.VIOLATION
             if self._loss:
-                return Watch.LOSS
-        return Watch.HELD if self._inside and not silent else Watch.AWAY
+                return GazeVerdict.LOSS
+        return GazeVerdict.HELD if self._inside and not silent else GazeVerdict.AWAY
 
     def silent_s(self, now_s: float) -> float:
         """Return for how long no sample has come; infinite where none ever did."""

@@ -17,7 +17,14 @@ from protocols.script import Live, ScriptPhase, Size, TrialScript
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import SPARE_SHARE, DrawnFlip, GazeSamples, LiveLoop, Screen
-from study_app.live.renderer import Described, GazeState, LiveRenderer, LiveView, Place, Studio
+from study_app.live.renderer import (
+    GazeState,
+    LiveRenderer,
+    LiveView,
+    Place,
+    RendererDescription,
+    Studio,
+)
 
 if TYPE_CHECKING:  # sessions without a screen load no graphics
     import moderngl
@@ -35,10 +42,10 @@ class LiveFrame(NamedTuple):
 
     flip: DrawnFlip
     sha256: str
-    """Of all that decides it beside gaze, field and seed: `Described`."""
+    """Of all that decides it beside gaze, field and seed: `RendererDescription`."""
 
 
-class Kept(NamedTuple):
+class KeptPixels(NamedTuple):
     """Record of a frame's pixels."""
 
     sha256: str
@@ -49,7 +56,7 @@ class Kept(NamedTuple):
 
 def described(
     live: LiveMethod, source_sha256: str, entry: Live, size_px: Size, display: Display
-) -> Described:
+) -> RendererDescription:
     """Return what draws a stimulus at its place on a display.
 
     Parameters
@@ -60,7 +67,7 @@ def described(
         Of the stimulus.
     """
     middle = display.width_px / 2 - display.width_px // 2, display.height_px / 2
-    return Described(
+    return RendererDescription(
         source_sha256=source_sha256,
         panorama=False,
         size_px=size_px,
@@ -83,10 +90,10 @@ def live_entry(phase: ScriptPhase) -> Live | None:
     return next((entry for entry in phase.show if isinstance(entry, Live)), None)
 
 
-class Unseen:
+class NullRenderer:
     """A `LiveRenderer` for stages without pixels. The field's gaze is the eye's."""
 
-    def __init__(self, _place: int, said: Described, _pixels: object) -> None:
+    def __init__(self, _place: int, said: RendererDescription, _pixels: object) -> None:
         self._said, self._eye_px = said, said.centre_px
 
     def hold(self, view: LiveView) -> None:
@@ -105,7 +112,7 @@ class Unseen:
         """There is none."""
         return cast("moderngl.Texture", None)
 
-    def describe(self) -> Described:
+    def describe(self) -> RendererDescription:
         """Say what would be drawn."""
         return self._said
 
@@ -196,7 +203,9 @@ class LiveShow:
             assert live is not None
             said = described(live, clip.frames_sha256[0], entry, script.stimulus_px, self._display)
             pixels = pixels_of(number)
-            draws = self._studio if self._studio is not None and pixels is not None else Unseen
+            draws = (
+                self._studio if self._studio is not None and pixels is not None else NullRenderer
+            )
             renderer = draws(number, said, cast("NDArray[np.uint8]", pixels))
             renderer.prepare(live.seed)
             renderer.hold(LiveView())
@@ -227,7 +236,7 @@ class LiveShow:
         self._drawn[entry.stimulus] = flip.number, picture
         return LiveFrame(flip, one.sha256)
 
-    def kept(self) -> dict[int, Kept]:
+    def kept(self) -> dict[int, KeptPixels]:
         """Return the pixels of the last frame of each stimulus of the trial, by number of frame.
 
         It waits for the graphics card: nothing may move meanwhile.
@@ -242,7 +251,7 @@ class LiveShow:
         found = {}
         for number, picture in drawn:
             sha256, some = self._pixels.of(picture)
-            found[number] = Kept(sha256, base64.b64encode(some.tobytes()).decode())
+            found[number] = KeptPixels(sha256, base64.b64encode(some.tobytes()).decode())
         return found
 
     def dearest_s(

@@ -35,7 +35,7 @@ from protocols.recipes.base import Change
 from protocols.units import Count, Model, Sha256
 from study_app.gaze.saccades import Saccade
 from study_app.live.loop import DrawnFlip
-from study_app.live.renderer import Described, GazeState, LiveView
+from study_app.live.renderer import GazeState, LiveView, RendererDescription
 
 FORMAT: Literal[1] = 1
 EVERY = 30
@@ -86,7 +86,7 @@ class LiveChoice(_Line):
     """Method that draws the flips from here on."""
 
     kind: Literal["choice"]
-    described: Described
+    described: RendererDescription
     sha256: Sha256
     """Of that."""
 
@@ -199,7 +199,7 @@ class LiveLog:
         """The first flip from which on pixels are kept again."""
         self._write({"kind": "start", "format": FORMAT, **start})
 
-    def choice(self, described: Described) -> None:
+    def choice(self, described: RendererDescription) -> None:
         """Write what draws from here on; the next frame's pixels are kept."""
         plain = described.model_dump(mode="json")
         self._write({"kind": "choice", "described": plain, "sha256": sha256_json(described)})

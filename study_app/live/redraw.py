@@ -18,7 +18,7 @@ NEAR = 1
 
 
 @dataclass(frozen=True)
-class Redrawn:
+class RedrawResult:
     """Result of drawing a log again."""
 
     flips: int
@@ -30,7 +30,7 @@ class Redrawn:
 
 def redraw(
     log: ReadLog, renderer_of: Callable[[LiveChoice], LiveRenderer], *, exactly: bool
-) -> Redrawn:
+) -> RedrawResult:
     """Draw frames of a log again.
 
     Parameters
@@ -68,7 +68,7 @@ def redraw(
         equal += same
         if (exactly and not same) or off > NEAR:
             problems.append(f"flip {line.n}: {must_show(line.look, off)}")
-    return Redrawn(flips, drawn, equal, tuple(problems))
+    return RedrawResult(flips, drawn, equal, tuple(problems))
 
 
 def compared(

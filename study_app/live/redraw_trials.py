@@ -29,7 +29,7 @@ from study_app.draw import Painter
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S
 from study_app.live.in_trials import described, live_entry
 from study_app.live.log import FrameReadback, Grid
-from study_app.live.redraw import NEAR, Redrawn, compared, must_show
+from study_app.live.redraw import NEAR, RedrawResult, compared, must_show
 from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, Studio
 from study_app.paint import bitmaps_of, paint
 from study_app.session_folders import Sitting
@@ -82,7 +82,7 @@ class TrialDrawer:
         self._target.release()
         self.studio.release()
 
-    def redraw(self, sitting: Sitting, captured: Screens) -> tuple[Redrawn, int]:
+    def redraw(self, sitting: Sitting, captured: Screens) -> tuple[RedrawResult, int]:
         """Draw a session's frames again: those whose pixels were kept, or that were captured.
 
         Captures are of the last run of the program: strips count anew in each.
@@ -125,7 +125,7 @@ class TrialDrawer:
                     total[1 + place] += count
                 problems += [f"flip {row['flip']}: {text}" for text in found.problems]
         problems += [f"{captured[n][0]}: flip {n}: {why}" for n, why in seen.items() if why]
-        return Redrawn(total[0], total[1], total[2], tuple(problems)), len(seen)
+        return RedrawResult(total[0], total[1], total[2], tuple(problems)), len(seen)
 
     def _check(self, start: SessionStart) -> None:
         for what, here, there in (

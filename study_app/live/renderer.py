@@ -45,7 +45,7 @@ class GazeState(NamedTuple):
     seed: int
 
 
-class Described(Grown):
+class RendererDescription(Grown):
     """All that decides pixels beside view and look."""
 
     source_sha256: Sha256
@@ -87,14 +87,16 @@ class LiveRenderer(Follower, Protocol):
     def prepare(self, seed: int) -> None:
         """Make what a seed decides, unless it is at hand; this may take longer than a frame."""
 
-    def describe(self) -> Described:
+    def describe(self) -> RendererDescription:
         """Say what else decides pixels."""
 
 
 class Studio(Protocol):
     """Gives what draws the live stimuli of trials."""
 
-    def __call__(self, place: int, said: Described, pixels: NDArray[np.uint8]) -> LiveRenderer:
+    def __call__(
+        self, place: int, said: RendererDescription, pixels: NDArray[np.uint8]
+    ) -> LiveRenderer:
         """Return what draws a picture as `said`: it holds the picture, and no gaze yet.
 
         Parameters

@@ -29,10 +29,10 @@ from study_app.recorder import Recorder
 from study_app.session import RunTrial
 from study_app.session_folders import Sitting, find_sittings
 from study_app.simulate import SimulatedStudy, participant_code
-from study_app.virtual import Asked
+from study_app.virtual import AskedQuestions
 from study_app.web.chromium import Chromium, running_chromium
 from study_app.web.export import STUDY_FILE
-from study_app.web.import_lines import Inbox, Session, import_results
+from study_app.web.import_lines import Inbox, RebuiltSession, import_results
 from study_app.web.serve import FolderHandler, served
 
 _SCRIPTS = files("study_app").joinpath("web/driven")
@@ -84,9 +84,9 @@ class BrowserObserver:
         """Time at which the page last asked."""
         self.problem: StudyError | None = None
         """Reason why it answers no more."""
-        self._open: tuple[Session, Recorder] | None = None
+        self._open: tuple[RebuiltSession, Recorder] | None = None
         self._taken = 0
-        self._asked: Asked | None = None
+        self._asked: AskedQuestions | None = None
         self._ends = ExitStack()
 
     def __enter__(self) -> BrowserObserver:
@@ -120,18 +120,18 @@ class BrowserObserver:
             raise StudyError(f"the page must do what comes next, {step} (it shows {phase})")
         trial, attempt, asked = step.trial, step.attempt, self._asked
         if asked is None or (asked.trial.id, asked.attempt) != (trial.id, attempt):
-            asked = self._asked = Asked(self.observer, trial, attempt)
+            asked = self._asked = AskedQuestions(self.observer, trial, attempt)
         phases = session.scripts.of(trial).phases
         question = next((one.question for one in phases if one.name == phase), None)
         press = question and asked.press(question, 0.0)
         return (press.key, 1000 * press.t_s) if press else None
 
-    def _follow(self, lines: str) -> tuple[Session, Recorder]:
+    def _follow(self, lines: str) -> tuple[RebuiltSession, Recorder]:
         """Take the lines that are new; return the session and its journal so far."""
         first, *rest = lines.split("\n")[:-1]
         if self._open is None:
             of, begun = self.simulation, LINE.validate_json(first)
-            session = Session(of.protocol, of.display, of.shown, [begun])
+            session = RebuiltSession(of.protocol, of.display, of.shown, [begun])
             recorder = self._ends.enter_context(session.begin(Path(self._folder) / "session"))
             self._open = session, recorder
         session, recorder = self._open

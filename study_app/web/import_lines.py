@@ -63,9 +63,9 @@ from protocols.web_lines import (
     StartLine,
 )
 from protocols.web_study import deviations_s
-from study_app.attempt import Log, run_attempt
+from study_app.attempt import AttemptLog, run_attempt
 from study_app.attempt_record import attempt_event
-from study_app.live.in_trials import Kept, SessionGaze
+from study_app.live.in_trials import KeptPixels, SessionGaze
 from study_app.recorder import Recorder, journal_held, write_new
 from study_app.session import (
     AskConsent,
@@ -150,7 +150,7 @@ class Inbox:
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportResult:
     """Result of the import of one participant's lines."""
 
     participant: str
@@ -188,7 +188,7 @@ def import_results(
     root: Path,
     *,
     write: bool = True,
-) -> list[Imported]:
+) -> list[ImportResult]:
     """Make sessions of all lines of a study.
 
     Parameters
@@ -239,11 +239,11 @@ def _import_one(
     slots: Mapping[int, str],
     *,
     write: bool,
-) -> Imported:
+) -> ImportResult:
     try:
         if found.conflicts:
             raise ContradictionError("; ".join(found.conflicts[:3]))
-        session = Session(study, display, manifest, whole_lines(found))
+        session = RebuiltSession(study, display, manifest, whole_lines(found))
         folder, start = sitting_folder(root, study, who), session.begun
         if start.slot_from != "drawn" and start.slot in slots:
             raise ContradictionError(
@@ -260,11 +260,11 @@ def _import_one(
             elif write and state == "continued":
                 _continue(folder, made)
     except ContradictionError as error:
-        return Imported(who, "refused", str(error))
+        return ImportResult(who, "refused", str(error))
     except StudyError as error:
-        return Imported(who, "refused", f"not as this study makes it: {error}")
+        return ImportResult(who, "refused", f"not as this study makes it: {error}")
     said = f"{found.repeated} lines came more than once" if found.repeated else ""
-    return Imported(who, state, said, session.attempts, session.reason)
+    return ImportResult(who, state, said, session.attempts, session.reason)
 
 
 def _beside(folder: Path, made: Path) -> State:
@@ -322,7 +322,7 @@ def whole_lines(found: ParticipantLines) -> list[AnyLine]:
     return [found.lines[n] for n in range(count)]
 
 
-class Session:
+class RebuiltSession:
     """One participant's session, made again from lines.
 
     Parameters
@@ -515,7 +515,7 @@ class Session:
         stage = ReplayedStage(line, self.begun.rate_hz)
         made: list[Attempt] = []
 
-        def write(trial: Trial, log: Log) -> None:
+        def write(trial: Trial, log: AttemptLog) -> None:
             stage.written = True
             event = attempt_event(
                 step,
@@ -605,7 +605,7 @@ class ReplayedStage:
     def follow(self, _gaze: SessionGaze, *, polled: bool) -> None:
         """Nothing follows the gaze in a browser."""
 
-    def kept(self) -> Mapping[int, Kept]:
+    def kept(self) -> Mapping[int, KeptPixels]:
         """Return nothing: a browser keeps no pixels."""
         return {}
 

@@ -27,7 +27,7 @@ from protocols.new_study import study_files
 from stimuli.check import check_batch
 from stimuli.png import decode
 from stimuli.recipes import builder_of
-from stimuli.recipes.base import Where
+from stimuli.recipes.base import BuildMachine
 
 DISPLAY = """
 name = "desk"
@@ -80,7 +80,7 @@ class Study:
     def build(self, **where):
         study, display = load_study(self.path)
         builder = builder_of(study, display, self.folder)
-        return builder.build(self.clips, Where(**where), QUIET)
+        return builder.build(self.clips, BuildMachine(**where), QUIET)
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ from protocols.recipes.foveated_images import (
 from stimuli.check import check_batch
 from stimuli.png import decode
 from stimuli.recipes import builder_of
-from stimuli.recipes.base import Where
+from stimuli.recipes.base import BuildMachine
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from stimuli.recipes.foveated_work import STILLS, StillMaker
 from study_app.cli import app
@@ -483,7 +483,7 @@ rings = {{ eccentricities_deg = [6.0, 12.0], height_deg = 5.0, places = 2 }}
 
 def built(path, out):
     study, display = load_study(path)
-    return builder_of(study, display, path.parent).build(out, Where(), QUIET)
+    return builder_of(study, display, path.parent).build(out, BuildMachine(), QUIET)
 
 
 def test_a_study_is_built_hashed_and_goes_on_where_it_was(folder, study):
@@ -609,7 +609,7 @@ def test_a_cluster_makes_the_same_bytes(folder, study, whole):
             silence_logs=50,
         )  # fmt: skip
         try:
-            where = Where(scheduler=cluster.scheduler_address)
+            where = BuildMachine(scheduler=cluster.scheduler_address)
             done = builder_of(loaded, display, folder).build(folder / "far", where, QUIET)
         finally:
             cluster.close()

@@ -106,7 +106,7 @@ def test_bytes_behind_the_end_are_refused(whole):
 def test_a_picture_of_another_size_inside_is_refused(whole, picture):
     other = compress([picture[:50, :50]], (25.0, 25.0), CompressionSettings(angles=64))
     mine = compressed_file.from_bytes(whole)
-    mixed = compressed_file.Compressed(
+    mixed = compressed_file.CompressedPicture(
         mine.grid, mine.codec, mine.quality, mine.levels, other.bases, mine.statistics
     )
     with pytest.raises(InputError, match=r"must have .* px"):

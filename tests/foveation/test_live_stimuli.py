@@ -35,7 +35,7 @@ from stimuli.choice import Choice
 from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
 from stimuli.foveated.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
-from study_app.attempt import Watcher
+from study_app.attempt import GazeWatcher
 from study_app.cli import app
 from study_app.cli.gaze_of_frames import track_of
 from study_app.cli.live_renderer import FoveatingStudio
@@ -46,7 +46,7 @@ from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.simulated import STEADY, GazeEvent, SimulatedGaze
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.live.in_trials import LiveShow, Unseen, too_dear
+from study_app.live.in_trials import LiveShow, NullRenderer, too_dear
 from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw_trials import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX, LiveView
@@ -441,7 +441,7 @@ def looks_of(taken, rows, display):
         watch=SaccadeWatch(np.radians(display.distance_mm / display.pitch_x_mm)),
     )  # fmt: skip
     loop.begin(begin_s, None)
-    unseen = Unseen(0, SimpleNamespace(centre_px=(0.0, 0.0)), None)
+    unseen = NullRenderer(0, SimpleNamespace(centre_px=(0.0, 0.0)), None)
     return [loop.step(unseen, LiveView(), 0)[0].look.gaze_px for _ in rows]
 
 
@@ -637,7 +637,7 @@ def test_a_gaze_that_is_not_the_sample_s_whose_age_is_logged_is_named(
     study, display = small()
     folder, _ = sit(study, display, tmp_path / "right", FoveatingStudio(gl_context))
     assert again(gl_context, folder, study, display).problems == ()
-    polls = Watcher.poll
+    polls = GazeWatcher.poll
     before = []
 
     def late(self):
@@ -648,7 +648,7 @@ def test_a_gaze_that_is_not_the_sample_s_whose_age_is_logged_is_named(
             return new
         return [*new[:-1], new[-1]._replace(x_px=old[-1].x_px, y_px=old[-1].y_px)]
 
-    monkeypatch.setattr(Watcher, "poll", late)
+    monkeypatch.setattr(GazeWatcher, "poll", late)
     folder, _ = sit(study, display, tmp_path / "wrong", FoveatingStudio(gl_context))
 
     found = again(gl_context, folder, study, display).problems

@@ -7,7 +7,7 @@ from scripts import a_script, asking, shows, watched
 
 from protocols.phases import ITI as BLANK
 from protocols.script import GazeMode, ScriptPhase, TrialScript
-from study_app.trial import Observed, Watch
+from study_app.trial import FlipObservation, GazeVerdict
 
 
 def a_timeline(
@@ -69,9 +69,9 @@ def three_stimuli(frames=4, gap=2, **rest) -> TrialScript:
 
 
 OBSERVED = st.builds(
-    Observed,
+    FlipObservation,
     refreshes=st.integers(0, 5),
-    gaze=st.sampled_from(Watch),
+    gaze=st.sampled_from(GazeVerdict),
     answer=st.sampled_from([None, None, "first", "second", "left", "right", "a", "b", "sure"]),
     interrupt=st.sampled_from([None] * 9 + ["paused", "quit", "focus-lost"]),
 )

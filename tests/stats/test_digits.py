@@ -11,7 +11,7 @@ from analysis.models.contrasts import Difference
 from analysis.models.detection import Measure
 from analysis.models.deviations import Deviation
 from analysis.parts.confidence import apa_measure, measured
-from analysis.parts.random_effects import OfModel, RandomEffectResults, TimeEffects
+from analysis.parts.random_effects import ModelEffects, RandomEffectResults, TimeEffects
 from analysis.parts.shared import apa_difference
 from analysis.parts.times import TimesPart
 from analysis.plans.rate_plan import RatePlan
@@ -73,7 +73,7 @@ def test_sentences_print_value_and_limits_to_one_digit(ends):
     level = Deviation("residual", middle, *ends, 0.1)
     plan = RatePlan(kind="", study="", title="", values=(), answers=(), alternatives=2, labels={},
                     guess=0.5)  # fmt: skip
-    effects = RandomEffectResults((OfModel("", (level,)),), ())
+    effects = RandomEffectResults((ModelEffects("", (level,)),), ())
     (deviation,) = TimeEffects(TimesPart()).show(effects, plan).sentences
 
     for said in (apa_measure(measure).partition(", t(")[0], measured(measure),

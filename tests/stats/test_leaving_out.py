@@ -10,7 +10,7 @@ from analysis.models.preference import preference
 from analysis.parts import computed
 from analysis.parts.leaving_out import LeavingOutPart, _power
 from analysis.plans.preference_plan import from_decisions
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 
 
 def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
@@ -26,7 +26,7 @@ def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
 
 
 def found_of(table, **options):
-    plan = from_decisions(table, "made up", PreferencesTold(primary="ours/blur", **options))
+    plan = from_decisions(table, "made up", PreferenceTableSettings(primary="ours/blur", **options))
     found, notes = computed([LeavingOutPart()], table, plan)
     assert notes == ()
     return found.get("leaving_out"), plan
@@ -79,5 +79,5 @@ def test_jod_are_normal_quantiles_and_power_is_that_of_t(rng):
 def test_two_people_or_no_primary_comparison_leave_nothing_out(rng):
     table = decisions(rng, people=2)
     assert found_of(table)[0] is None
-    plan = from_decisions(table, "made up", PreferencesTold())
+    plan = from_decisions(table, "made up", PreferenceTableSettings())
     assert computed([LeavingOutPart()], decisions(rng), plan)[0] == {}

@@ -15,7 +15,7 @@ from analysis.models.parametric_bootstrap import Draws
 from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import ModelsPart
 from analysis.plans.rate_plan import common_settings_of_table, prepared
-from analysis.plans.told import IdentificationTold, TimesTold
+from analysis.plans.table_settings import IdentificationTableSettings, TimeTableSettings
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -59,7 +59,7 @@ def test_likelihood_ratios_means_and_contrasts_of_ratings_are_ordinals(trials):
 
 def test_marginal_means_of_right_answers_are_glmmtmbs_at_the_mean_level():
     rows = pd.read_csv(ORACLES / "by_scene.csv").assign(method=lambda d: d["cond"])
-    told = IdentificationTold(
+    told = IdentificationTableSettings(
         by="method", level="level", alternatives=2, contrasts={"gap": {"b": 1, "a": -1}}
     )
     plan = common_settings_of_table(rows, "table", told, ("yes", "no"))
@@ -129,5 +129,5 @@ def test_contrasts_that_are_none_are_refused(weights, said, trials):
 def test_weights_are_fractions_or_numbers_of_conditions_with_commas():
     told = options_from("reaction", {"contrasts.x": "one, two=1, three=-1/2,four=-.5"})
 
-    assert isinstance(told, TimesTold)
+    assert isinstance(told, TimeTableSettings)
     assert told.contrasts == {"x": {"one, two": 1.0, "three": -0.5, "four": -0.5}}

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from analysis.models.preference import preferences
 from analysis.parts import computed
 from analysis.plans.preference_plan import from_decisions
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.plots.preference_plots import forest_plot
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
@@ -47,7 +47,7 @@ def choices() -> pd.DataFrame:
 def decisions(choices, tmp_path_factory) -> pd.DataFrame:
     file = tmp_path_factory.mktemp("choices") / "choices.csv"
     choices.to_csv(file, index=False)
-    return analysis_of("preference").read(file, {}, PreferencesTold())
+    return analysis_of("preference").read(file, {}, PreferenceTableSettings())
 
 
 def settings(decisions: pd.DataFrame, **texts: str):

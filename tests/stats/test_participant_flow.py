@@ -12,7 +12,7 @@ from undrawn_reports import undrawn
 
 from analysis.report.participants_section import participant_blocks
 from analysis.report.write_report import report_sessions
-from analysis.tidy import Tidy, read_sessions
+from analysis.tidy import TidyTables, read_sessions
 from protocols.journal import (
     Answer,
     AnyEvent,
@@ -107,7 +107,7 @@ def sessions(tmp_path_factory, study, write_journals) -> Path:
 
 
 @pytest.fixture(scope="module")
-def tidy(sessions, study) -> Tidy:
+def tidy(sessions, study) -> TidyTables:
     return read_sessions(sessions, study)
 
 

@@ -19,7 +19,7 @@ from analysis.parts.ratings import RatingsPart
 from analysis.pilot import rating_deviations
 from analysis.plans.preference_plan import Comparison
 from analysis.plans.rating_plan import RatingPlan
-from analysis.plans.told import RatingsTold
+from analysis.plans.table_settings import RatingTableSettings
 from analysis.power import planned_p_values, power
 from analysis.simulations import Choices, RatedSteps
 from analysis.tasks import analysis_of
@@ -199,7 +199,7 @@ def rated():
         study=study.study,
     )
     scale = ("bad", "poor", "fair", "good")
-    asked = RatingsTold(by="method", baseline="blur", scale=scale)
+    asked = RatingTableSettings(by="method", baseline="blur", scale=scale)
     plan = RatingPlan.of(asked, study="s", title="s", reaction="models")
     return RatedSteps(told, plan, (RatingsPart(),))
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.parts.ratings import RatingsPart
-from analysis.plans.told import RatingsTold
+from analysis.plans.table_settings import RatingTableSettings
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -92,7 +92,7 @@ def test_the_likelihood_ratio_that_stands_first_decides(votes, rng):
     """Of the clearest comparison, how many differ, the main numbers and the planned looks."""
     rows = votes.rename(columns={"who": "participant", "vote": "rating"})
     plan = analysis_of("ratings").settings_of_table(
-        rows, "table", RatingsTold(by="method", scale=SCALE, baseline="blur")
+        rows, "table", RatingTableSettings(by="method", scale=SCALE, baseline="blur")
     )
     part = RatingsPart()
     found = part.compute(rows, plan, {}, rng)

@@ -11,8 +11,8 @@ from undrawn_reports import undrawn
 
 from analysis.models.preference import preferences
 from analysis.parts import Estimate, estimates_of
-from analysis.plans.told import DetectionTold, IdentificationTold
-from analysis.report.beside import Beside, beside, beside_blocks
+from analysis.plans.table_settings import DetectionTableSettings, IdentificationTableSettings
+from analysis.report.exclusion_comparison import ExclusionComparison, beside, beside_blocks
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
 from analysis.tasks.detection import DetectionRates
@@ -78,8 +78,8 @@ def test_a_result_that_exclusions_decide_is_named():
         return Estimate("a over b", 0.6, 0.5, 0.7, p, 40)
 
     kept, every = one(0.03), one(0.2)
-    table, text = beside_blocks(Beside((kept,), (every,), 3, 0.05, ("a over b",)))
-    _, calm = beside_blocks(Beside((kept,), (kept,), 3, 0.05, ()))
+    table, text = beside_blocks(ExclusionComparison((kept,), (every,), 3, 0.05, ("a over b",)))
+    _, calm = beside_blocks(ExclusionComparison((kept,), (kept,), 3, 0.05, ()))
 
     assert "Exclusions decide about: a over b" in text.text
     assert "No result is significant on one side only" in calm.text
@@ -105,10 +105,10 @@ def _answers(share: float, people: int = 6) -> pd.DataFrame:
 def test_yes_no_tasks_give_d_prime_and_others_shares():
     rows = _answers(0.8)
     detection = DetectionRates()
-    settings = detection.settings_of_table(rows, "t", DetectionTold(by="method"))
+    settings = detection.settings_of_table(rows, "t", DetectionTableSettings(by="method"))
     identification = IdentificationRates()
     other = identification.settings_of_table(
-        rows, "t", IdentificationTold(by="method", alternatives=2)
+        rows, "t", IdentificationTableSettings(by="method", alternatives=2)
     )
 
     found = [

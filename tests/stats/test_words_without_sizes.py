@@ -12,7 +12,7 @@ import pytest
 
 from analysis.parts import computed, estimates_of
 from analysis.plans.preference_plan import from_protocol
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.plots.scales import jod_plot
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of
@@ -34,7 +34,7 @@ def table_of(folder: Path, people: int, scenes: int) -> pd.DataFrame:
             row = f"P{person}", f"s{scene}", first, second, second if better else first
             rows.append(",".join((*row, f"{0.8 + rng.random():.3f}")))
     (folder / "choices.csv").write_text("\n".join(rows) + "\n")
-    read = analysis_of("preference").read(folder / "choices.csv", {}, PreferencesTold())
+    read = analysis_of("preference").read(folder / "choices.csv", {}, PreferenceTableSettings())
     return read.assign(size="")  # as in tables of sessions
 
 

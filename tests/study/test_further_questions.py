@@ -28,7 +28,7 @@ from study_app.gaze.source import GazeSample
 from study_app.observers import ArtificialObserver, default_model
 from study_app.paint import bitmaps_of, drawn
 from study_app.simulate import SimulatedStudy, simulate_sitting
-from study_app.trial import Watch
+from study_app.trial import GazeVerdict
 from study_app.virtual import VirtualClock, VirtualStage
 
 
@@ -126,16 +126,16 @@ def test_gaze_during_a_question_counts_neither_for_nor_against_the_stimuli():
     feed(0, 20, held)
     monitor.pause(0.2)
     feed(20, 120, away)
-    assert monitor.verdict(1.2) is Watch.AWAY
+    assert monitor.verdict(1.2) is GazeVerdict.AWAY
     paused = monitor.quality(1.2)
     monitor.watch(1.2, 0.4)
     feed(120, 140, held)
-    assert monitor.verdict(1.4) is Watch.HELD
+    assert monitor.verdict(1.4) is GazeVerdict.HELD
     quality = monitor.quality(1.4)
     assert (paused.samples, quality.samples, quality.violations) == (20, 40, 0)
     assert (quality.max_deg, quality.lost_share) == (0.0, 0.0)
     feed(140, 150, away)
-    assert monitor.verdict(1.5) is Watch.VIOLATION
+    assert monitor.verdict(1.5) is GazeVerdict.VIOLATION
 
 
 def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monkeypatch, tmp_path):

@@ -18,7 +18,7 @@ from study_app.gaze.recording import load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.gaze.source import GazeSample
-from study_app.trial import Watch
+from study_app.trial import GazeVerdict
 from study_app.virtual import VirtualClock
 
 RULES = Gaze(mode="enforce")
@@ -63,7 +63,7 @@ def first(verdicts, verdict):
 def test_a_look_away_is_decided_within_a_frame_and_a_sample_after_the_rule(rate_hz, seed):
     at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
     watching = Watching(rate_hz, [GazeEvent("away", at_s)], seed)
-    decided_s = first(watching.until(4.0), Watch.VIOLATION)
+    decided_s = first(watching.until(4.0), GazeVerdict.VIOLATION)
 
     rule_s = persistence_s(RULES, rate_hz)
     assert decided_s is not None
@@ -89,7 +89,7 @@ def test_blinks_up_to_the_limit_never_void(rate_hz, seed):
     verdicts = {seen for _, seen in watching.until(8.0)}
     quality = watching.monitor.quality(watching.clock())
 
-    assert verdicts <= {Watch.HELD, Watch.AWAY}
+    assert verdicts <= {GazeVerdict.HELD, GazeVerdict.AWAY}
     assert quality.violations == 0
     # The shortest may fall between two samples of a slow tracker.
     assert 7 - (rate_hz < 100) * 3 <= quality.blinks <= 7
@@ -100,7 +100,7 @@ def test_blinks_up_to_the_limit_never_void(rate_hz, seed):
 def test_a_loss_longer_than_a_blink_is_decided_within_a_frame_and_a_sample(rate_hz, seed):
     at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
     watching = Watching(rate_hz, [GazeEvent("loss", at_s, 1.0)], seed)
-    decided_s = first(watching.until(4.0), Watch.LOSS)
+    decided_s = first(watching.until(4.0), GazeVerdict.LOSS)
 
     # Losing is sure with the first lost sample more than blink_s after the first.
     rule_s = (math.floor(RULES.blink_s * rate_hz + 1e-9) + 1) / rate_hz
@@ -114,28 +114,28 @@ def test_a_loss_longer_than_a_blink_is_decided_within_a_frame_and_a_sample(rate_
 def test_a_dead_tracker_is_loss_and_never_fixation(rate_hz, seed):
     at_s = 1.0 + np.random.default_rng(seed).uniform(0, 1)
     verdicts = Watching(rate_hz, [GazeEvent("death", at_s)], seed).until(4.0)
-    decided_s = first(verdicts, Watch.LOSS)
+    decided_s = first(verdicts, GazeVerdict.LOSS)
 
     assert decided_s is not None
     # Silence counts from the last sample, which is up to one sample older than the death.
     assert at_s + RULES.silence_s - 1 / rate_hz <= decided_s + LATE_S
     assert decided_s <= at_s + RULES.silence_s + 1 / 60 + LATE_S
-    assert all(seen is Watch.LOSS for t_s, seen in verdicts if t_s >= decided_s)
+    assert all(seen is GazeVerdict.LOSS for t_s, seen in verdicts if t_s >= decided_s)
 
 
 def test_a_dead_tracker_does_not_hold_the_gate():
     watching = Watching(250.0, [GazeEvent("death", 0.2)])
     watching.clock.move_to(0.29)
     watching.monitor.feed(watching.gaze.poll())
-    assert watching.monitor.verdict(0.29) is Watch.HELD
-    assert watching.monitor.verdict(0.31) is Watch.AWAY
+    assert watching.monitor.verdict(0.29) is GazeVerdict.HELD
+    assert watching.monitor.verdict(0.31) is GazeVerdict.AWAY
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_short_losses_add_up_to_loss(rate_hz):
     """100 ms lost in every 200 ms: each is a blink, together they pass 20 % of 7 s at 2.8 s."""
     losses = [GazeEvent("loss", 0.5 + 0.2 * k, 0.1) for k in range(40)]
-    decided_s = first(Watching(rate_hz, losses).until(8.0), Watch.LOSS)
+    decided_s = first(Watching(rate_hz, losses).until(8.0), GazeVerdict.LOSS)
 
     # 14 losses are needed; each may catch one sample more than its 100 ms.
     assert decided_s == pytest.approx(0.5 + 2.8, abs=0.15 + 14 / rate_hz)
@@ -145,7 +145,7 @@ def test_short_losses_add_up_to_loss(rate_hz):
 def test_a_steady_eye_is_never_void(rate_hz):
     watching = Watching(rate_hz, seed=3)
 
-    assert {seen for _, seen in watching.until(8.0)} == {Watch.HELD}
+    assert {seen for _, seen in watching.until(8.0)} == {GazeVerdict.HELD}
     quality = watching.monitor.quality(watching.clock())
     assert quality.lost_share == 0.0
     assert quality.mean_deg is not None
@@ -158,7 +158,7 @@ def test_jumps_of_one_sample_are_noise_not_violation():
     for k in range(1000):
         x_px = 1400.0 if k % 10 == 0 else 960.0
         monitor.feed([GazeSample(k / 1000, k, x_px, 540.0)])
-        assert monitor.verdict(k / 1000) in (Watch.HELD, Watch.AWAY)
+        assert monitor.verdict(k / 1000) in (GazeVerdict.HELD, GazeVerdict.AWAY)
 
 
 def test_the_window_is_an_angle_off_the_centre_too():
@@ -166,7 +166,7 @@ def test_the_window_is_an_angle_off_the_centre_too():
     monitor = FixationMonitor(RULES, VIEWING, (15.0, 0.0), 250.0)
     for offset, inside in ((-1.4, True), (1.4, True), (-1.6, False), (1.6, False)):
         monitor.feed([GazeSample(0.0, 0.0, *VIEWING.to_px(15.0 + offset, 0.0))])
-        assert (monitor.verdict(0.0) is Watch.HELD) == inside
+        assert (monitor.verdict(0.0) is GazeVerdict.HELD) == inside
 
 
 def test_the_simulated_tracker_describes_and_calibrates_itself():
@@ -249,7 +249,7 @@ def test_real_blinks_are_pardoned(shared_data, name):
             clock.move_to(clock() + 1 / 60)
             monitor.feed(source.poll())
             seen.add(monitor.verdict(clock()))
-        assert Watch.LOSS not in seen
+        assert GazeVerdict.LOSS not in seen
         assert monitor.quality(clock()).blinks >= 1
 
 
@@ -316,7 +316,7 @@ def test_real_gaze_is_judged_as_an_independent_computation_judges_it(shared_data
             clock.move_to(clock() + 1 / 60)
             monitor.feed(source.poll())
             verdict = monitor.verdict(clock())
-            if verdict in (Watch.VIOLATION, Watch.LOSS):
+            if verdict in (GazeVerdict.VIOLATION, GazeVerdict.LOSS):
                 judged_s = clock()
                 break
         violation_s, loss_s = oracle(
@@ -330,7 +330,7 @@ def test_real_gaze_is_judged_as_an_independent_computation_judges_it(shared_data
         decided += 1
         assert due_s - 1e-6 <= judged_s <= due_s + 1 / 60 + 1 / recording.rate_hz + 1e-6
         if abs(violation_s - loss_s) > 1 / 60:
-            assert verdict is (Watch.VIOLATION if violation_s < loss_s else Watch.LOSS)
+            assert verdict is (GazeVerdict.VIOLATION if violation_s < loss_s else GazeVerdict.LOSS)
     assert decided >= 1
 
 

@@ -25,7 +25,7 @@ from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
 from study_app.simulate import SimulatedStudy
 from study_app.sleep_watch import SleepWatch
-from study_app.trial import Watch
+from study_app.trial import GazeVerdict
 from study_app.virtual import VirtualClock, VirtualStage
 
 FHD = load_display("fhd27-60hz")
@@ -106,7 +106,7 @@ def test_whatever_is_sent_is_judged_by_finite_numbers_and_reads_back(samples):
     monitor.feed(kept)
     quality = monitor.quality(10.0).model_dump()
     assert all(math.isfinite(value) for value in quality.values() if value is not None)
-    assert monitor.verdict(10.0) in Watch
+    assert monitor.verdict(10.0) in GazeVerdict
 
     data = _gaze_csv(kept, 0.0)
     rows = [line.split(",") for line in data.decode().splitlines()[1:]]

@@ -29,7 +29,7 @@ from study_app.gaze.trusted import TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
 from study_app.simulate import SimulatedStudy
-from study_app.trial import Watch
+from study_app.trial import GazeVerdict
 from study_app.virtual import EPOCH, Fault, VirtualClock, VirtualStage
 from study_app.window import FlipStamp
 
@@ -184,13 +184,13 @@ def test_a_machine_that_stands_still_at_the_onset_of_a_clip_lost_no_eye(tmp_path
 
 def test_a_source_that_is_asked_is_lost_where_it_answers_no_more():
     rules = demo().gaze
-    for polled, lost in ((True, Watch.HELD), (False, Watch.LOSS)):
+    for polled, lost in ((True, GazeVerdict.HELD), (False, GazeVerdict.LOSS)):
         monitor = FixationMonitor(rules, VIEWING, (0.0, 0.0), 144.0, polled=polled)
         monitor.watch(0.0, 1.0)
         dot_px = VIEWING.to_px(0.0, 0.0)
         monitor.feed(GazeSample(t_s, t_s, *dot_px) for t_s in (0.0, 0.3, 0.6))
         assert monitor.verdict(0.6) is lost
-        assert monitor.verdict(0.6 + 2 * rules.silence_s) is Watch.LOSS
+        assert monitor.verdict(0.6 + 2 * rules.silence_s) is GazeVerdict.LOSS
 
 
 # --- the measurement before a session ---------------------------------------------------------

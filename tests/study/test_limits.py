@@ -28,7 +28,7 @@ from analysis.tables.table import Table
 from analysis.tasks.note import read_note
 from pipeline.errors import InputError
 from pipeline.image_file import check_fits, read_pixels, write_pixels
-from pipeline.limits import NEEDS, check_need, check_values
+from pipeline.picture_limits import NEEDS, check_need, check_values
 from pipeline.video_file import VideoFrames
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -645,7 +645,7 @@ def test_a_texture_counts_once_for_each_material_that_has_it(tmp_path, monkeypat
     material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     parts = {"images": [{"uri": "t.png"}], "textures": [{"source": 0}], "materials": [material] * 9}
     path = mesh(tmp_path / "s.gltf", **parts)
-    monkeypatch.setattr("pipeline.limits.MEMORY_FOR_A_BYTE_OF_A_MESH", 0)
+    monkeypatch.setattr("pipeline.picture_limits.MEMORY_FOR_A_BYTE_OF_A_MESH", 0)
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.6e6")
     assert load_world(path).parts
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.5e6")

@@ -36,7 +36,7 @@ from protocols.plan import make_plan
 from protocols.schema import StudyProtocol
 from protocols.script import Frames, trial_script
 from protocols.viewing import Viewing
-from study_app.attempt import Log, Watcher, run_attempt
+from study_app.attempt import AttemptLog, GazeWatcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.recording import load_recording
@@ -415,7 +415,7 @@ def test_gaze_that_leaves_ends_the_attempt_in_time(rate_hz, kind, reason):
         at_s = 1.0 + random.Random(seed).uniform(0, 1)
         gaze.restart(seed, [GazeEvent(kind, at_s)])
         monitor = FixationMonitor(rules, Viewing.of(FHD), (0.0, 0.0), rate_hz)
-        result = run_attempt(script, stage, Watcher(gaze, monitor), lambda *_: None)
+        result = run_attempt(script, stage, GazeWatcher(gaze, monitor), lambda *_: None)
         assert result.trial.void_reason == reason
         blank = len(script.phases) - 1
         flips = [(phase, flip.t_s) for phase, _, flip in result.log.flips]
@@ -439,7 +439,7 @@ def test_a_real_recording_drives_an_attempt_and_is_kept_as_it_was(shared_data):
     stage.prepare(plan.trials[0], script, 1)
     monitor = FixationMonitor(protocol.gaze, Viewing.of(FHD), (0.0, 0.0), recording.rate_hz)
 
-    result = run_attempt(script, stage, Watcher(source, monitor), lambda *_: None)
+    result = run_attempt(script, stage, GazeWatcher(source, monitor), lambda *_: None)
 
     assert result.trial.completed
     samples = result.log.samples
@@ -863,7 +863,7 @@ def test_a_log_is_made_without_touching_the_disk(monkeypatch):
         monkeypatch.setattr(os, name, lambda *_a, name=name: touched.append(name))
     monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
 
-    def outcome(trial, _log: Log):
+    def outcome(trial, _log: AttemptLog):
         seen.append((script.phases[trial.phase].name, list(touched)))
 
     result = run_attempt(script, stage, None, outcome)

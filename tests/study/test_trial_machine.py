@@ -31,7 +31,7 @@ from protocols.script import (
     TrialScript,
     trial_script,
 )
-from study_app.trial import Observed, Trial, Watch, advance
+from study_app.trial import FlipObservation, GazeVerdict, Trial, advance
 
 TIMELINE = two_intervals()
 FIXATE, FIRST, GAP, SECOND, RESPOND, ITI, DONE = range(7)
@@ -106,15 +106,17 @@ TestAnyInputs = AnyInputs.TestCase
 TestAnyInputs.settings = settings(max_examples=100, stateful_step_count=60, deadline=None)
 
 
-def run(*inputs: Observed, timeline: TrialScript = TIMELINE, start: Trial | None = None) -> Trial:
+def run(
+    *inputs: FlipObservation, timeline: TrialScript = TIMELINE, start: Trial | None = None
+) -> Trial:
     trial = start or Trial()
     for observed in inputs:
         trial = advance(trial, observed, timeline)
     return trial
 
 
-def undisturbed(count: int) -> list[Observed]:
-    return [Observed()] * count
+def undisturbed(count: int) -> list[FlipObservation]:
+    return [FlipObservation()] * count
 
 
 @given(TIMELINES, st.lists(OBSERVED, max_size=30))
@@ -127,7 +129,7 @@ def test_every_attempt_can_still_end(timeline, inputs):
     answer = min(timeline.answers[question(timeline)])
     for _ in range(200):
         if not trial.done(timeline):
-            trial = advance(trial, Observed(answer=answer), timeline)
+            trial = advance(trial, FlipObservation(answer=answer), timeline)
     assert trial.done(timeline)
 
 
@@ -136,7 +138,7 @@ def test_an_undisturbed_attempt_shows_every_phase_for_its_planned_frames():
     shown, trial = [], Trial()
     while not trial.done(TIMELINE):
         shown.append((trial.phase, trial.shown_frames(TIMELINE)))
-        trial = advance(trial, Observed(answer="second"), TIMELINE)
+        trial = advance(trial, FlipObservation(answer="second"), TIMELINE)
 
     first, second = (
         [(phase, ((stimulus, frame),)) for frame in (0, 0, 1, 1)]
@@ -151,24 +153,24 @@ def test_an_undisturbed_attempt_shows_every_phase_for_its_planned_frames():
 
 
 def test_fixation_hold_starts_over_after_a_glance_away():
-    away = Observed(gaze=Watch.AWAY)
+    away = FlipObservation(gaze=GazeVerdict.AWAY)
 
     assert run(*undisturbed(2), away, *undisturbed(2)).phase == FIXATE
     assert run(*undisturbed(2), away, *undisturbed(3)).phase == FIRST
 
 
 def test_a_dot_that_is_never_fixated_ends_the_attempt():
-    trial = run(*[Observed(gaze=Watch.AWAY)] * 12)
+    trial = run(*[FlipObservation(gaze=GazeVerdict.AWAY)] * 12)
 
     assert trial.void_reason == "no-fixation"
 
 
 @pytest.mark.parametrize("flips", [3, 7, 9])  # interval 1, gap, interval 2
 @pytest.mark.parametrize(
-    ("gaze", "reason"), [(Watch.VIOLATION, "gaze-break"), (Watch.LOSS, "data-loss")]
+    ("gaze", "reason"), [(GazeVerdict.VIOLATION, "gaze-break"), (GazeVerdict.LOSS, "data-loss")]
 )
 def test_gaze_that_leaves_voids_in_enforce_warns_in_warn_and_only_there(flips, gaze, reason):
-    disturbed = [*undisturbed(flips), Observed(gaze=gaze)]
+    disturbed = [*undisturbed(flips), FlipObservation(gaze=gaze)]
 
     assert run(*disturbed).void_reason == reason
     for mode in (GazeMode.WARN, GazeMode.MONITOR, GazeMode.NONE):
@@ -178,34 +180,38 @@ def test_gaze_that_leaves_voids_in_enforce_warns_in_warn_and_only_there(flips, g
 
 
 def test_gaze_away_for_less_than_the_rule_changes_nothing():
-    assert run(*undisturbed(3), *[Observed(gaze=Watch.AWAY)] * 10).phase == RESPOND
+    assert run(*undisturbed(3), *[FlipObservation(gaze=GazeVerdict.AWAY)] * 10).phase == RESPOND
 
 
 def test_gaze_is_free_once_the_question_is_asked():
-    trial = run(*undisturbed(13), Observed(gaze=Watch.VIOLATION), Observed(gaze=Watch.LOSS))
+    trial = run(
+        *undisturbed(13),
+        FlipObservation(gaze=GazeVerdict.VIOLATION),
+        FlipObservation(gaze=GazeVerdict.LOSS),
+    )
 
     assert trial.phase == RESPOND
 
 
 def test_a_missed_refresh_skips_a_clip_frame_and_keeps_the_duration():
     """Four refreshes, two per clip frame; the second flip comes one late."""
-    trial = run(*undisturbed(3), Observed(), Observed(refreshes=2))
+    trial = run(*undisturbed(3), FlipObservation(), FlipObservation(refreshes=2))
     assert (trial.phase, trial.frames, trial.shown_frames(TIMELINE)) == (FIRST, 3, ((0, 1),))
-    assert run(Observed(), start=trial).phase == GAP
+    assert run(FlipObservation(), start=trial).phase == GAP
     assert trial.dropped == 1
 
 
 def test_a_late_onset_shortens_nothing():
     """The first flip of interval 1 comes late: the dot stood longer, the clip keeps its time."""
     onset = run(*undisturbed(3))
-    trial = run(Observed(refreshes=3), *undisturbed(3), start=onset)
+    trial = run(FlipObservation(refreshes=3), *undisturbed(3), start=onset)
 
     assert trial.phase == GAP
     assert trial.dropped == 0
 
 
 def test_a_doubled_flip_repeats_its_clip_frame():
-    trial = run(*undisturbed(3), Observed(), Observed(refreshes=0))
+    trial = run(*undisturbed(3), FlipObservation(), FlipObservation(refreshes=0))
 
     assert (trial.frames, trial.shown_frames(TIMELINE)) == (1, ((0, 0),))
 
@@ -213,22 +219,22 @@ def test_a_doubled_flip_repeats_its_clip_frame():
 @pytest.mark.parametrize("flips", [4, 7, 10, 13])
 def test_more_dropped_refreshes_than_tolerated_void(flips):
     """One is tolerated; a late onset of the question kept interval 2 on the screen."""
-    assert run(*undisturbed(flips), Observed(refreshes=2)).void_reason is None
-    assert run(*undisturbed(flips), Observed(refreshes=3)).void_reason == "dropped-frames"
+    assert run(*undisturbed(flips), FlipObservation(refreshes=2)).void_reason is None
+    assert run(*undisturbed(flips), FlipObservation(refreshes=3)).void_reason == "dropped-frames"
 
 
 def test_a_late_answer_voids_and_one_at_the_last_moment_counts():
     waiting = [*undisturbed(13), *undisturbed(5)]
 
-    assert run(*waiting, Observed(answer="first")).answer == "first"
-    assert run(*waiting, Observed()).void_reason == "too-late"
-    assert run(*waiting, Observed(), Observed(answer="first")).answer is None
+    assert run(*waiting, FlipObservation(answer="first")).answer == "first"
+    assert run(*waiting, FlipObservation()).void_reason == "too-late"
+    assert run(*waiting, FlipObservation(), FlipObservation(answer="first")).answer is None
     patient = two_intervals(timeout=None)
     assert run(*undisturbed(500), timeline=patient).phase == RESPOND
 
 
 def test_an_answer_before_the_question_is_not_taken():
-    trial = run(*undisturbed(9), Observed(answer="first"), *undisturbed(3))
+    trial = run(*undisturbed(9), FlipObservation(answer="first"), *undisturbed(3))
 
     assert trial.phase == RESPOND
     assert trial.answer is None
@@ -237,11 +243,13 @@ def test_an_answer_before_the_question_is_not_taken():
 @pytest.mark.parametrize("reason", ["paused", "quit", "focus-lost"])
 @pytest.mark.parametrize("flips", [0, 3, 7, 9, 13])
 def test_an_interrupt_voids_at_any_time_before_the_answer(reason, flips):
-    assert run(*undisturbed(flips), Observed(interrupt=reason)).void_reason == reason
+    assert run(*undisturbed(flips), FlipObservation(interrupt=reason)).void_reason == reason
 
 
 def test_an_interrupt_after_the_answer_does_not_undo_it():
-    trial = run(*undisturbed(13), Observed(answer="first"), Observed(interrupt="quit"))
+    trial = run(
+        *undisturbed(13), FlipObservation(answer="first"), FlipObservation(interrupt="quit")
+    )
 
     assert trial.completed
     assert trial.void_reason is None
@@ -325,7 +333,7 @@ def shown_by(timeline: TrialScript, answer: str) -> list[tuple[str, tuple[tuple[
     shown, trial = [], Trial()
     while not trial.done(timeline):
         shown.append((timeline.phases[trial.phase].name, trial.shown_frames(timeline)))
-        trial = advance(trial, Observed(answer=answer), timeline)
+        trial = advance(trial, FlipObservation(answer=answer), timeline)
     assert trial.answer == answer
     return shown
 
@@ -340,7 +348,7 @@ def test_two_side_by_side_run_in_step():
 
 
 def test_a_missed_refresh_skips_the_same_frame_of_both_stimuli():
-    trial = run(*undisturbed(4), Observed(refreshes=2), timeline=side_by_side())
+    trial = run(*undisturbed(4), FlipObservation(refreshes=2), timeline=side_by_side())
 
     assert trial.shown_frames(side_by_side()) == ((0, 1), (1, 1))
 
@@ -355,24 +363,26 @@ def test_three_stimuli_come_one_by_one_with_blanks_between():
 
 @pytest.mark.parametrize("flips", [3, 7, 9, 13, 15])  # A, gap, B, gap, X
 def test_gaze_is_watched_from_the_first_stimulus_to_the_last_of_any_task(flips):
-    away = Observed(gaze=Watch.VIOLATION)
+    away = FlipObservation(gaze=GazeVerdict.VIOLATION)
 
     assert run(*undisturbed(flips), away, timeline=three_stimuli()).void_reason == "gaze-break"
     assert run(*undisturbed(19), away, timeline=three_stimuli()).void_reason is None
 
 
 def test_answers_of_another_task_are_not_taken():
-    trial = run(*undisturbed(7), Observed(answer="first"), timeline=side_by_side())
+    trial = run(*undisturbed(7), FlipObservation(answer="first"), timeline=side_by_side())
 
     assert (trial.phase, trial.answer) == (2, None)
-    assert run(Observed(answer="left"), timeline=side_by_side(), start=trial).answer == "left"
+    assert (
+        run(FlipObservation(answer="left"), timeline=side_by_side(), start=trial).answer == "left"
+    )
 
 
 FEEDBACK = ITI  # its place in two intervals; the blank is then the phase after
 
 
 def answered(timeline: TrialScript) -> Trial:
-    return run(*undisturbed(13), Observed(answer="first"), timeline=timeline)
+    return run(*undisturbed(13), FlipObservation(answer="first"), timeline=timeline)
 
 
 def test_feedback_follows_the_answer_and_lasts_as_planned():
@@ -387,11 +397,15 @@ def test_feedback_follows_the_answer_and_lasts_as_planned():
 @pytest.mark.parametrize(
     "disturbance",
     [
-        Observed(interrupt="quit"), Observed(interrupt="paused"), Observed(interrupt="focus-lost"),
-        Observed(gaze=Watch.VIOLATION), Observed(gaze=Watch.LOSS), Observed(refreshes=5),
-        Observed(answer="second"),
+        FlipObservation(interrupt="quit"),
+        FlipObservation(interrupt="paused"),
+        FlipObservation(interrupt="focus-lost"),
+        FlipObservation(gaze=GazeVerdict.VIOLATION),
+        FlipObservation(gaze=GazeVerdict.LOSS),
+        FlipObservation(refreshes=5),
+        FlipObservation(answer="second"),
     ],
-)  # fmt: skip
+)
 def test_nothing_that_happens_during_feedback_undoes_the_answer(disturbance):
     timeline = two_intervals(feedback=3)
     trial = run(disturbance, timeline=timeline, start=answered(timeline))
@@ -401,7 +415,7 @@ def test_nothing_that_happens_during_feedback_undoes_the_answer(disturbance):
 
 def test_a_void_attempt_has_no_feedback():
     timeline = two_intervals(feedback=3)
-    trial = run(*undisturbed(7), Observed(interrupt="paused"), timeline=timeline)
+    trial = run(*undisturbed(7), FlipObservation(interrupt="paused"), timeline=timeline)
 
     assert trial.phase == FEEDBACK + 1
 
@@ -457,11 +471,11 @@ THREE = a_script(
 
 
 def test_each_question_takes_its_own_answer_and_the_last_completes():
-    trial = run(*undisturbed(7), Observed(answer="yes"), timeline=THREE)
+    trial = run(*undisturbed(7), FlipObservation(answer="yes"), timeline=THREE)
     assert (trial.phase, trial.answer, trial.completed) == (3, "yes", False)
-    trial = run(*undisturbed(4), Observed(answer="no"), timeline=THREE, start=trial)
+    trial = run(*undisturbed(4), FlipObservation(answer="no"), timeline=THREE, start=trial)
     assert (trial.phase, trial.further, trial.over) == (5, ("no",), False)
-    trial = run(Observed(answer="yes"), timeline=THREE, start=trial)
+    trial = run(FlipObservation(answer="yes"), timeline=THREE, start=trial)
     assert (trial.answer, trial.further, trial.completed) == ("yes", ("no", "yes"), True)
     assert run(*undisturbed(2), timeline=THREE, start=trial).done(THREE)
 
@@ -470,18 +484,18 @@ def test_each_question_takes_its_own_answer_and_the_last_completes():
 @pytest.mark.parametrize(
     ("disturbance", "reason"),
     [
-        ([Observed(interrupt="paused")], "paused"),
-        ([Observed(interrupt="quit")], "quit"),
-        ([Observed(interrupt="focus-lost")], "focus-lost"),
-        ([Observed(gaze=Watch.VIOLATION)], "gaze-break"),
-        ([Observed(gaze=Watch.LOSS)], "data-loss"),
-        ([Observed(), Observed(refreshes=4)], "dropped-frames"),
-        ([Observed()] * 20, "too-late"),
+        ([FlipObservation(interrupt="paused")], "paused"),
+        ([FlipObservation(interrupt="quit")], "quit"),
+        ([FlipObservation(interrupt="focus-lost")], "focus-lost"),
+        ([FlipObservation(gaze=GazeVerdict.VIOLATION)], "gaze-break"),
+        ([FlipObservation(gaze=GazeVerdict.LOSS)], "data-loss"),
+        ([FlipObservation(), FlipObservation(refreshes=4)], "dropped-frames"),
+        ([FlipObservation()] * 20, "too-late"),
     ],
 )
 def test_whatever_voids_an_attempt_voids_it_between_questions_too(flips, disturbance, reason):
     told = {7: "yes", 12: "no"}  # the flips at which a question waits
-    inputs = [Observed(answer=told.get(flip)) for flip in range(flips)]
+    inputs = [FlipObservation(answer=told.get(flip)) for flip in range(flips)]
     trial = run(*inputs, timeline=THREE)
     watches = THREE.phases[trial.phase].watched
     for observed in disturbance:
@@ -498,7 +512,7 @@ def test_an_answer_ends_the_stimulus_that_it_is_about_and_no_other_question_foll
     speeded = watched("shown", None, shows(0), question=asking("yes", "no"), timeout_frames=30)
     script = a_script((FIX, speeded, REST))
 
-    trial = run(*undisturbed(9), Observed(answer="yes"), timeline=script)
+    trial = run(*undisturbed(9), FlipObservation(answer="yes"), timeline=script)
 
     assert (trial.phase, trial.answer, trial.completed) == (2, "yes", True)
     assert run(*undisturbed(33), timeline=script).void_reason == "too-late"
@@ -510,7 +524,7 @@ def test_a_question_that_outlasts_its_stimulus_takes_an_answer_during_both(flips
     wait = ScriptPhase(name="respond", frames=None, question=question, timeout_frames=5)
     script = a_script((FIX, watched("shown", 4, shows(0), question=question), wait, REST))
 
-    trial = run(*undisturbed(flips), Observed(answer="no"), timeline=script)
+    trial = run(*undisturbed(flips), FlipObservation(answer="no"), timeline=script)
 
     assert (trial.phase, trial.answer, trial.completed) == (3, "no", True)
     assert run(*undisturbed(12), timeline=script).void_reason == "too-late"

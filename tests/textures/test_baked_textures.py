@@ -11,7 +11,7 @@ from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_of
 from pipeline.foveation.pooled_moments import moment_chain
 from pipeline.textures import bake as bake_module
-from pipeline.textures.bake import Baked, bake, strips
+from pipeline.textures.bake import BakedTexture, bake, strips
 from pipeline.textures.baked_file import head_bytes, read_baked, write_baked
 from pipeline.textures.layout import MOMENTS, Layout
 
@@ -35,14 +35,14 @@ def write(path, texture, *, wraps=False):
     return layout
 
 
-def bake_whole(texture: np.ndarray, *, wraps: bool) -> Baked:
+def bake_whole(texture: np.ndarray, *, wraps: bool) -> BakedTexture:
     """The definition: each plane from the whole of the one before."""
     height, width = texture.shape[:2]
     layout = Layout(width, height, wraps)
     count = layout.halvings
     lows = chain_of(texture.astype(np.float64) / 255, count, wraps=wraps)
     chains = [moment_chain(lows[k], count - k, wraps=wraps) for k in range(count)]
-    return Baked(
+    return BakedTexture(
         layout,
         tuple(np.rint(255 * low.clip(0, 1)).astype(np.uint8) for low in lows),
         tuple(

@@ -45,7 +45,7 @@ from study_app.session import (
     following,
     next_step,
 )
-from study_app.trial import Observed, Trial, Watch, advance
+from study_app.trial import FlipObservation, GazeVerdict, Trial, advance
 
 FHD = load_display("fhd27-60hz")
 SHIPPED = shipped("studies")
@@ -429,7 +429,7 @@ def web_script(script: TrialScript) -> dict[str, Any]:
     return text
 
 
-def states(script: TrialScript, observed: list[Observed]) -> list[dict[str, Any]]:
+def states(script: TrialScript, observed: list[FlipObservation]) -> list[dict[str, Any]]:
     """Every state of a trial, and what the flip before showed."""
     trial, found = Trial(), []
     for seen in observed:
@@ -444,7 +444,7 @@ def states(script: TrialScript, observed: list[Observed]) -> list[dict[str, Any]
     return found
 
 
-def check_attempt(kernel: Kernel, script: TrialScript, observed: list[Observed]) -> int:
+def check_attempt(kernel: Kernel, script: TrialScript, observed: list[FlipObservation]) -> int:
     """Compare every state of a trial; return how many flips it took."""
     said = [seen._asdict() | {"gaze": seen.gaze.value} for seen in observed]
     told = kernel.ask("attempt", script=web_script(script), observed=said)
@@ -471,9 +471,11 @@ def test_scripts_of_shipped_studies_run_as_in_python(kernel, name, full):
         flips = runs = 0
         while runs < 4 or flips < least:
             observed = [
-                Observed(
+                FlipObservation(
                     refreshes=chance.choice([1] * 400 + [2, 3]),
-                    gaze=chance.choice([Watch.HELD] * 2000 + [Watch.VIOLATION, Watch.LOSS]),
+                    gaze=chance.choice(
+                        [GazeVerdict.HELD] * 2000 + [GazeVerdict.VIOLATION, GazeVerdict.LOSS]
+                    ),
                     answer=chance.choice(answers) if chance.random() < 0.02 else None,
                 )
                 for _ in range(2500)

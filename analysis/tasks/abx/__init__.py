@@ -10,7 +10,7 @@ from analysis.parts import AnyPart
 from analysis.parts.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rate_plan import RatePlan, baseline_in
-from analysis.plans.told import AbxTold, WhichHalfTold
+from analysis.plans.table_settings import AbxTableSettings, WhichHalfTableSettings
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.tasks.base import Analysis
@@ -30,7 +30,7 @@ class AbxRates(RatesTask):
     """Shares of right answers, d' and d' against the level: task `abx`."""
 
     kind: ClassVar[str] = "abx"
-    options: ClassVar[type[Analysis]] = AbxTold
+    options: ClassVar[type[Analysis]] = AbxTableSettings
     task: ClassVar[str] = "ABX answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
         DiscriminationPart(_sense, sides=True), levels=(CriticalPart(),)
@@ -55,6 +55,6 @@ class WhichHalfRates(AbxRates):
     """The same of halves that change: task `which-half`."""
 
     kind: ClassVar[str] = "which-half"
-    options: ClassVar[type[Analysis]] = WhichHalfTold
+    options: ClassVar[type[Analysis]] = WhichHalfTableSettings
     task: ClassVar[str] = "answers which half had changed"
     named: ClassVar[tuple[str, str]] = ("left", "right")

@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.parts import AnyPart
 from analysis.parts.graded import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
-from analysis.plans.told import DetectionTold
+from analysis.plans.table_settings import DetectionTableSettings
 from analysis.tables.table import Source, opened
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.errors import StudyError
@@ -19,7 +19,7 @@ class DetectionRates(RatesTask):
     """Sensitivity and criterion by condition: task `yes-no`."""
 
     kind: ClassVar[str] = "detection"
-    options: ClassVar[type[Analysis]] = DetectionTold
+    options: ClassVar[type[Analysis]] = DetectionTableSettings
     task: ClassVar[str] = "yes-no answers"
     parts: ClassVar[tuple[AnyPart, ...]] = (
         *rate_parts(YesNoPart(), TypicalPart()),

@@ -9,7 +9,7 @@ from analysis.models.detection import DiscriminationResults, identification
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rate_plan import RatePlan, baseline_in
-from analysis.plans.told import IdentificationTold
+from analysis.plans.table_settings import IdentificationTableSettings
 from analysis.simulations import Floats, tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.errors import StudyError
@@ -30,7 +30,7 @@ class IdentificationRates(RatesTask):
     """Shares of right answers and d' by condition: task `identification`."""
 
     kind: ClassVar[str] = "identification"
-    options: ClassVar[type[Analysis]] = IdentificationTold
+    options: ClassVar[type[Analysis]] = IdentificationTableSettings
     task: ClassVar[str] = "identifications"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_sense))
 

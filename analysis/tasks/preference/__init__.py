@@ -27,7 +27,7 @@ from analysis.plans.preference_plan import (
     from_decisions,
     from_protocol,
 )
-from analysis.plans.told import PreferencesTold
+from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.seed import SEED
 from analysis.simulations import Choices
 from analysis.tables.decisions import preference_columns, read_decisions
@@ -44,7 +44,7 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"
-    options: ClassVar[type[Analysis]] = PreferencesTold
+    options: ClassVar[type[Analysis]] = PreferenceTableSettings
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         LeavingOutPart(),

@@ -9,7 +9,7 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.result_folder import remove_listed, stranger
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 from study_app.cli.progress import going_on
 from study_app.cli.terminal import PlainConsole
 

@@ -45,7 +45,7 @@ READ = """
 import sys, typer
 from pathlib import Path
 from {module} import {reader}
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 try:
     with user_errors():
         {reader}(Path(sys.argv[1]))
@@ -627,7 +627,7 @@ def live_log(name: str, width: int, height: int) -> Write:
         from protocols.load import load_display
         from stimuli.foveated.any_picture import PictureReading
         from study_app.live.log import LiveLog
-        from study_app.live.renderer import Described
+        from study_app.live.renderer import RendererDescription
 
         log = LiveLog(
             folder / name, at="2026-01-01T00:00:00Z", source="builtin:garden",
@@ -635,7 +635,7 @@ def live_log(name: str, width: int, height: int) -> Write:
             display=load_display("fhd27-60hz").model_dump(mode="json"), refresh_hz=60.0,
         )  # fmt: skip
         log.choice(
-            Described(
+            RendererDescription(
                 source_sha256="0" * 64, panorama=False, size_px=(width, height),
                 centre_px=(0.0, 0.0), distance_px=1000.0, method="metamer", parameters={},
             )

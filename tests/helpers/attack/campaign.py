@@ -26,7 +26,7 @@ import typer
 from attack.mutations import mutated
 from attack.readers import READERS, Reader, absurd, write_samples
 
-from study_app.cli.errors import shortened, user_errors
+from study_app.cli.error_messages import shortened, user_errors
 
 HANG_CPU_S, HANG_WALL_S = 20.0, 120.0
 """Most that one input may take, of the processor and in all."""

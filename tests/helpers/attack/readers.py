@@ -66,7 +66,7 @@ from study_app.gaze.simulated import STEADY
 from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
 from study_app.live.loop import DrawnFlip
-from study_app.live.renderer import Described, GazeState, LiveView
+from study_app.live.renderer import GazeState, LiveView, RendererDescription
 from study_app.session_folders import Sitting
 from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.verification import verify
@@ -285,7 +285,7 @@ def _write_live_log(path: Path) -> None:
         driver="1", revision="0", refresh_hz=60.0,
     )  # fmt: skip
     log.choice(
-        Described(
+        RendererDescription(
             source_sha256="0" * 64,
             panorama=False,
             size_px=(20, 14),

@@ -6,7 +6,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
 from protocols.manifest import Clip, cache_key
 from stimuli.png import encode_frame
-from stimuli.recipes.taken import TakingBuilder
+from stimuli.recipes.single_stimuli import SingleStimulusBuilder
 from stimuli.worker import RendererInfo
 
 
@@ -16,7 +16,7 @@ def ramp(scene, edge_px):
     return np.repeat((across if scene == "a" else across.T)[..., None], 3, axis=2)
 
 
-class RampBuilder(TakingBuilder):
+class RampBuilder(SingleStimulusBuilder):
     renderer = RendererInfo("", "lab ramps", "")
 
     @property

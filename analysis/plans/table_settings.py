@@ -52,7 +52,7 @@ Listed = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 """Texts; in one text they have commas between."""
 
 
-class Named(Model):
+class ConditionNames(Model):
     """Names and order of conditions in a report of a table."""
 
     order: Listed = ()
@@ -79,7 +79,7 @@ class Named(Model):
         return sorted(names, key=lambda name: (*self.order, name).index(name))
 
 
-class PreferencesTold(Preferences, Named):
+class PreferenceTableSettings(Preferences, ConditionNames):
     """Options of a table of preferences."""
 
     kind: Literal["preference"] = "preference"
@@ -92,7 +92,7 @@ class PreferencesTold(Preferences, Named):
     """The method that others are compared with. Default: all."""
 
 
-class RatesTold(RatesAnalysis, Named):
+class RateTableSettings(RatesAnalysis, ConditionNames):
     """Options of a table of right and wrong answers."""
 
     by: str | tuple[str, ...] = ""
@@ -107,7 +107,7 @@ class RatesTold(RatesAnalysis, Named):
     """Of the curve: gauss, logistic, or weibull where levels are above 0."""
 
 
-class DetectionTold(RatesTold, DetectionAnalysis):
+class DetectionTableSettings(RateTableSettings, DetectionAnalysis):
     """Options of a table of a yes-no task."""
 
     kind: Literal["detection"] = "detection"
@@ -115,7 +115,7 @@ class DetectionTold(RatesTold, DetectionAnalysis):
     """The answer that is right where the signal is, as the table writes it."""
 
 
-class IdentificationTold(RatesTold, IdentificationAnalysis):
+class IdentificationTableSettings(RateTableSettings, IdentificationAnalysis):
     """Options of a table of identifications."""
 
     kind: Literal["identification"] = "identification"
@@ -123,19 +123,19 @@ class IdentificationTold(RatesTold, IdentificationAnalysis):
     """Number of answers. Default: as many as the columns expected and answer hold."""
 
 
-class AbxTold(RatesTold, AbxAnalysis):
+class AbxTableSettings(RateTableSettings, AbxAnalysis):
     """Options of a table of an ABX task."""
 
     kind: Literal["abx"] = "abx"
 
 
-class WhichHalfTold(RatesTold, WhichHalfAnalysis):
+class WhichHalfTableSettings(RateTableSettings, WhichHalfAnalysis):
     """Options of a table of a which-half task."""
 
     kind: Literal["which-half"] = "which-half"
 
 
-class CurvesTold(RatesTold):
+class CurveTableSettings(RateTableSettings):
     """Options of a table of right answers along a level."""
 
     kind: Literal["psychometric"] = "psychometric"
@@ -147,7 +147,7 @@ class CurvesTold(RatesTold):
     """Fit on the logarithm of the level; weibull always does."""
 
 
-class RatingsTold(RatingsAnalysis):
+class RatingTableSettings(RatingsAnalysis):
     """Options of a table of ratings."""
 
     kind: Literal["ratings"] = "ratings"
@@ -157,7 +157,7 @@ class RatingsTold(RatingsAnalysis):
     """Ratings from the lowest, if they are not numbers."""
 
 
-class TimesTold(MixedAnalysis):
+class TimeTableSettings(MixedAnalysis):
     """Options of a table of reaction times."""
 
     kind: Literal["reaction"] = "reaction"

@@ -23,7 +23,7 @@ from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores
 from stimuli.preview_video import PREVIEW_FOLDER
-from stimuli.recipes.base import Builder, BuildOutcome, Report, Where
+from stimuli.recipes.base import Builder, BuildMachine, BuildOutcome, Report
 from stimuli.records import ManifestDraft, is_whole
 from stimuli.worker import RendererInfo
 
@@ -47,7 +47,7 @@ Made: TypeAlias = "tuple[list[bytes | str], RendererInfo]"
 what drew them."""
 
 
-class TakingBuilder(Builder, Generic[E]):
+class SingleStimulusBuilder(Builder, Generic[E]):
     """Makes stimuli one by one; what they are made of is for each builder to say."""
 
     renderer = RendererInfo("", "none: files made elsewhere", "")
@@ -78,7 +78,7 @@ class TakingBuilder(Builder, Generic[E]):
         """Return what the manifest says of it."""
         raise NotImplementedError
 
-    def executor(self, where: Where) -> AbstractContextManager[tuple[Executor, int]]:
+    def executor(self, where: BuildMachine) -> AbstractContextManager[tuple[Executor, int]]:
         """Executor of the work, and how many jobs it is given at once.
 
         Raises
@@ -107,7 +107,7 @@ class TakingBuilder(Builder, Generic[E]):
     def close(self) -> None:
         """Free what the work held."""
 
-    def build(self, out: Path, where: Where, report: Report) -> BuildOutcome[str]:
+    def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[str]:
         """Take in what is missing or changed.
 
         Raises
@@ -155,14 +155,19 @@ class _TakingBuild(ClipBuild[str]):
     """Every stimulus by itself; all that is wrong is told together, after the last one."""
 
     def __init__(
-        self, builder: TakingBuilder[E], out: Path, executor: Executor, places: int, report: Report
+        self,
+        builder: SingleStimulusBuilder[E],
+        out: Path,
+        executor: Executor,
+        places: int,
+        report: Report,
     ) -> None:
         self.entries = {entry.name: entry for entry in builder.wanted}
         frames = builder.recipe_of_all.frames
         super().__init__(
             builder.protocol, out, executor, places, report, list(self.entries), frames
         )
-        self.builder: TakingBuilder[Any] = builder
+        self.builder: SingleStimulusBuilder[Any] = builder
         self.previews = builder._has_previews
         self.hashes: dict[str, str] = {}
         self.wrong: dict[str, str] = {}

@@ -12,7 +12,7 @@ from protocols.errors import StudyError
 
 
 @dataclass(frozen=True)
-class Beside:
+class ExclusionComparison:
     """The main numbers of the decisions that were kept, and of all that were made.
 
     Attributes
@@ -35,7 +35,7 @@ class Beside:
     why_not: str = ""
 
 
-def beside(source: ReportSource) -> Beside | None:
+def beside(source: ReportSource) -> ExclusionComparison | None:
     """Return the numbers with and without exclusions; None where no rule left anything out."""
     alpha = source.settings.alpha
     if source.tidy is None:
@@ -52,7 +52,7 @@ def beside(source: ReportSource) -> Beside | None:
         )
     except (ValueError, StudyError) as problem:
         why_not = str(problem).removeprefix(f"{settings.study}: ")
-        return Beside((), (), left_out, alpha, (), why_not)
+        return ExclusionComparison((), (), left_out, alpha, (), why_not)
     if not every:
         return None
     before = {one.what: one for one in kept}
@@ -61,10 +61,10 @@ def beside(source: ReportSource) -> Beside | None:
         for one in every
         if one.what in before and (one.p <= alpha) != (before[one.what].p <= alpha)
     )
-    return Beside(kept, every, left_out, alpha, turned)
+    return ExclusionComparison(kept, every, left_out, alpha, turned)
 
 
-def beside_blocks(found: Beside | None) -> Sequence[Block]:
+def beside_blocks(found: ExclusionComparison | None) -> Sequence[Block]:
     """Return the table of both, and what turned; nothing where nothing was left out."""
     if found is None:
         return ()
