@@ -146,9 +146,9 @@ class InteractionPart(Part[P, Interactions]):
                     ("p adj.", "n", lambda one: p_number(one.gap.p_adjusted)),
                 ),
                 Paragraph(
-                    "Change: 0 where the factor changes nothing. p adj.: Holm, over all shares and"
-                    " over all JOD. That one value has a significant result and another has none"
-                    " does not show that they differ; this test does.",
+                    "Change: 0 where the factor changes nothing. p adj.: Holm, over all shares"
+                    f"{' and over all JOD' * bool(found.jod)}. That one value has a significant"
+                    " result and another has none does not show that they differ; this test does.",
                     muted=True,
                 ),
                 Cautions("When not to trust these changes", found.notes),

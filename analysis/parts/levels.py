@@ -21,7 +21,6 @@ from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.parts import Estimate, PartFigure, PartResults, Shown, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
-    deviations,
     difference_estimates,
     difference_tables,
     in_order,
@@ -534,7 +533,14 @@ def apa_thresholds(model: ThresholdModel, *, unit: str = "", levels: Sequence[fl
 
 
 def _deviations(model: ThresholdModel) -> dict[str, float]:
-    return deviations(model, conditions=len(model.thresholds), scenes=bool(model.scene_sd))
+    found = {
+        "participants": model.participant_sd,
+        "participants x conditions": model.interaction_sd,
+    }
+    if model.scene_sd:
+        found |= {"scenes": model.scene_sd, "scenes x conditions": model.scene_interaction_sd}
+    several = len(model.thresholds) > 1
+    return {name: sd for name, sd in found.items() if several or " x " not in name}
 
 
 def _spread(model: ThresholdModel, form: str) -> str:

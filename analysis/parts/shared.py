@@ -14,9 +14,8 @@ from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
 from analysis.models.ordinal import RatingDifference
-from analysis.models.reaction_model import TimeModel, TimeRatio
+from analysis.models.reaction_model import TimeRatio
 from analysis.models.right_answers import Rate
-from analysis.models.thresholds import ThresholdModel
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.report.wording import (
     NONE,
@@ -115,20 +114,6 @@ def law_of_mixed(*, scenes: bool) -> str:
     """Return the law of limits and tests of a mixed model, for a paragraph on methods."""
     df = "between those of participants and of scenes" if scenes else "of participants - 1"
     return f"t with degrees of freedom {df}"
-
-
-def deviations(
-    model: TimeModel | ThresholdModel, *, conditions: int, scenes: bool
-) -> dict[str, float]:
-    """Return standard deviations of a model's random effects by name, without absent ones."""
-    found = {"participants": model.participant_sd}
-    if conditions > 1:
-        found["participants x conditions"] = model.interaction_sd
-    if scenes:
-        found["scenes"] = model.scene_sd
-    if scenes and model.scene_interaction_sd:
-        found["scenes x conditions"] = model.scene_interaction_sd
-    return found
 
 
 def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[tuple[G, T, bool]]:

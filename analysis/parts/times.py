@@ -28,7 +28,6 @@ from analysis.parts.shared import (
     TableColumn,
     apa_test,
     compared,
-    deviations,
     law_of_mixed,
     limits,
     mean_differences_p,
@@ -234,7 +233,11 @@ def _columns(measure: str) -> tuple[TableColumn, TableColumn]:
 
 
 def _deviations(model: TimeModel) -> dict[str, float]:
-    return deviations(model, conditions=len(model.times), scenes=model.scenes > 1)
+    """Return standard deviations of all effects of the model but the residual, by name."""
+    return {
+        " x ".join(f"{word}s" for word in one.name.split(" x ")): one.sd
+        for one in model.deviations[:-1]
+    }
 
 
 def _measure(name: str) -> str:

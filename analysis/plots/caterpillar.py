@@ -8,6 +8,8 @@ from scipy import stats
 from analysis.models.deviations import EffectLevel
 from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
 
+LEAST_SPAN = 0.02
+"""Of an axis: where no level lies off the typical one, what is left of the search is not shown."""
 NAMED = 40
 """Levels of one effect that have room for their names."""
 
@@ -46,5 +48,7 @@ def caterpillar_plot(
             axes.set_ylim(-0.6, len(ordered) - 0.4)
             axes.tick_params(axis="y", length=0)
             axes.set_title(f"{name}s", loc="left")
+        low, high = panels[0].get_xlim()
+        panels[0].set_xlim(min(low, -LEAST_SPAN / 2), max(high, LEAST_SPAN / 2))
         explain(figure, f"{x_label}; lines: {limits_text(level)}", width_in)
     return figure

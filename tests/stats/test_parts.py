@@ -472,7 +472,9 @@ def test_scenes_that_are_none_have_no_deviation(trials):
     assert "scenes" not in texts(shown("reaction", options, trials, "times").blocks)
     told = shown("reaction", options, TABLES["ratings"][2](), "times")
     assert "scenes " in texts(told.blocks)
-    assert "random over participants, participants x conditions, scenes" in told.methods
+    effects = "participants, scenes, participants x conditions, scenes x conditions"
+    assert f"random over {effects};" in told.methods
+    assert "scenes x conditions 0" in texts(told.blocks)
 
 
 def test_widths_of_logarithmic_levels_are_headed_as_ratios():

@@ -432,6 +432,14 @@ def test_other_limits_are_named_on_the_figure(draw, kind):
     assert "95" not in texts
 
 
+def test_levels_that_are_all_typical_lie_on_one_line():
+    """What is left of a search, 1e-11 of the unit, is not stretched over the axis."""
+    levels = [EffectLevel(name, (-1) ** k * 1e-11, 1e-11) for k, name in enumerate("abc")]
+    axes = caterpillar_plot({"participant": levels}, x_label="logits", level=0.95).axes[0]
+
+    assert np.ptp(axes.get_xlim()) > 0.01
+
+
 def test_the_band_of_the_course_has_the_level_asked_for(draw):
     heights = [
         np.ptp(draw["learning"](level=level).axes[0].collections[0].get_paths()[0].vertices[:, 1])
