@@ -34,6 +34,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
+from analysis.showable import hopeless
 from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
@@ -194,7 +195,9 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
                 )
         if not shares:
             raise ValueError(f"no two methods were compared at two values of {plan.interaction}")
-        notes = _notes(sides)
+        first = plan.primary[:2] if plan.primary else plan.pairings[0]
+        planned = _family(_only(shares, first))
+        notes = _notes(sides, len(planned), plan)
         known = [set(plan.compared_at(rows, value)[1]) for value in values]
         methods = [name for name in plan.methods if all(name in some for some in known)]
         jod: dict[Pair, list[Difference]] = {}
@@ -210,12 +213,11 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             jod = {pair: list(several) for pair, several in found.items()}
         except ValueError as problem:
             notes.append(f"no changes of distances in JOD: {problem}")
-        first = plan.primary[:2] if plan.primary else plan.pairings[0]
         return Interactions(
             factor="size",
             chance=0.5,
             sides=tuple(sides),
-            planned=(*_family(_only(shares, first)), *_family(_only(jod, first))),
+            planned=(*planned, *_family(_only(jod, first))),
             shares=_family(shares),
             jod=_family(jod),
             notes=tuple(notes),
@@ -273,7 +275,13 @@ class RateInteraction(InteractionPart[RatePlan]):
             raise ValueError(f"no comparison was shown at two values of {plan.interaction}")
         every = _family(found)
         return Interactions(
-            str(plan.interaction), plan.chance, tuple(sides), every, every, (), tuple(_notes(sides))
+            str(plan.interaction),
+            plan.chance,
+            tuple(sides),
+            every,
+            every,
+            (),
+            tuple(_notes(sides, len(every), plan)),
         )
 
     def planned_over(
@@ -385,13 +393,16 @@ def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ..
     )
 
 
-def _notes(sides: Sequence[Side]) -> list[str]:
+def _notes(sides: Sequence[Side], planned: int, plan: PreferencePlan | RatePlan) -> list[str]:
+    """Say what few people cannot show of so many planned changes, and few scenes hardly tell."""
     fewest = min(one.scenes for one in sides)
-    if fewest >= FEW_SCENES:
-        return []
+    found = hopeless(max(one.participants for one in sides), planned, plan.alpha)
     if fewest == 1:
-        return ["one scene at some value: the change is about these scenes"]
-    return [f"only {count_of(fewest, 'scene')} at some value: how scenes differ is poorly known"]
+        found.append("one scene at some value: the change is about these scenes")
+    elif fewest < FEW_SCENES:
+        number = count_of(fewest, "scene")
+        found.append(f"only {number} at some value: how scenes differ is poorly known")
+    return found
 
 
 def _between(one: Side | Interaction, plan: PreferencePlan | RatePlan) -> str:

@@ -1,6 +1,7 @@
 """Interaction of a preference, or a difference of right answers, with a second factor."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,22 @@ def test_right_answers_are_compared_between_a_property_of_scenes(rng, tmp_path):
     refused, *_ = imported(table, tmp_path / "b", "alternatives=2", "interaction=gpa")
     assert refused.exit_code == 2
     assert "must have the columns gpa" in refused.output
+
+
+def test_few_people_and_many_values_are_said_to_show_no_change(rng):
+    """Six changes of six people: the least p of one is .031, and Holm multiplies it by six."""
+    rows = pd.DataFrame(product(range(6), range(4), "wxyz", "ab"),
+                        columns=["participant", "scene", "gap", "repeat"])  # fmt: skip
+    rows["correct"] = rng.integers(0, 2, len(rows))
+    analysis = analysis_of("identification")
+    for people, said in ((6, True), (12, False)):
+        more = rows.assign(participant=rows["participant"] + 6)
+        table = pd.concat([rows, more][: people // 6], ignore_index=True)
+        told = analysis.options(alternatives=2, interaction="gap")
+        plan = analysis.settings_of_table(table, "table", told)
+        (part,) = (one for one in analysis.parts if one.name == "interaction")
+        notes = part.compute(analysis.table(table, plan), plan, {}, rng).notes
+        assert any("none of 6 comparisons can be significant" in one for one in notes) == said
 
 
 def test_a_study_plans_it_and_preregisters_it(tmp_path):
