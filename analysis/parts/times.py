@@ -305,8 +305,7 @@ def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
         ("scene", "condition"): model.scene_interaction_sd,
     }
     groups = [list(group) for group, sd in deviations.items() if sd > NO_SPREAD]
-    if not groups:
-        return {}
+    groups = groups or [["participant"]]
     return scripts(
         "times",
         *("R", "py"),

@@ -9,7 +9,9 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,9 @@ import pytest
 from fixed_studies import TABLES, report_of
 from undrawn_reports import undrawn
 
+from analysis.models.reaction_model import time_model
+from analysis.parts.times import Times, TimesPart
+from analysis.plans.told import TimesTold
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
@@ -220,3 +225,18 @@ def test_no_name_ends_a_text_of_a_script():
     assert compile(text, "ratings.py", "exec")
     (literal,) = re.findall(r"conditions\(rows, \[(.*)\]\)", text)
     assert eval(literal) == name
+
+
+def test_times_that_nobody_and_no_scene_varies_in_have_scripts(rng):
+    """lme4 and statsmodels take a participant's deviation of 0, so the fixed part is checked."""
+    rows = pd.DataFrame(product(range(8), "abc", ("blur", "ours"), range(4)),
+                        columns=["participant", "scene", "method", "again"])  # fmt: skip
+    rows["rt_s"] = np.exp(rng.normal(0.0, 0.3, len(rows)))
+    model = time_model(rows, ("method",), profile=True)
+    flat = replace(model, participant_sd=0.0, interaction_sd=0.0, scene_sd=0.0,
+                   scene_interaction_sd=0.0)  # fmt: skip
+    plan = analysis_of("reaction").settings_of_table(rows, "rows", TimesTold(by="method"))
+    found = Times((), {}, flat, None, ())
+
+    assert {*TimesPart().show(found, plan).scripts} == {"times.R", "times.py"}
+    assert "(1 | participant)" in TimesPart().show(found, plan).scripts["times.R"]
