@@ -122,6 +122,12 @@ class Crossed:
             shares[name] = table / table.sum(axis=0)
         return cls(shares, {name: float(np.nan_to_num(value)) for name, value in sd.items()})
 
+    def covariance(self, name: str) -> Floats:
+        """Return what participants, or scenes, give to that of the conditions' means."""
+        share, own = self.shares[name], self.sd.get(name + IN_CONDITION, 0.0) ** 2
+        together: Floats = self.sd.get(name, 0.0) ** 2 * share.T @ share
+        return together + own * np.diag(np.sum(share**2, axis=0))
+
     def df(self, contrast: Floats, variance: float) -> float:
         """Return the degrees of freedom of a contrast (conditions,) with this variance.
 
@@ -130,9 +136,7 @@ class Crossed:
         """
         parts, degrees = [], []
         for name, share in self.shares.items():
-            apart = self.sd.get(name, 0.0) ** 2 * float(np.sum((share @ contrast) ** 2))
-            own = self.sd.get(name + IN_CONDITION, 0.0) ** 2
-            parts.append(apart + own * float(np.sum((share * contrast) ** 2)))
+            parts.append(float(contrast @ self.covariance(name) @ contrast))
             degrees.append(float(weighted_df(share @ np.abs(contrast))[1]))
         rest = max(variance - sum(parts), 0.0)
         weights = np.array(parts) + rest * np.array([1.0, 0.5])[: len(parts)]

@@ -174,14 +174,20 @@ def fit_thresholds(
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     typical = float(np.mean(np.abs(slopes)))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
+    crossed = Crossed.of(condition, groups, sd)
     # Likelihood takes deviations from a mean that it fitted: they come out too small.
     people = len(places.participants)
     more = people / (people - 1.0)
+    covariance = more * fit.covariance
+    if "scene" in groups:
+        at = slice(len(names)), slice(len(names))
+        scale = (typical / spread) ** 2 / (len(places.scenes) - 1.0)
+        covariance[at] += scale * crossed.covariance("scene")
     population = Population(
         names=tuple(names),
         pairs=tuple(pairs),
         theta=np.concatenate([fit.beta, fit.sd, fit.rates]),
-        covariance=more * fit.covariance,
+        covariance=covariance,
         robust=more * robust,
         slopes=fit.beta.size - len(names),
         kinds=tuple(kinds[: fit.sd.size]),
@@ -197,7 +203,7 @@ def fit_thresholds(
             }
             for k, name in enumerate(names)
         },
-        crossed=Crossed.of(condition, groups, sd),
+        crossed=crossed,
         levels=tuple(float(value) for value in rows[level_column].unique()),
         level=level,
         proper=fit.converged,

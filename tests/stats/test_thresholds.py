@@ -268,6 +268,19 @@ def test_scenes_that_differ_widen_limits(rng):
     )
 
 
+def test_the_error_over_few_scenes_is_that_of_their_mean(rng):
+    """Likelihood takes deviations from a mean that it fitted: of three they come out too small."""
+    rows = simulate_identification(
+        TaskDesign(10, 3, 5), {"a": 0.0, "b": 0.0}, rng, levels=LEVELS, width=3.0,
+        participant_sd=0.1,
+    )  # fmt: skip
+    scene = rows["scene"].astype("category").cat.codes
+    rows["level"] += np.array([-1.2, 0.0, 1.2])[scene] * (rows["method"] == "b")
+    (gap,) = fit_thresholds(rows, "level", ("method",), scenes=True).contrasts
+
+    assert gap.standard_error > 0.95 * 1.2 / np.sqrt(3.0)
+
+
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
