@@ -23,7 +23,7 @@ from undrawn_reports import undrawn
 
 from analysis.models.reaction_model import time_model
 from analysis.parts.times import Times, TimesPart
-from analysis.plans.told import TimesTold
+from analysis.plans.table_settings import TimeTableSettings
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
@@ -235,7 +235,7 @@ def test_times_that_nobody_and_no_scene_varies_in_have_scripts(rng):
     model = time_model(rows, ("method",), profile=True)
     flat = replace(model, participant_sd=0.0, interaction_sd=0.0, scene_sd=0.0,
                    scene_interaction_sd=0.0)  # fmt: skip
-    plan = analysis_of("reaction").settings_of_table(rows, "rows", TimesTold(by="method"))
+    plan = analysis_of("reaction").settings_of_table(rows, "rows", TimeTableSettings(by="method"))
     found = Times((), {}, flat, None, ())
 
     assert {*TimesPart().show(found, plan).scripts} == {"times.R", "times.py"}
