@@ -95,8 +95,9 @@ def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> S
     if source is None and path.is_file() and (avif := opened_avif(path)) is not None:
         return _avif_pixels(path, avif)
     if source is None:
-        no_file = "it is a folder" if path.is_dir() else "it is no regular file"
-        reason = visible_line(oiio.geterror()) if path.is_file() else no_file
+        if path.is_dir():
+            raise InputError(f"{path}: must be an image (it is a folder); name a file in it")
+        reason = visible_line(oiio.geterror()) if path.is_file() else "it is no regular file"
         raise InputError(
             f"{path}: must be an image ({reason}); is it damaged? If not, save it as PNG, TIFF or"
             " OpenEXR"

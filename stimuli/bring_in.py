@@ -32,7 +32,7 @@ from protocols.own_stimuli import (
 )
 from protocols.recipes.warped_clips import ExrScene
 from stimuli.exr import Transfer, stored_transfer
-from stimuli.exr_parts import frame_files, read_parts
+from stimuli.exr_parts import display_size, frame_files, read_parts
 from stimuli.foveated.any_picture import read_any
 from stimuli.scene_views import ScenePreview, look_around
 from stimuli.scenes.builtin_scenes import scene_names
@@ -268,11 +268,20 @@ def bring_frames(
     try:
         for file in dict.fromkeys((files[0], files[-1])):
             height, width = load_picture(file, scene).frame.size
+        for file in files:
+            found = display_size(file)
+            if found != (width, height):
+                raise InputError(
+                    f"{file}: frames of a sequence must have one size (got {found[0]}x{found[1]} px"
+                    f" here and {width}x{height} in {files[-1].name}); render it anew"
+                )
         if several:
             motion_of(files[0], read_parts(files[0], judged=True).planes, scene)
     except InputError as error:
+        channel = "motion_x" if " for motion (" in str(error) else "depth"
+        cure = _CHANNEL.format(channel) + _ONE_FRAME * (channel == "motion_x")
         raise InputError(
-            re.sub(r"name (it|both) in the protocol: .*", _CHANNEL, f"--exr: {error}")
+            re.sub(r"name (it|both) in the protocol: .*", cure, f"--exr: {error}")
         ) from None
     folder = study / SCENES / name
     folder.mkdir(parents=True)
@@ -383,5 +392,6 @@ def _label(name: str) -> str:
     return plain[:1].upper() + plain[1:]
 
 
-_CHANNEL = "name it: --channel depth=NAME (r, g, b, depth, motion_x or motion_y)"
+_CHANNEL = "name it: --channel {}=NAME (r, g, b, depth, motion_x or motion_y)"
+_ONE_FRAME = ", render the frames with motion, or give one of them alone"
 _CIRCLE = 'camera = { kind = "circle", turns = 1.0 }'

@@ -61,6 +61,23 @@ def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> Ex
         return file
 
 
+def display_size(path: Path) -> tuple[int, int]:
+    """Width and height of a file's display window, from its header alone.
+
+    Raises
+    ------
+    InputError
+        If it is no image.
+    """
+    with reading(path, "a whole image", InputError):
+        source = oiio.ImageInput.open(str(path))
+        if source is None:
+            raise InputError(f"{path}: must be an image ({visible_line(oiio.geterror())})")
+        spec = source.spec()
+        source.close()
+        return spec.full_width, spec.full_height
+
+
 def _read_parts(path: Path) -> tuple[ExrParts, str]:
     source = oiio.ImageInput.open(str(path))
     if source is None:
@@ -161,6 +178,7 @@ def frame_files(file: str, folder: Path) -> list[Path]:
     if missing:
         raise InputError(
             f"{folder / file}: must have every frame from {min(numbered)} to"
-            f" {max(numbered)} ({len(missing)} missing, the first is {missing[0]})"
+            f" {max(numbered)} ({len(missing)} missing, the first is {missing[0]});"
+            " render what is missing, or copy the frames of one part into a folder of their own"
         )
     return [numbered[number] for number in sorted(numbered)]

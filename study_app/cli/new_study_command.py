@@ -319,8 +319,8 @@ def _own_photographs(
 
     files: list[str] = []
     for name in (name for group in given.photos for name in group):
-        found = [name] if Path(name).exists() else sorted(glob(name))  # noqa: PTH207  also absolute
-        files += found or [name]  # which says what is missing
+        files += _found(name)
+    _each_once("--photos", [str(Path(file).resolve()) for file in files])
     methods = given.methods
     shown = () if methods is None else bring_methods(methods, work, folder, stills=True)
     whole = screen.width_px, screen.height_px
@@ -328,20 +328,47 @@ def _own_photographs(
     return OwnStimuli(tuple(scenes), shown, stills_px=size_px), notes
 
 
-def _pattern(files: list[str]) -> str:
+def _found(name: str) -> list[str]:
+    """Return the files that a pattern of a shell stands for; what is missing stays, and is said."""
+    found = [name] if Path(name).exists() else sorted(glob(name))  # noqa: PTH207  also absolute
+    return found or [name]
+
+
+def _each_once(option: str, names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise StudyError(f"{option}: names {Path(twice[0]).name} twice; name each once")
+
+
+def _pattern(given: list[str]) -> str:
     """Return a sequence as one name, its number as ``####``; a shell may have written it out."""
+    from stimuli.exr_parts import frame_files
+
+    files = [file for name in given for file in _found(name)]
+    for folder in filter(Path.is_dir, map(Path, files)):
+        raise StudyError(
+            f"--exr {folder}: must be frames (this is a folder); name those in it, such as"
+            f" '{folder}/shot_####.exr'"
+        )
+    if len(files) == 1:
+        return re.sub(r"%0?(\d)d", lambda n: "#" * int(n[1]), files[0])
     names = {
         name if "#" in name else re.sub(r"\d+(?=\D*$)", lambda n: "#" * len(n[0]), name)
         for name in files
     }
-    if len(files) == 1:
-        return files[0]
-    if len(names) > 1:
+    if len({re.sub("#+", "#", name) for name in names}) > 1:
         raise StudyError(
             "--exr: must be frames of one sequence, such as 'shot_####.exr' (got"
             f" {' and '.join(sorted(names)[:2])}); give --exr once for each"
         )
-    return names.pop()
+    pattern = min(names, key=len)
+    known = {str(file) for file in frame_files(pattern, Path())}
+    if left := sorted(known - {str(Path(file)) for file in files}):
+        raise StudyError(
+            f"--exr: must name every frame of {pattern} (got {len(files)}, and not {left[0]}); name"
+            f" '{pattern}', or copy the frames that you want into a folder of their own"
+        )
+    return pattern
 
 
 def _own_scenes(
@@ -363,9 +390,11 @@ def _own_scenes(
         photographed.append(brought)
         notes += of_it
     asked = []
-    for files in given.frames:
+    patterns = [_pattern(files) for files in given.frames]
+    _each_once("--exr", patterns)
+    for pattern in patterns:
         names = [each.name for each in photographed]
-        brought, clips = bring_frames(_pattern(files), work, names, given.channels)
+        brought, clips = bring_frames(pattern, work, names, given.channels)
         photographed.append(brought)
         asked += [] if clips is None else [clips]
     ctx = None

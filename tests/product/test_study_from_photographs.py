@@ -121,7 +121,7 @@ def test_a_shell_may_write_the_frames_out_and_channels_are_named(metamerlab, tmp
     done = metamerlab("new-study", "s", "--exr", *files, *named)
     assert done.exit_code == 2
     assert "for motion" in done.stderr
-    assert "--channel depth=NAME" in done.stderr
+    assert "--channel motion_x=NAME" in done.stderr
     named += ["--channel", "motion_x=mx", "--channel", "motion_y=my"]
     done = metamerlab("new-study", "s", "--exr", *files, *named)
     assert done.exit_code == 0, done.output
@@ -164,6 +164,9 @@ def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
         (["--exr", "a_1.exr", "b_1.exr"], "must be frames of one sequence"),
         (["--channel", "depth=far"], "is of OpenEXR frames (got none)"),
         (["--exr", "x.exr", "--channel", "deph=far"], "did you mean 'depth'"),
+        (["--photos", "Astronaut.jpg", "./Astronaut.jpg"], "names Astronaut.jpg twice"),
+        (["--photos", "."], "it is a folder); name a file in it"),
+        (["--exr", "."], "this is a folder); name those in it, such as './shot_####.exr'"),
     ],
 )
 def test_what_cannot_be_a_study_is_told_before_anything_is_written(
@@ -176,6 +179,48 @@ def test_what_cannot_be_a_study_is_told_before_anything_is_written(
     assert said in " ".join(done.stderr.split())
     assert sorted(path.name for path in Path().iterdir()) == before
     assert photographs
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words", "said"),
+    [
+        ("lack", "shot_####.exr", "(1 missing, the first is 2); render what is missing, or copy"),
+        ("size", "shot_####.exr", "shot_0002.exr: frames of a sequence must have one size (got 32"),
+        ("", "shot_0001.exr shot_0002.exr", "(got 2, and not frames/shot_0003.exr); name"),
+        ("twice", "shot_####.exr", "--exr: names shot_####.exr twice"),
+    ],
+)
+def test_frames_that_are_no_whole_sequence_are_refused_with_a_cure(
+    metamerlab, tmp_path, monkeypatch, spoil, words, said
+):
+    monkeypatch.chdir(tmp_path)
+    frames(tmp_path / "frames", 3)
+    second = tmp_path / "frames" / "shot_0002.exr"
+    if spoil == "lack":
+        second.unlink()
+    if spoil == "size":
+        planes = np.ones((24, 32, len(BLENDER)), np.float32)
+        write_pixels(second, planes, BLENDER, types=("float",) * len(BLENDER))
+    given = ["--exr", *(f"frames/{word}" for word in words.split())]
+    done = metamerlab("new-study", "s", *given, *(given if spoil == "twice" else []))
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+    assert not Path("s").exists()
+
+
+@pytest.mark.parametrize("pattern", ["frames/shot_%04d.exr", "frames/shot_*.exr", "frames/s_*"])
+def test_frames_may_be_named_as_renderers_and_shells_do_and_counted_without_zeros(
+    metamerlab, tmp_path, monkeypatch, pattern
+):
+    monkeypatch.chdir(tmp_path)
+    frames(tmp_path / "frames", 3)
+    if pattern.endswith("s_*"):
+        for number, file in enumerate(sorted(Path("frames").iterdir()), 9):
+            file.rename(f"frames/s_{number}.exr")
+    done = metamerlab("new-study", "s", "--exr", pattern)
+    assert done.exit_code == 0, done.output
+    assert load_protocol(Path("s/study.toml")).stimuli.clips.frames == 3
+    assert len(list(Path("s/scenes").rglob("*.exr"))) == 3
 
 
 @pytest.mark.parametrize("scenes", [1, 2, 3])
