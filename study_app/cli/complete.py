@@ -19,7 +19,7 @@ def completing(command: Command) -> Command:
     """Return a command whose parameters complete their values, by what they are called.
 
     Those of a group's commands do, too. What has a completion of its own keeps it. Help names types
-    in plain words.
+    in plain words, and a value that is refused is named.
     """
     for one in getattr(command, "commands", {}).values():
         completing(one)
@@ -27,6 +27,7 @@ def completing(command: Command) -> Command:
         typer_says = getattr(parameter, "display_type_rich", None)
         if typer_says is not None:
             vars(parameter)["display_type_rich"] = _in_words(typer_says)
+        vars(parameter)["process_value"] = _naming_value(parameter.process_value)
         complete = _OF.get(parameter.name or "")
         if complete is not None and parameter._custom_shell_complete is None:
             parameter._custom_shell_complete = complete
@@ -41,6 +42,22 @@ def _in_words(typer_says: Callable[..., str | None]) -> Callable[..., str]:
         return _WORDS.get(said, said)
 
     return told
+
+
+def _naming_value(process: Callable[[Context, Any], Any]) -> Callable[[Context, Any], Any]:
+    """Return what reads a value, and names one that it refuses."""
+
+    def processed(ctx: Context, value: Any) -> Any:
+        try:
+            return process(ctx, value)
+        except typer.BadParameter as error:
+            must, typers_own, rest = error.message.partition("Input should be ")
+            if typers_own and not must:
+                word = rest.partition(",")[0].replace("integer", "whole number")
+                error.message = f"must be {word} (got {str(value)!r})"
+            raise
+
+    return processed
 
 
 def _with_files(known: Iterable[str], typed: str, ending: str) -> list[str]:

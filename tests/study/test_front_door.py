@@ -105,6 +105,21 @@ def test_help_names_types_in_words_and_flags_without_one(words):
     assert words == "" or "text" in types or "path" in types
 
 
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("2.5", "must be a valid whole number (got '2.5')"),
+        ("70%", "must be a valid whole number (got '70%')"),
+        ("0", "must be greater than or equal to 1 (got '0')"),
+    ],
+)
+def test_a_number_that_is_none_is_named_with_what_it_must_be(value, said):
+    words = ["session", "simulate", "demo", "--participants", value]
+    done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    assert done.exit_code == 2
+    assert f"Invalid value for '--participants': {said}" in done.stderr
+
+
 def test_version_names_version_and_git_revision():
     shown = CliRunner().invoke(app, ["--version"]).stdout
 
