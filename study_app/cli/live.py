@@ -471,14 +471,17 @@ def _verify(source: str, path: Path) -> None:
     from stimuli.choice import Choice
     from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.live_renderer import BUILTIN, FoveatingRenderer, draw_source, read_source
-    from study_app.live.log import LiveChoice, read_log
+    from study_app.live.log import LiveChoice, LiveFlip, read_log
     from study_app.live.redraw import redraw
 
     log = read_log(path)
     say_notes(log.notes)
     first = next((line for line in log.lines if isinstance(line, LiveChoice)), None)
     if first is None:
-        raise StudyError(f"{path}: must say what drew its flips (it ends before)")
+        if any(isinstance(line, LiveFlip) for line in log.lines):
+            raise StudyError(f"{path}: must say what drew its flips before the first one")
+        say("0 flips: nothing was shown")
+        return
     said = first.described
     check_need(path, "foveate", *said.size_px)
     geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
@@ -517,5 +520,5 @@ def _verify(source: str, path: Path) -> None:
     )
     if found.problems:
         raise StudyError(f"{path}: " + "\n".join(found.problems))
-    if not found.drawn:
-        raise StudyError(f"{path}: must hold frames to draw again (it holds none)")
+    if found.flips and not found.drawn:
+        raise StudyError(f"{path}: must hold frames to draw again (none was kept)")

@@ -157,7 +157,7 @@ def verify(
             screens = read_captures(captured) if captured is not None else {}
             if screens and len(paths) > 1:
                 raise StudyError("--captured: is of one session; name its folder")
-        wrong = 0
+        wrong = flips = 0
         for path in paths:
             sitting = Sitting(path.absolute().parent, read_journal(path, lenient=True))
             found = verify_sitting(sitting, study)
@@ -165,7 +165,7 @@ def verify(
             if drawer is not None and not found.problems:
                 again, compared = drawer.redraw(sitting, screens)
                 found = replace(found, problems=again.problems)
-                drawn += again.drawn + compared
+                drawn, flips = drawn + again.drawn + compared, flips + again.flips
             lines = len(sitting.journal.events) + len(sitting.journal.damaged)
             verdict = "NOT as it was recorded" if found.problems else "whole"
             say(
@@ -182,7 +182,7 @@ def verify(
             for note in found.notes:
                 say(f"  note: {note}")
             wrong += bool(found.problems)
-        if drawer is not None and not wrong and not drawn:
+        if drawer is not None and not wrong and flips and not drawn:
             raise StudyError(
                 f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
                 " gaze in a window)"

@@ -292,7 +292,12 @@ def read_log(path: Path) -> ReadLog:
                 " line or one before it was changed"
             )
         lines.append(line)
-    if not lines or not isinstance(start := lines[0], LiveStart):
+    if not lines:
+        raise StudyError(
+            f"{path}: must hold lines of a live log (it holds none: the program was killed before"
+            " its first line was whole); record another one"
+        )
+    if not isinstance(start := lines[0], LiveStart):
         raise StudyError(f"{path}: must begin with the first line of a live log (it does not)")
     notes = []
     if torn:

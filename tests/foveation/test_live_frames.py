@@ -474,6 +474,17 @@ def test_when_the_source_is_mute_in_a_saccade_the_window_ends_all_the_same():
     assert all(math.isnan(flip.look.gaze_px[0]) for flip in late)  # the renderer holds
 
 
+def test_a_log_of_a_program_that_was_killed_before_its_first_flip_holds_nothing_wrong(tmp_path):
+    path = tmp_path / "seen.jsonl"
+    LiveLog(path, **START).close()
+
+    done = CliRunner().invoke(app, ["live", "builtin:garden", "--verify", str(path)])
+
+    assert done.exit_code == 0, done.output
+    assert "note: the log was not closed: the program was killed" in done.stdout
+    assert "0 flips: nothing was shown" in done.stdout
+
+
 def test_another_word_for_change_gets_one_message(tmp_path):
     done = CliRunner().invoke(app, ["live", str(tmp_path / "p.png"), "--change", "in-saccades"])
 

@@ -658,7 +658,7 @@ def test_a_gaze_that_is_not_the_sample_s_whose_age_is_logged_is_named(
 
 
 @pytest.mark.usefixtures("gl_context")
-def test_verify_render_says_what_it_needs(small, tmp_path):
+def test_verify_render_says_what_it_needs(small, tmp_path, monkeypatch):
     study, display = small()
     made = tmp_path / "s"
     sit(study, display, made, None)
@@ -680,3 +680,12 @@ def test_verify_render_says_what_it_needs(small, tmp_path):
         done = CliRunner().invoke(app, ["session", "verify", str(made), *map(str, words)])
         assert done.exit_code == 2, done.output
         assert message in " ".join(done.stderr.split())
+    monkeypatch.setattr(TrialDrawer, "_check", lambda *_: None)  # the manifest says: simulated
+    words = ["session", "verify", str(made), *map(str, whole)]
+    assert "must hold frames to draw again (none was kept" in CliRunner().invoke(app, words).stderr
+    # Killed before its first attempt: there is nothing to draw, and nothing amiss.
+    journal = next(made.rglob("journal.jsonl"))
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:1]))
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "0 live frames, 0 drawn again" in done.stdout
