@@ -1,7 +1,8 @@
 """Pictures that follow the gaze, without a window: `script/bench live`.
 
-The loop runs on an off-screen context with a timer at the display's rate, and gaze at 250 Hz that
-fixates, jumps and pursues. Missing is the copy into the window.
+The loop runs on an off-screen context with a timer at the display's rate, and gaze at 250 Hz. A
+displacement follows jumps alone: methods with one have a row for a gaze that rests, and one for a
+gaze that always jumps. Missing is the copy into the window.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from study_app.live.renderer import GazeState, LiveView
 
 SIZES = (256, 512, 1024, 2048)
 GAZE_HZ = 250.0
+JUMP_S = 0.04
+DISPLACED = ("warped-metamer", "eidolon")
 WARM_UP = 5
 
 
@@ -56,19 +59,21 @@ class Timer:
         return time.monotonic()
 
 
-class Wandering:
-    """Gaze that rests for 300 ms with drift, then jumps within 40 ms."""
+class MadeUpGaze:
+    """Gaze that trembles within a fixation, or jumps on and on, so that displacements follow."""
 
-    def __init__(self, edge: int) -> None:
-        self._edge, self._next_s = edge, time.monotonic()
+    def __init__(self, edge: int, *, jumps: bool) -> None:
+        self._edge, self._jumps, self._next_s = edge, jumps, time.monotonic()
         self._places = np.random.default_rng(3).uniform(0.1, 0.9, (256, 2)) * edge
 
     def poll(self) -> list[GazeSample]:
         samples = []
         while self._next_s <= time.monotonic():
-            number, since_s = divmod(self._next_s, 0.34)
+            number, since_s = divmod(self._next_s, JUMP_S)
             start, end = (self._places[(int(number) + k) % 256] for k in (0, 1))
-            x, y = start + (end - start) * max(0.0, (since_s - 0.3) / 0.04) + 2 * since_s
+            x, y = start + (end - start) * since_s / JUMP_S
+            if not self._jumps:
+                x, y = self._edge * (0.5 + 0.005 * np.sin(self._next_s * np.array((20.0, 13.0))))
             samples.append(GazeSample(self._next_s, self._next_s, float(x), float(y)))
             self._next_s += 1 / GAZE_HZ
         return samples
@@ -80,6 +85,8 @@ class LiveTiming:
 
     method: str
     edge_px: int
+    field: str
+    """`rests` where displacements stay, `moves` where each frame makes them anew."""
     cpu_ms: float
     """Of the whole process, a frame."""
     frames_per_s: float
@@ -94,7 +101,7 @@ class LiveTiming:
 
 
 def time_live(
-    ctx: moderngl.Context, method: str, edge: int, seconds: float, hz: float
+    ctx: moderngl.Context, method: str, edge: int, field: str, seconds: float, hz: float
 ) -> LiveTiming:
     """Show an astronaut for some seconds."""
     picture = np.resize(data.astronaut(), (edge, edge, 3))
@@ -102,20 +109,21 @@ def time_live(
     source = LiveSource([frame], "0" * 64, panorama=False, notes=())
     renderer = FoveatingRenderer(ctx, source, Flat(width_deg=40).of(edge, edge), Choice(method))
     renderer.prepare(1)
-    loop = LiveLoop(Timer(ctx, hz), Wandering(edge), (0, 0), polled=False)
+    jumps = field == "moves"
+    loop = LiveLoop(Timer(ctx, hz), MadeUpGaze(edge, jumps=jumps), (0, 0), polled=False)
     for _ in range(WARM_UP):
         loop.step(renderer, LiveView(), 1)
-    loop = LiveLoop(Timer(ctx, hz), Wandering(edge), (0, 0), polled=False)
+    loop = LiveLoop(Timer(ctx, hz), MadeUpGaze(edge, jumps=jumps), (0, 0), polled=False)
     began, cpu = time.monotonic(), time.process_time()
     while time.monotonic() - began < seconds:
         loop.step(renderer, LiveView(), 1)
     spent, cpu = time.monotonic() - began, time.process_time() - cpu
-    latency = loop.latency.summary()
+    frames, latency = loop.number, loop.latency.summary()
     transient, kept = _memory(loop, renderer)
     held = renderer.held_bytes
     renderer.release()
     return LiveTiming(
-        method, edge, 1e3 * cpu / loop.number, loop.number / spent, latency.median_ms,
+        method, edge, field, 1e3 * cpu / frames, frames / spent, latency.median_ms,
         latency.p95_ms, latency.max_ms, transient, kept, held / 2**20,
     )  # fmt: skip
 
@@ -146,20 +154,25 @@ def main(argv: list[str]) -> int:
     with lent_context() as ctx:
         drawn_by = str(describe(ctx))
         print(f"{drawn_by}, {platform.platform()}, load {load_average():.1f}, {code_revision()}")
-        print("method          edge px  CPU ms  frames/s  latency ms: median    95 %     max"
+        print("method          edge px  field  CPU ms  frames/s  latency ms: median    95 %     max"
               "  transient B  kept B  held MiB")  # fmt: skip
         found = []
-        for method in asked.methods:
-            for edge in asked.sizes:
-                one = time_live(ctx, method, edge, asked.seconds, asked.hz)
-                found.append(asdict(one))
-                ages = (one.median_ms, one.p95_ms, one.max_ms)
-                shown = (f"{age:8.1f}" if age is not None else "       -" for age in ages)
-                print(
-                    f"{method:<15} {edge:7d} {one.cpu_ms:7.1f} {one.frames_per_s:9.1f}"
-                    f"            {' '.join(shown)}  {one.transient_bytes:11d}"
-                    f" {one.kept_bytes:7d} {one.held_mib:9.1f}"
-                )
+        rows = [
+            (method, edge, field)
+            for method in asked.methods
+            for edge in asked.sizes
+            for field in (("rests", "moves") if method in DISPLACED else ("rests",))
+        ]
+        for method, edge, field in rows:
+            one = time_live(ctx, method, edge, field, asked.seconds, asked.hz)
+            found.append(asdict(one))
+            ages = (one.median_ms, one.p95_ms, one.max_ms)
+            shown = (f"{age:8.1f}" if age is not None else "       -" for age in ages)
+            print(
+                f"{method:<15} {edge:7d}  {field} {one.cpu_ms:7.1f} {one.frames_per_s:9.1f}"
+                f"            {' '.join(shown)}  {one.transient_bytes:11d}"
+                f" {one.kept_bytes:7d} {one.held_mib:9.1f}"
+            )
     if asked.json:
         record = {"renderer": drawn_by, "load": load_average(), "revision": code_revision()}
         write_record(asked.json, json.loads(json.dumps({**record, "live": found})))

@@ -55,8 +55,9 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.timeout(1800)  # whole: 105 kills
 def test_a_live_session_that_is_killed_at_any_step_is_whole_and_drawn_again(
-    gl_context, folder, full
+    gl_context, folder, full, request
 ):
     steps = steps_of(folder, "session", folder / "whole")
     assert set(steps) == KINDS
@@ -66,6 +67,8 @@ def test_a_live_session_that_is_killed_at_any_step_is_whole_and_drawn_again(
         gl_context, study, display, virtual_manifest(study, display), lambda _name: picture(),
         FoveatingStudio(gl_context), (here.name, here.version),
     )  # fmt: skip
+
+    request.addfinalizer(drawer.release)
 
     def proven(root):
         """Hold what was recorded to its hashes, and draw it again; return the journal, if any."""
@@ -103,7 +106,6 @@ def test_a_live_session_that_is_killed_at_any_step_is_whole_and_drawn_again(
             whole = proven(root)
             assert isinstance(whole.events[-1], SessionEnd)
             assert len([a for a in whole.attempts if a.outcome == "completed"]) == attempts
-    drawer.release()
     assert died >= len(points) / 2  # the others had come to their end before
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -119,8 +120,8 @@ class _Written:
             self._file.write(data[: int(part * len(data))])
             self._file.flush()
 
-        line = data.startswith(b"{")
-        self._steps.step(json.loads(data)["kind"] if line else data[:4].decode(), some)
+        line = re.search(rb'"kind":"(\w+)"', data)
+        self._steps.step((line[1] if line else data[:4]).decode(errors="replace"), some)
         return self._file.write(data)
 
 
