@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
 import sys
 import tomllib
+import zlib
+from base64 import b64decode
 from pathlib import Path
 
 import pages
 import pictures
 import pytest
+from typer.testing import CliRunner
+
+from study_app.cli import app
 
 pytestmark = pytest.mark.slow
 
@@ -134,9 +140,11 @@ def test_pictures_are_small_and_each_is_shown():
     }
 
     assert shown == set(pictures.MADE.iterdir())
-    sizes = {path.name: path.stat().st_size for path in shown}
+    sizes = {path: path.stat().st_size for path in shown if path.suffix != ".html"}
     assert max(sizes.values()) <= pictures.LARGEST_BYTES
     assert sum(sizes.values()) <= 1_500_000
+    (page,) = shown - set(sizes)
+    assert page.stat().st_size <= pictures.LARGEST_PAGE_BYTES
 
 
 def test_every_made_picture_has_commands_that_make_it():
@@ -150,10 +158,6 @@ GROUPS = {"protocol", "stimuli", "session", "analysis", "texture", "denoise"}
 
 def options_of(words: list[str]) -> set[str]:
     """Return the options that the help of a command of `metamerlab` lists."""
-    from typer.testing import CliRunner
-
-    from study_app.cli import app
-
     command = words[: 2 if words[0] in GROUPS else 1]
     done = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
     assert done.exit_code == 0, f"metamerlab {' '.join(command)}: {done.output}"
@@ -183,6 +187,30 @@ def test_the_gallerys_commands_make_its_pictures(tmp_path):
     assert done.returncode == 0, f"{done.stdout}{done.stderr}"
     for picture in pictures.pictures_of(page):
         assert pictures.written(picture, tmp_path).is_file()
+
+
+def parts_of(page):
+    """Return the text of a page that draws, without what it draws from, and what it is told."""
+    text = page.read_text(encoding="utf-8")
+    first = re.search(r'class="part">([^<]+)<', text)[1]
+    return re.sub(r'class="part">[^<]+<', "", text), json.loads(zlib.decompress(b64decode(first)))
+
+
+def test_the_page_that_follows_the_mouse_is_what_its_command_makes(tmp_path):
+    page = REPOSITORY / "docs/gallery.md"
+    made, kept = tmp_path / "follow.html", pictures.MADE / "follow.html"
+    assert kept in pictures.pictures_of(page)
+    (command,) = [
+        shlex.split(line) for line in pictures.script_of(page).replace("\\\n", " ").splitlines()
+        if "--page" in line
+    ]  # fmt: skip
+    words = [str(REPOSITORY / word) if word.startswith("docs/") else word for word in command[1:]]
+    words = [str(tmp_path / Path(word).name) if word.startswith("out/") else word for word in words]
+
+    done = CliRunner().invoke(app, words)
+
+    assert done.exit_code == 0, done.output
+    assert parts_of(made) == parts_of(kept), "renew it: script/docs --pictures gallery"
 
 
 def test_the_pins_of_the_docs_agree_with_the_lock():

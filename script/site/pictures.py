@@ -15,6 +15,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 DOCS = REPOSITORY / "docs"
 MADE = DOCS / "images/made"
 LARGEST_BYTES = 200_000
+LARGEST_PAGE_BYTES = 1_200_000
 WIDTH_PX = 1000
 
 
@@ -58,7 +59,7 @@ def written(picture: Path, folder: Path) -> Path:
     found = [
         path
         for path in sorted((folder / "out").rglob("*"))
-        if path.suffix in {".png", ".jpg", ".webp"}
+        if path.suffix in ({".html"} if picture.suffix == ".html" else {".png", ".jpg", ".webp"})
         and "-".join(path.relative_to(folder / "out").with_suffix("").parts) == picture.stem
     ]
     if len(found) != 1:
@@ -67,7 +68,10 @@ def written(picture: Path, folder: Path) -> Path:
 
 
 def convert(source: Path, picture: Path) -> None:
-    """Write a small WebP; a moving picture is taken as it is."""
+    """Write a small WebP; a moving picture, and a page that draws, is taken as it is."""
+    if picture.suffix == ".html":
+        picture.write_bytes(source.read_bytes())
+        return
     with Image.open(source) as image:
         if getattr(image, "n_frames", 1) > 1:
             picture.write_bytes(source.read_bytes())
