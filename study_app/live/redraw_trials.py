@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import moderngl
@@ -19,6 +20,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.hashing import sha256_json
 from protocols.journal import Attempt, SessionResume, SessionStart
+from protocols.latency import SaccadeTimes
 from protocols.limits import check_within
 from protocols.manifest import Manifest
 from protocols.outside import reading
@@ -112,18 +114,20 @@ class TrialDrawer:
             if not isinstance(event, Attempt) or event.live is None or scripts is None:
                 continue
             script = scripts.script(event.answers, event.role == "practice")
-            samples = _samples(sitting.folder, event)
-            before: dict[str, str] = {}
-            for row in self._rows(sitting.folder, event):
-                total[0] += 1
+            gaze = event.gaze_file
+            samples = {} if gaze is None else gaze_by_stamp(sitting.folder / gaze.file)
+            flips, bad = _flips(sitting.folder, event)
+            total[0] += len(flips) + len(bad)
+            problems += bad
+            for before, flip in pairwise((None, *flips)):
+                assert flip is not None
                 screens = {} if runs else captured
                 found = self._frame(
-                    row, before, event, script, samples, screens, seen, exactly=exactly
+                    flip, before, event, script, samples, screens, seen, exactly=exactly
                 )
-                before = row
                 for place, count in enumerate(found.counts):
                     total[1 + place] += count
-                problems += [f"flip {row['flip']}: {text}" for text in found.problems]
+                problems += [f"flip {flip.number}: {text}" for text in found.problems]
         problems += [f"{captured[n][0]}: flip {n}: {why}" for n, why in seen.items() if why]
         return RedrawResult(total[0], total[1], total[2], tuple(problems)), len(seen)
 
@@ -139,22 +143,10 @@ class TrialDrawer:
                     f" got {here[:12]}); name that one"
                 )
 
-    def _rows(self, folder: Path, attempt: Attempt) -> Iterator[dict[str, str]]:
-        """Yield the flips that followed the gaze, as they were recorded."""
-        if attempt.flips_file is None:
-            return
-        path = folder / attempt.flips_file.file
-        data = read_bytes(path, "the flips of a trial", "table")
-        check_within("events", data.count(b"\n"), StudyError, path, "lines")
-        with reading(path, "the flips of a trial, as they were recorded", StudyError):
-            for row in csv.DictReader(io.StringIO(data.decode("ascii")), strict=True):
-                if row.get("drawn_sha256"):
-                    yield row
-
     def _frame(
         self,
-        row: Mapping[str, str],
-        before: Mapping[str, str],
+        flip: RecordedFlip,
+        before: RecordedFlip | None,
         attempt: Attempt,
         script: TrialScript,
         samples: Samples,
@@ -164,54 +156,45 @@ class TrialDrawer:
         exactly: bool,
     ) -> _Found:
         try:
-            phase = next(one for one in script.phases if one.name == row["phase"])
-            entry, number = live_entry(phase), int(row["flip"])
+            phase = next(one for one in script.phases if one.name == flip.phase)
+            entry = live_entry(phase)
             if entry is None:
                 raise ValueError(f"phase {phase.name} follows no gaze")
             name = attempt.stimuli[entry.stimulus].name
             live, source = self._methods[name], self.manifest.clip(name).frames_sha256[0]
-            gaze_x, gaze_y, field_x, field_y = (
-                float(row[key]) for key in ("gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px")
-            )
-            corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
-            stamp_s = float(row["t_s"]) - float(row["age_s"] or "nan")
-            moved = live.change != "always" and _moves(row, before)
-            seen_little = moved and _falls_into_a_saccade(row, attempt, self.display.refresh_hz)
-            look = GazeState((gaze_x, gaze_y), (field_x, field_y), int(row["seed"]))
-            kept = row["pixels_sha256"] and _GRID.validate_python(row["grid"])
-            if not all(map(math.isfinite, (*look.gaze_px, *look.field_px))):
-                raise ValueError(f"gaze {look.gaze_px} must be finite")
-        except (LookupError, StopIteration, StudyError, TypeError, ValueError) as error:
+        except (LookupError, StopIteration, StudyError, ValueError) as error:
             return _Found((0, 0), (f"must be a flip of this study ({error})",))
+        look, number = flip.look, flip.number
         problems = []
         said = described(live, source, entry, script.stimulus_px, self.display)
-        if row["drawn_sha256"] != sha256_json(said):
+        if flip.drawn_sha256 != sha256_json(said):
             problems.append(f"{name}: source, place and parameters must be the study's")
         if look.seed != live.seed:
             problems.append(f"{name}: must have seed {live.seed} (got {look.seed})")
             return _Found((0, 0), tuple(problems))
-        if row["eye"] == "found" and samples and not _is_of(look, corner, stamp_s, samples):
-            problems.append(f"must have the gaze of the sample that is {row['age_s']} s old")
-        if moved and not seen_little:
-            problems.append("must hold the gaze of the flip before (the eye was in no saccade)")
-        if not kept and number not in captured:
+        corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
+        if flip.eye == "found" and samples and not _is_of(flip, corner, samples):
+            problems.append(f"must have the gaze of the sample that is {flip.age_s:g} s old")
+        if live.change != "always" and before is not None and _moves(flip, before):
+            windows = attempt.live.saccades if attempt.live is not None else ()
+            if not _falls_into(windows, flip, self.display.refresh_hz):
+                problems.append("must hold the gaze of the flip before (the eye was in no saccade)")
+        if not flip.pixels_sha256 and number not in captured:
             return _Found((0, 0), tuple(problems))
         renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
         renderer.prepare(look.seed)
         renderer.hold(LiveView())
         picture = renderer.draw(look)
-        same, off = (
-            compared(self._pixels, picture, row["pixels_sha256"], row["grid"])
-            if kept
-            else (False, 0)
-        )
-        if kept and ((exactly and not same) or off > NEAR):
-            problems.append(must_show(look, off))
+        kept, same = bool(flip.pixels_sha256), False
+        if kept:
+            same, off = compared(self._pixels, picture, flip.pixels_sha256, flip.grid)
+            if (exactly and not same) or off > NEAR:
+                problems.append(must_show(look, off))
         if number in captured:
             screen = self._whole(script, phase, entry, picture)
             off = _off(screen, captured[number][1])
             seen[number] = must_show(look, off) if off > (0 if exactly else NEAR) else ""
-        return _Found((int(bool(kept)), int(same)), tuple(problems))
+        return _Found((int(kept), int(same)), tuple(problems))
 
     def _whole(
         self, script: TrialScript, phase: ScriptPhase, entry: Live, picture: moderngl.Texture
@@ -225,11 +208,79 @@ class TrialDrawer:
         return paint(script, phase, {entry.stimulus: [frame]}, self._bitmaps)
 
 
-def _samples(folder: Path, attempt: Attempt) -> Samples:
-    """Return an attempt's gaze as it was recorded; empty where it was not."""
-    if attempt.gaze_file is None:
-        return {}
-    path = folder / attempt.gaze_file.file
+@dataclass(frozen=True)
+class RecordedFlip:
+    """One line of a file of flips, of a flip that followed the gaze."""
+
+    number: int
+    phase: str
+    t_s: float
+    refreshes: int
+    look: GazeState
+    age_s: float
+    """Of the sample whose gaze is shown; not a number before the first one."""
+    eye: str
+    drawn_sha256: str
+    pixels_sha256: str
+    """Empty where pixels were not kept."""
+    grid: str
+
+    @classmethod
+    def of(cls, row: Mapping[str, str]) -> RecordedFlip:
+        """Read a line; raises LookupError, TypeError or ValueError where it is none."""
+        kept = row["pixels_sha256"]
+        gaze_x, gaze_y, field_x, field_y, t_s = (
+            float(row[key]) for key in ("gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px", "t_s")
+        )
+        if not all(map(math.isfinite, (gaze_x, gaze_y, field_x, field_y, t_s))):
+            raise ValueError(f"gaze {gaze_x:g}, {gaze_y:g} at {t_s:g} s must be finite")
+        return cls(
+            number=int(row["flip"]),
+            phase=row["phase"],
+            t_s=t_s,
+            refreshes=int(row["refreshes"]),
+            look=GazeState((gaze_x, gaze_y), (field_x, field_y), int(row["seed"])),
+            age_s=float(row["age_s"] or "nan"),
+            eye=row["eye"],
+            drawn_sha256=row["drawn_sha256"],
+            pixels_sha256=kept,
+            grid=_GRID.validate_python(row["grid"]) if kept else "",
+        )
+
+
+def read_flips(path: Path) -> tuple[list[RecordedFlip], list[str]]:
+    """Read the flips that followed the gaze, and why others cannot be such.
+
+    Raises
+    ------
+    StudyError
+        If the file is no file of flips.
+    """
+    flips, bad = list[RecordedFlip](), list[str]()
+    data = read_bytes(path, "the flips of a trial", "table")
+    check_within("events", data.count(b"\n"), StudyError, path, "lines")
+    with reading(path, "the flips of a trial, as they were recorded", StudyError):
+        for row in csv.DictReader(io.StringIO(data.decode("ascii")), strict=True):
+            if row.get("drawn_sha256"):
+                try:
+                    flips.append(RecordedFlip.of(row))
+                except (LookupError, TypeError, ValueError) as error:
+                    bad.append(f"flip {row.get('flip')}: must be a flip of this study ({error})")
+    return flips, bad
+
+
+def _flips(folder: Path, attempt: Attempt) -> tuple[list[RecordedFlip], list[str]]:
+    return ([], []) if attempt.flips_file is None else read_flips(folder / attempt.flips_file.file)
+
+
+def gaze_by_stamp(path: Path) -> Samples:
+    """Return an attempt's gaze as it was recorded.
+
+    Raises
+    ------
+    StudyError
+        If the file is none.
+    """
     data = read_bytes(path, "the gaze of a trial", "table")
     check_within("rows", data.count(b"\n"), StudyError, path, "lines")
     with reading(path, "the gaze of a trial, as it was recorded", StudyError):
@@ -240,32 +291,29 @@ def _samples(folder: Path, attempt: Attempt) -> Samples:
         }
 
 
-def _is_of(look: GazeState, corner_px: tuple[int, int], stamp_s: float, samples: Samples) -> bool:
-    """Return whether a gaze is that of the sample with this stamp."""
-    if not math.isfinite(stamp_s):
+def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> bool:
+    """Return whether a gaze is that of the sample of its age."""
+    if not math.isfinite(flip.age_s):
         return False
-    stamp_us = round(1e6 * stamp_s)
+    stamp_us = round(1e6 * (flip.t_s - flip.age_s))
     near = [samples[us] for us in range(stamp_us - 2, stamp_us + 3) if us in samples]
     return any(
         all(
             abs(place - corner - gaze) <= 0.5 / STEPS_PER_PX + _ROUNDED_PX
-            for place, corner, gaze in zip(sample, corner_px, look.gaze_px, strict=True)
+            for place, corner, gaze in zip(sample, corner_px, flip.look.gaze_px, strict=True)
         )
         for sample in near
     )
 
 
-def _moves(row: Mapping[str, str], before: Mapping[str, str]) -> bool:
+def _moves(flip: RecordedFlip, before: RecordedFlip) -> bool:
     """Return whether a flip of a phase was drawn to another gaze than the one before."""
-    places = "gaze_x_px", "gaze_y_px", "field_x_px", "field_y_px"
-    same_phase = row["phase"] == before.get("phase")
-    return same_phase and any(row[key] != before[key] for key in places)
+    return flip.phase == before.phase and flip.look != before.look
 
 
-def _falls_into_a_saccade(row: Mapping[str, str], attempt: Attempt, hz: float) -> bool:
+def _falls_into(windows: Sequence[SaccadeTimes], flip: RecordedFlip, hz: float) -> bool:
     """Return whether a flip was due where the eye sees little, within half a refresh."""
-    due_s = float(row["t_s"]) - max(0, int(row["refreshes"]) - 1) / hz
-    windows = attempt.live.saccades if attempt.live is not None else ()
+    due_s = flip.t_s - max(0, flip.refreshes - 1) / hz
     return any(
         one.onset_s - 0.5 / hz <= due_s <= one.offset_s + SUPPRESSED_AFTER_S + 0.5 / hz
         for one in windows

@@ -327,8 +327,11 @@ def test_frames_of_another_study_s_parameters_seeds_or_pictures_are_named(
         file.write_text(whole.replace(old, new))
         said = again(gl_context, folder, study, display).problems
         assert "must be a flip of this study" in said[-1] + said[0], (old, said)
-    file.write_text(whole.replace(",seed,", ",sead,"))
-    assert "must be a flip of this study" in again(gl_context, folder, study, display).problems[0]
+    for column in ("seed", "eye", "flip", "phase", "age_s", "grid"):
+        file.write_text(re.sub(rf"\b{column}\b", "other", whole, count=1))
+        said = again(gl_context, folder, study, display).problems
+        assert len(said) == (1 if column == "grid" else SHOWN)
+        assert "must be a flip of this study" in said[0]
 
 
 def replace_display(display):

@@ -18,7 +18,7 @@ from study_app.cli.live_renderer import FoveatingStudio
 from study_app.live.log import read_log
 from study_app.live.redraw import redraw
 from study_app.live.redraw_trials import TrialDrawer
-from study_app.sittings import Sitting
+from study_app.session_folders import Sitting
 from study_app.verification import verify
 
 pytestmark = pytest.mark.slow

@@ -130,9 +130,9 @@ def main() -> None:
     folder, what, to, point, part = sys.argv[1:]
     steps = _Steps(int(point), float(part))
     from study_app.cli.live_renderer import FoveatingRenderer
-    from study_app.live.log import Pixels
+    from study_app.live.log import FrameReadback
 
-    steps.before(Pixels, "of", "capture")
+    steps.before(FrameReadback, "of", "capture")
     steps.before(FoveatingRenderer, "draw", "draw")
     steps.new_files()
     {"session": _session, "log": _log}[what](Path(folder), Path(to), steps)
@@ -159,7 +159,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from study_app.gaze.simulated import SimulatedGaze
     from study_app.observers import ArtificialObserver, default_model
     from study_app.opening import Setting, begin, resume
-    from study_app.sittings import is_stillborn, sitting_folder
+    from study_app.session_folders import is_stillborn, sitting_folder
     from study_app.virtual import VirtualClock, VirtualStage
 
     study, display = load_study(folder / "study.toml", None)
@@ -202,9 +202,9 @@ def _log(_folder: Path, path: Path, steps: _Steps) -> None:
     from protocols.load import load_toml
     from study_app.gaze.saccades import SaccadeWatch
     from study_app.live import log as live_log
-    from study_app.live.latency import Latency
+    from study_app.live.latency_histogram import Latency
     from study_app.live.loop import LiveLoop
-    from study_app.live.renderer import View
+    from study_app.live.renderer import LiveView
     from study_app.virtual import VirtualClock
 
     live_log.EVERY = 4
@@ -230,7 +230,7 @@ def _log(_folder: Path, path: Path, steps: _Steps) -> None:
         for number in range(30):
             if number in (0, 15):
                 log.choice(renderer.describe())
-            log.flip(*loop.step(renderer, View(), 3))
+            log.flip(*loop.step(renderer, LiveView(), 3))
         log.end(flips=30, missed=0, left_out=0, latency=Latency().summary().model_dump(mode="json"))
         log.close()
 
@@ -239,9 +239,9 @@ def renderer_of(ctx: Any) -> Any:
     """Return what draws the picture of logs."""
     from pipeline.foveation.geometry import Flat
     from stimuli.choice import Choice
-    from study_app.cli.live_renderer import FoveatingRenderer, Source
+    from study_app.cli.live_renderer import FoveatingRenderer, LiveSource
 
-    source = Source([picture()], "0" * 64, panorama=False, notes=())
+    source = LiveSource([picture()], "0" * 64, panorama=False, notes=())
     geometry = Flat(width_deg=20).of(WIDTH, HEIGHT)
     return FoveatingRenderer(ctx, source, geometry, Choice("blur"))
 

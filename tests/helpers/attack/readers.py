@@ -61,11 +61,13 @@ from stimuli.scenes.photo import load_depth
 from stimuli.score.viewing_conditions import open_viewing, read_gaze
 from study_app.archive.read_archive import check, opened, restore
 from study_app.archive.write_archive import ArchiveOptions, write_archive
+from study_app.attempt_record import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
 from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
 from study_app.live.loop import DrawnFlip
+from study_app.live.redraw_trials import gaze_by_stamp, read_flips
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
 from study_app.session_folders import Sitting
 from study_app.simulate import SimulatedStudy, simulate_study
@@ -198,6 +200,8 @@ READERS: tuple[Reader, ...] = (
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
     Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
+    Reader("flips-of-a-sitting", "flips.csv", mutations.PLAIN, read_flips, _anything),
+    Reader("gaze-of-live-flips", "0001.csv", mutations.PLAIN, gaze_by_stamp, _anything),
     Reader("gaze-csv", "g.csv", mutations.PLAIN, load_recording, _lost),
     Reader("gaze-csv-gz", "g.csv.gz", mutations.PACKED, load_recording, _lost),
     Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
@@ -275,6 +279,7 @@ def write_samples(folder: Path) -> None:
     _write_tables(folder, rng)
     _write_studies(folder)
     _write_live_log(folder / "live.jsonl")
+    _write_live_flips(folder / "flips.csv")
 
 
 def _write_live_log(path: Path) -> None:
@@ -307,6 +312,19 @@ def _write_live_log(path: Path) -> None:
         log.flip(flip, None)
     log.end(flips=3, missed=0, left_out=0, latency=latency.summary().model_dump(mode="json"))
     log.close()
+
+
+def _write_live_flips(path: Path) -> None:
+    """Flips of one trial, three of them of a stimulus that follows the gaze."""
+    header = FLIPS_HEADER + LIVE_HEADER
+    blank = "7,0.100000,,1,regular,0.000000,virtual,fixation,," + "," * LIVE_HEADER.count(",")
+    lines = [
+        f"{n},{n / 60:.6f},0.016667,1,regular,0.000000,virtual,stimulus,0,{'0' * 64},"
+        f"3.0625,4.5,3.0,4.5,0.012000,found,5,{'1' * 64},{'2' * 64 if n == 10 else ''},"
+        f"{'A' * 1024 if n == 10 else ''},0"
+        for n in range(8, 11)
+    ]
+    path.write_text("\n".join([header, blank, *lines, ""]), encoding="ascii")
 
 
 def _write_meshes(folder: Path, picture: Any) -> None:
