@@ -190,10 +190,12 @@ def test_the_gallerys_commands_make_its_pictures(tmp_path):
 
 
 def parts_of(page):
-    """Return the text of a page that draws, without what it draws from, and what it is told."""
+    """Return the words of a page, without pixels, and of its programs; both without comments."""
     text = page.read_text(encoding="utf-8")
     first = re.search(r'class="part">([^<]+)<', text)[1]
-    return re.sub(r'class="part">[^<]+<', "", text), json.loads(zlib.decompress(b64decode(first)))
+    told = json.dumps(json.loads(zlib.decompress(b64decode(first))), indent=0).replace("\\n", "\n")
+    text = re.sub(r'class="part">[^<]+<', "", text)
+    return [re.sub(r"//.*|/\*.*?\*/", "", one).split() for one in (text, told)]
 
 
 def test_the_page_that_follows_the_mouse_is_what_its_command_makes(tmp_path):

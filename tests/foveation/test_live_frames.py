@@ -270,7 +270,7 @@ def test_the_log_of_a_killed_program_is_whole_up_to_its_last_line(shown_to):
 def test_a_file_that_is_no_log_is_refused_with_its_line(tmp_path):
     path = tmp_path / "x.jsonl"
     for text, message in (
-        ("", "must begin with the first line of a live log"),
+        ("", "was killed before its first line was whole"),
         ("{}\n", "line 1: must be a line of a live log"),
         ("\x00\n", "line 1: must be a line of a live log"),
     ):

@@ -155,7 +155,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from protocols.load import load_study
     from protocols.viewing import Viewing
     from study_app.cli.live_renderer import FoveatingStudio
-    from study_app.conduct import conduct
+    from study_app.conduct import RunSettings, conduct
     from study_app.gaze.simulated import SimulatedGaze
     from study_app.observers import ArtificialObserver, default_model
     from study_app.opening import Setting, begin, resume
@@ -191,7 +191,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
         else:
             recorder, plan = begin(setting, "P01", "en", stage, gaze)
         with recorder:
-            conduct(setting, plan, recorder, stage, gaze, late_most=sys.maxsize)
+            conduct(setting, plan, recorder, stage, gaze, RunSettings(late_most=sys.maxsize))
 
 
 def _log(_folder: Path, path: Path, steps: _Steps) -> None:
