@@ -1,11 +1,18 @@
-"""Preferences as posteriors: the mixed model, ROPE, priors, and the cure without NumPyro."""
+"""Preferences as posteriors: the mixed model, ROPE, priors, and the cure without NumPyro.
+
+JAX, which NumPyro brings, has threads, and other tests fork this process: it is read in others.
+"""
 
 from __future__ import annotations
 
 import json
+import multiprocessing
+import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from importlib.util import find_spec
 
+import forked
 import numpy as np
 import pandas as pd
 import pytest
@@ -42,10 +49,10 @@ def votes(seed: int = 3, people: int = 14, scenes: int = 6, repeats: int = 4) ->
 
 @pytest.fixture(scope="module")
 def fitted():
-    pytest.importorskip("numpyro", reason="needs the extra `bayes`")
-    return bayesian_preference(
-        votes(), "ours", "theirs", priors={"default": Prior(), "tight": Prior(0.1, 0.1)}
-    )
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as apart:
+        priors = {"default": Prior(), "tight": Prior(0.1, 0.1)}
+        asked = apart.submit(bayesian_preference, votes(), "ours", "theirs", priors=priors)
+        return asked.result()
 
 
 @needs_numpyro
@@ -72,21 +79,25 @@ def test_a_prior_that_rules_is_noted(fitted):
     assert fitted.better > 0.95
 
 
+SHORT_CHAINS = """
+from analysis.models import bayesian
+
+bayesian.WARM_UP = bayesian.DRAWS = 150
+bayesian.CHAINS, bayesian.LEAST_DRAWS, bayesian.WORST_R_HAT = 2, 20, 1.2
+"""
+
+
 @needs_numpyro
-def test_the_command_tells_and_writes(tmp_path, monkeypatch):
-    for name, value in (("WARM_UP", 150), ("DRAWS", 150), ("CHAINS", 2), ("LEAST_DRAWS", 20),
-                        ("WORST_R_HAT", 1.2)):  # fmt: skip
-        monkeypatch.setattr(module, name, value)
+def test_the_command_tells_and_writes(tmp_path):
     file, out = tmp_path / "votes.csv", tmp_path / "out"
     votes(people=5, scenes=3, repeats=2).to_csv(file, index=False)
-    result = CliRunner().invoke(
-        app,
-        ["analysis", "bayes", str(file), "--against", "ours", "--out", str(out)],
-        env={"COLUMNS": "200"},
-    )
+    result = forked.run(
+        "analysis", "bayes", file, "--against", "ours", "--out", out,
+        code=SHORT_CHAINS + forked.METAMERLAB, env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
 
-    assert result.exit_code == 0, result.output
-    assert "theirs was chosen over ours with a share of" in result.output
+    assert result.returncode == 0, result.stderr
+    assert "theirs was chosen over ours with a share of" in result.stdout
     table = pd.read_csv(out / "tables" / "posteriors.csv")
     assert table["prior"].tolist() == ["default", "narrow", "wide"]
     assert (table["lower"] < table["share"]).all()
@@ -111,7 +122,8 @@ def test_the_verdict_is_where_the_limits_lie(centre, sd, verdict):
 
 
 def test_without_numpyro_the_message_names_the_cure(monkeypatch):
-    monkeypatch.setitem(sys.modules, "numpyro", None)
+    for name in ("jax", "numpyro"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(StudyError, match=r"metamerlab\[bayes\]"):
         bayesian_preference(votes(people=3), "ours", "theirs")
 
