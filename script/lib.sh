@@ -201,7 +201,7 @@ install_python_packages() {
     fi
     touch -- "$unfinished" # gone only when all is done: else start over
     say "Installing the locked Python packages into .venv (1.2 GB; minutes on a fresh machine)"
-    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$LOCK"
+    quietly pip_here install --no-user --no-compile --require-hashes --only-binary :all: -r "$LOCK"
     quietly pip_here install --no-user --no-deps --no-index --no-build-isolation \
         --editable "$ROOT"
     rm -f -- "$unfinished"
@@ -234,9 +234,9 @@ install_extra() {
     local name=$1 locked="$VENV/metamerlab-locked.txt"
     pins_of "$LOCK" >"$locked"
     say "Installing the extra $name (torch: some 200 MB, several GB with CUDA)"
-    quietly pip_here install --no-user --prefer-binary --require-hashes --no-deps \
+    quietly pip_here install --no-user --no-compile --prefer-binary --require-hashes --no-deps \
         -r "$ROOT/requirements-$name.lock"
-    quietly pip_here install --no-user --prefer-binary --constraint "$locked" \
+    quietly pip_here install --no-user --no-compile --prefer-binary --constraint "$locked" \
         -r "$ROOT/requirements-$name.txt"
     wanted_extra_stamp "$name" >"$VENV/metamerlab-$name.new"
     mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
@@ -245,9 +245,16 @@ install_extra() {
 # Pinned with hashes and agreeing with the lock: these packages are the same everywhere.
 install_docs() {
     say "Installing the extra docs (Sphinx: 60 MB)"
-    quietly pip_here install --no-user --require-hashes --only-binary :all: -r "$ROOT/requirements-docs.txt"
+    quietly pip_here install --no-user --no-compile --require-hashes --only-binary :all: \
+        -r "$ROOT/requirements-docs.txt"
     wanted_extra_stamp docs >"$VENV/metamerlab-docs.new"
     mv -- "$VENV/metamerlab-docs.new" "$VENV/metamerlab-docs"
+}
+
+# What pip would do file by file, on all processors: it takes as long as to unpack them. Some files
+# that packages bring are no Python of this version.
+compile_packages() {
+    "$VENV/bin/python" -I -m compileall -q -j 0 "$VENV/lib" >/dev/null 2>&1 || true
 }
 
 # The tools are wanted by CI, by whoever asks for them, or did here before.
@@ -270,8 +277,6 @@ install_tools() {
 Install it, then run this again"
     say "Installing the web part's Node packages (100 MB)"
     quietly npm ci --prefix "$WEB"
-    wanted_tools_stamp >"$VENV/metamerlab-tools.new"
-    mv -- "$VENV/metamerlab-tools.new" "$VENV/metamerlab-tools"
 }
 
 has_wanted_extras() {
@@ -294,11 +299,21 @@ prepare() {
         for name in $EXTRAS; do # a new environment forgets the wish
             ! wants_extra "$name" || wanted+=" $name"
         done
+        tools=""
+        if wants_tools && ! has_tools; then
+            install_tools &
+            tools=$!
+        fi
         is_ready || install_python_packages
         for name in $wanted; do
             if has_extra "$name"; then continue; fi
             if [[ $name == docs ]]; then install_docs; else install_extra "$name"; fi
         done
-        if wants_tools && ! has_tools; then install_tools; fi
+        compile_packages
+        if [[ -n $tools ]]; then
+            wait "$tools"
+            wanted_tools_stamp >"$VENV/metamerlab-tools.new"
+            mv -- "$VENV/metamerlab-tools.new" "$VENV/metamerlab-tools"
+        fi
     ) 9<"$LOCK"
 }
