@@ -258,8 +258,8 @@ def check_walk(kernel: Kernel, study: StudyProtocol, seed: int, slot: int) -> li
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
-def test_sessions_of_shipped_studies_go_on_as_in_python(kernel, name):
-    for slot in range(3):
+def test_sessions_of_shipped_studies_go_on_as_in_python(kernel, name, full):
+    for slot in range(3 if full else 1):
         check_walk(kernel, study_of(name), slot, slot)
 
 

@@ -194,9 +194,12 @@ def both(*writers: Write) -> Write:
 
 
 def png(
-    name: str, width: int, height: int, bits: int = 8, kind: int = 2, extra: bytes = b""
+    name: str, width: int, height: int, bits: int = 8, kind: int = 2, packed_text: int = 0
 ) -> Write:
-    """A PNG of one colour, as small as it gets. `kind`: 0 grey, 2 colour, 6 with alpha."""
+    """A PNG of one colour, as small as it gets. `kind`: 0 grey, 2 colour, 6 with alpha.
+
+    It has a text that unpacks to so many bytes.
+    """
 
     def chunk(tag: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data))
@@ -213,7 +216,9 @@ def png(
         path.write_bytes(
             b"\x89PNG\r\n\x1a\n"
             + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0))
-            + (chunk(b"zTXt", extra) if extra else b"") + chunk(b"IDAT", packed)
+            + (chunk(b"zTXt", b"note\0\0" + zlib.compress(bytes(packed_text), 1)) if packed_text
+               else b"")
+            + chunk(b"IDAT", packed)
             + chunk(b"IEND", b"")
         )  # fmt: skip
 
@@ -336,10 +341,10 @@ def big_buffer(size: int) -> dict[str, object]:
     }
 
 
-def chain(count: int) -> list[dict[str, object]]:
-    """Nodes of which each is the child of the one before."""
+def chain(count: int, folder: Path) -> None:
+    """A glTF file of nodes of which each is the child of the one before."""
     nodes: list[dict[str, object]] = [{"children": [n + 1]} for n in range(count - 1)]
-    return [*nodes, {"mesh": 0}]
+    gltf(nodes=[*nodes, {"mesh": 0}])(folder)
 
 
 _TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -580,8 +585,8 @@ def _pictures() -> Iterator[Bomb]:
     yield Bomb("png 60,000 x 60,000", png("p.png", 60_000, 300), "foveate p.png o.png --gaze 1,1")
     alpha = png("p.png", 4000, 4000, 16, 6)
     yield Bomb("png 4000 x 4000 of 16 bits and alpha", alpha, "foveate p.png o.png")
-    note = b"note\0\0" + zlib.compress(bytes(500_000_000), 1)
-    yield Bomb("png with a text of 500 MB", png("p.png", 64, 64, extra=note), "foveate p.png o.png")
+    noted = png("p.png", 64, 64, packed_text=500_000_000)
+    yield Bomb("png with a text of 500 MB", noted, "foveate p.png o.png")
     depth = both(png("p.png", 64, 64), png("d.png", 9000, 9000, 16, 0))
     yield Bomb("depth 9000 x 9000", depth, "warp p.png o.png --depth d.png --parallax 0.1")
     for name, edge, options in (("p.jpg", 6000, {}), ("p.webp", 6000, {"lossless": True}),
@@ -666,8 +671,8 @@ def _meshes() -> Iterator[Bomb]:
     words = "stimuli look s.gltf --out o.png --views 1"
     none = [{"componentType": 5126, "count": 45_000_000, "type": "VEC3"}]
     yield Bomb("gltf accessor of 45e6 without a view", gltf(accessors=none), words)
-    yield Bomb("gltf of 60,000 chained nodes", gltf(nodes=chain(60_000)), words)
-    yield Bomb("gltf of 9,000 chained nodes", gltf(nodes=chain(9_000)), words)
+    yield Bomb("gltf of 60,000 chained nodes", partial(chain, 60_000), words)
+    yield Bomb("gltf of 9,000 chained nodes", partial(chain, 9_000), words)
     yield Bomb("gltf of 60,000 nodes", gltf(nodes=[{"mesh": 0}] * 60_000,
                scenes=[{"nodes": list(range(60_000))}]), words)  # fmt: skip
     shared = [{"primitives": [{"attributes": {"POSITION": 0}}] * 2000}]
