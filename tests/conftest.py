@@ -26,36 +26,53 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 # Files that take longest, as `script/test --costs` tells: they begin first.
 LONGEST = (
-    "tests/presenter/test_guide.py",
     "tests/test_demo.py",
+    "tests/presenter/test_guide.py",
+    "tests/web/test_browser_sessions.py",
+    "tests/presenter/test_every_task_was_shown.py",
+    "tests/web/test_browser_pixels.py",
+    "tests/test_attack.py",
+    "tests/test_tutorials.py",
     "tests/stats/test_task_reports.py",
+    "tests/test_docs.py",
     "tests/batch/test_stimuli_build.py",
     "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/web/test_browser_storage.py",
+    "tests/web/test_kernel_twin.py",
+    "tests/web/test_web_tutorial.py",
+    "tests/web/test_metamer_page.py",
+    "tests/presenter/test_a_labs_study.py",
+    "tests/presenter/test_live_trials.py",
+    "tests/foveation/test_foveation_gpu.py",
     "tests/stats/test_report.py",
-    "tests/presenter/test_every_task_was_shown.py",
+    "tests/score/test_score_libraries.py",
     "tests/twins/test_warp_gpu.py",
-    "tests/test_tutorials.py",
-    "tests/test_docs.py",
     "tests/study/test_kills_by_task.py",
     "tests/product/test_new_study_tasks.py",
-    "tests/score/test_score_libraries.py",
+    "tests/test_site.py",
+    "tests/batch/test_without_opengl.py",
+    "tests/product/test_arrival_is_hidden.py",
+    "tests/stats/test_csv_commands.py",
+    "tests/stats/test_reaction_models.py",
     "tests/twins/test_metameric_gpu.py",
     "tests/twins/test_inpaint_gpu.py",
     "tests/test_metameric_invariants.py",
-    "tests/presenter/test_presenter_mistakes.py",
     "tests/batch/test_beyond_blur_stimuli.py",
     "tests/product/test_own_material.py",
     "tests/batch/test_foveated_recipe.py",
     "tests/score/test_score_foveated.py",
-    "tests/presenter/test_a_labs_study.py",
-    "tests/presenter/test_display_commands.py",
-    "tests/presenter/test_pages_and_mouse.py",
-    "tests/presenter/test_disturbed_sittings.py",
-    "tests/presenter/test_lsl_gaze.py",
-    "tests/test_site.py",
+    "tests/test_prove_gpu.py",
+    "tests/foveation/test_live_stimuli.py",
+    "tests/stats/test_margins_and_ratios.py",
+    "tests/study/test_rating_task.py",
+    "tests/test_installed_wheel.py",
+    "tests/stats/test_analysis_cli.py",
+    "tests/product/test_own_photographs.py",
+    "tests/product/test_reproducibility_page.py",
     "tests/denoising/test_denoising_training.py",
 )
-SITTINGS = "tests/presenter/"
+JAX_SEEN: list[bool] = []
+WAITING = ("tests/presenter/", "tests/web/")
 IN_TURN = """
 import json, sys
 from study_app.cli import main
@@ -67,51 +84,6 @@ for words in json.loads(sys.argv[1]):
     except SystemExit as end:
         if end.code:
             raise
-"""
-SHORT_STUDY = """
-format = 2
-[study]
-name = "{name}"
-title = "A short study"
-participants = 3
-[display]
-display = "{display}"
-[stimuli]
-{stimuli}
-[task]
-{task}
-[design]
-side = "fixed"
-seed = 5
-{design}
-[trial]
-{trial}
-[gaze]
-{gaze}
-[response]
-keys = [{keys}]
-[text]
-default_language = "en"
-[text.languages.en]
-consent = "Do you agree?"
-instructions = ["Look."]
-practice = "Practice."
-start = "Start."
-question = "Which?"
-answers = {{ {answers} }}
-break_page = "Block {{done}} of {{total}} is done."
-paused = "Paused."
-gaze_lost = "Look at the dot."
-too_late = "Too late."
-preparing = "Preparing."
-quit_question = "Stop?"
-thanks = "Thank you."
-right = "Right."
-wrong = "Wrong."
-{texts}
-[analysis]
-{analysis}
-[privacy]
 """
 
 # No deadline: a busy machine is not a failure. The same examples in every run of CI.
@@ -137,8 +109,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give whole files to workers, those first that take longest: else one ends the run alone.
 
-    Sittings before a screen mostly wait for real time to pass. While one worker runs them, the
-    others compute: side by side they would leave the processors idle.
+    Tests before a screen and in a browser mostly wait for real time to pass. One worker at a time
+    runs those of a folder, from the beginning on, while the others compute: side by side they
+    would leave the processors idle, and disturb each other.
     """
     from xdist.scheduler import LoadScopeScheduling
 
@@ -147,17 +120,27 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return nodeid.split("::", 1)[0]
 
         def _assign_work_unit(self, node: Any) -> None:
-            sitting = any(
-                scope.startswith(SITTINGS) and not all(done.values())
-                for work in self.assigned_work.values()
-                for scope, done in work.items()
-            )
-            wanted = (one for one in self.workqueue if one.startswith(SITTINGS) is not sitting)
-            self.workqueue.move_to_end(next(wanted, next(iter(self.workqueue))), last=False)
+            running = {
+                waiting_folder(scope)
+                for other, works in self.assigned_work.items()
+                for scope, done in works.items()
+                if other is not node and not all(done.values())
+            }
+
+            def place(scope: str) -> int:
+                folder = waiting_folder(scope)
+                return 1 if folder is None else 2 if folder in running else 0
+
+            self.workqueue.move_to_end(min(self.workqueue, key=place), last=False)
             super()._assign_work_unit(node)
 
     config.option.loadscopereorder = False  # in the order of the tests, as sorted below
     return WholeFiles(config, log)
+
+
+def waiting_folder(path: str) -> str | None:
+    """Return the folder of tests that mostly wait for real time to pass, or None."""
+    return next((folder for folder in WAITING if path.startswith(folder)), None)
 
 
 def cpu_s() -> float:
@@ -249,6 +232,13 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000)
+
+
+def pytest_runtest_teardown() -> None:
+    """Fail the test that reads JAX here: its threads and the forks of other tests hang together."""
+    if "jax" in sys.modules and not JAX_SEEN:
+        JAX_SEEN.append(True)
+        pytest.fail("this test imported JAX, which has threads: run it in a process of its own")
 
 
 def pytest_sessionfinish() -> None:
@@ -367,43 +357,6 @@ def with_packages(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[s
         )
 
     return run
-
-
-@pytest.fixture(scope="session")
-def short_study() -> Callable[..., str]:
-    """Give the text of a study file that has what every study needs, and the parts given.
-
-    Answers are keyed 1, 2, ... in their order.
-    """
-
-    def text(
-        *,
-        stimuli: str,
-        task: str,
-        answers: Sequence[str],
-        analysis: str,
-        name: str = "short",
-        display: str = "fhd27-60hz",
-        design: str = "",
-        trial: str = "",
-        gaze: str = 'mode = "none"',
-        texts: str = "",
-    ) -> str:
-        return SHORT_STUDY.format(
-            name=name,
-            display=display,
-            stimuli=stimuli,
-            task=task,
-            design=design,
-            trial=trial,
-            gaze=gaze,
-            keys=", ".join(f'["{number}"]' for number, _ in enumerate(answers, 1)),
-            answers=", ".join(f'{answer} = "{answer}"' for answer in answers),
-            texts=texts,
-            analysis=analysis,
-        )
-
-    return text
 
 
 @pytest.fixture(scope="session")

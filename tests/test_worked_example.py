@@ -6,6 +6,7 @@ import json
 import re
 
 import pytest
+from study_texts import short_study
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +33,7 @@ primary = { method = "two", against = "one" }
 
 
 @pytest.fixture
-def study(tmp_path, short_study):
+def study(tmp_path):
     """The file of a study of two stills side by side."""
     path = tmp_path / "study.toml"
     text = short_study(

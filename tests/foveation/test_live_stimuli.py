@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
+from study_texts import shipped_study
 from typer.testing import CliRunner
 from virtual_screen import VirtualScreen
 
@@ -79,19 +80,17 @@ def small(tmp_path):
     (tmp_path / "little.toml").write_text(DISPLAY)
 
     def made(name="live-detection", method='name = "blur"', **values):
-        text = shipped("studies")[name].read_text(encoding="utf-8")
+        values = {
+            "display": f'"{tmp_path / "little.toml"}"', "width_px": WIDTH, "height_px": HEIGHT,
+            "blocks": 1, "stimulus_s": SHOWN / HZ, **values,
+        }  # fmt: skip
+        text = shipped_study(name, values)
         text = re.sub(
             r"^  \{ name = \"(street|castle|colonnade|tunnel|thicket|notices|reference|blur)[^\n]*",
             "", text, flags=re.M,
         )  # fmt: skip
         text = re.sub(r'^  \{ name = "ours"[^\n]*', f"  {{ {method} }},", text, flags=re.M)
         text = text.replace("draws = 6", "draws = 1").replace('"balanced"', '"random"')
-        for key, value in {
-            "display": f'"{tmp_path / "little.toml"}"', "width_px": WIDTH, "height_px": HEIGHT,
-            "blocks": 1, "stimulus_s": SHOWN / HZ, **values,
-        }.items():  # fmt: skip
-            text, count = re.subn(rf"^{key} = [^#\n]*", f"{key} = {value}", text, flags=re.M)
-            assert count, key
         text = text.replace('baseline = "ours"', f"baseline = {method.split(' ')[2].strip(',')}")
         path = tmp_path / "study.toml"
         path.write_text(text, encoding="utf-8")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+from study_texts import files_recipe, short_study
+
 ROUND, ROUNDS, CATCH = 4, 3, 2
-ENTRIES = ",\n".join(
-    f'  {{ name = "{scene}-{method}-{level}", file = "{scene}-{method}-{level}.png",'
-    f' condition = {{ scene = "{scene}", method = "{method}", level = {level} }} }}'
-    for scene in "abc"
-    for method in ("one", "two")
-    for level in (1, 2)
+STIMULI = files_recipe(
+    {
+        f"{scene}-{method}-{level}": {"scene": scene, "method": method, "level": level}
+        for scene in "abc"
+        for method in ("one", "two")
+        for level in (1, 2)
+    }
 )
-STIMULI = f'kind = "files"\nwidth_px = 64\nheight_px = 64\nentries = [\n{ENTRIES}\n]'
 DESIGN = f"""
 repeats = 1
 blocks = 2
@@ -83,8 +84,8 @@ CASES = {
 }  # fmt: skip
 
 
-def case_text(short_study: Callable[..., str], case: Case) -> str:
-    """Return the study file of a case; `short_study` is the fixture."""
+def case_text(case: Case) -> str:
+    """Return the study file of a case."""
     return short_study(
         stimuli=STIMULI,
         task=case.task,

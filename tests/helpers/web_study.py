@@ -104,17 +104,15 @@ def built(study: StudyProtocol, folder: Path) -> BuiltWebStudy:
     return BuiltWebStudy(study, FHD, manifest, folder / "stimuli", folder / "out")
 
 
-def cases_in(
-    folders: pytest.TempPathFactory, short_study: Callable[..., str]
-) -> Callable[[str], BuiltWebStudy]:
-    """Return what gives a built case by its name, made once; `short_study` is the fixture."""
+def cases_in(folders: pytest.TempPathFactory) -> Callable[[str], BuiltWebStudy]:
+    """Return what gives a built case by its name, made once."""
     made: dict[str, BuiltWebStudy] = {}
 
     def of(name: str) -> BuiltWebStudy:
         if name not in made:
             folder = folders.mktemp("case")
             path = folder / "study.toml"
-            path.write_text(case_text(short_study, WEB_CASES[name]), encoding="utf-8")
+            path.write_text(case_text(WEB_CASES[name]), encoding="utf-8")
             study, _ = load_study(path)
             made[name] = built(for_browsers(study, tolerance_s=0.01), folder)
         return made[name]

@@ -21,11 +21,12 @@ import numpy as np
 import pytest
 from forked import METAMERLAB, Forked
 from PIL import Image
+from study_texts import shipped_study, with_values
 
 from protocols.display import Display
 from protocols.hashing import sha256_file
 from protocols.journal_file import Journal, read_journal
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
 from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
@@ -83,14 +84,6 @@ distance_mm = 600.0
 refresh_hz = 60.0
 clip_memory_mib = 64
 """
-
-
-def _replace(text: str, values: dict[str, str]) -> str:
-    """Give keys of a TOML text other values; every key must be there."""
-    for key, value in values.items():
-        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-        assert count, key
-    return text
 
 
 @dataclass(frozen=True)
@@ -219,17 +212,13 @@ def write_study(
     folder: Path, values: dict[str, str] | None = None, pixels: int = 1, *, questions: bool = False
 ) -> Study:
     """Write a short version of the demo study with clips of noise."""
-    text = shipped("studies")["demo"].read_text(encoding="utf-8")
-    if not questions:
-        text = re.sub(
-            r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S
-        )
+    text = shipped_study("demo", {}, questions=questions)
     text = re.sub(r"^(practice|catch) = \{.*\n", "", text, flags=re.M)
     text = re.sub(
         r'\n\[\[stimuli\.scenes\]\]\nname = "colonnade".*?(?=\n\[\[)', "\n", text, flags=re.S
     )
     text = re.sub(r'\n\[\[stimuli\.sizes\]\]\nname = "large".*?(?=\n\[\[)', "\n", text, flags=re.S)
-    text = _replace(
+    text = with_values(
         text,
         {
             "display": '"little.toml"',

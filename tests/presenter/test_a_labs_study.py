@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from study_texts import short_study
 
 pytestmark = pytest.mark.slow
 
@@ -39,7 +40,7 @@ primary = { method = "whole", against = "mean" }
 
 
 @pytest.fixture
-def study(start_study, short_study):
+def study(start_study):
     """The lab's study, for the little display."""
     made = start_study()
     text = short_study(

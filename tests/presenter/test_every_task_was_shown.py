@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from PIL import Image
+from study_texts import short_study
 from typer.testing import CliRunner
 
 from protocols.plan import make_plan
@@ -112,10 +113,18 @@ CASES |= {
     for name, case in CASES.items()
     if name != "adaptive" and "rating" not in name
 }
+SURE_OF = ("two-alternative clips, confidence", "abx, confidence")
+"""The question is the same of every task: these show it, and with --full all."""
+NAMES = [
+    pytest.param(name, marks=pytest.mark.full)
+    if "confidence" in name and name not in SURE_OF
+    else pytest.param(name, marks=() if name == "which-half" else pytest.mark.slow)
+    for name in CASES
+]
 
 
 @pytest.fixture
-def make_study(start_study, short_study):
+def make_study(start_study):
     """Give a function: a case -> its study with pictures of noise, built, of as many frames as the
     case has."""
 
@@ -171,7 +180,7 @@ def opengl_3_3(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", NAMES)
 def test_another_process_sees_every_logged_flip_with_the_hashed_frames(screen, make_study, name):
     case = CASES[name]
     study = make_study(case)
@@ -258,10 +267,7 @@ def played(data, entries, frames, size):
     return screen
 
 
-@pytest.mark.parametrize(
-    "name", [name if name == "which-half" else pytest.param(name, marks=pytest.mark.slow)
-             for name in CASES]
-)  # fmt: skip
+@pytest.mark.parametrize("name", NAMES)
 def test_window_painter_and_preview_show_the_same_pixels(screen, make_study, tmp_path, name):
     """Every phase of a trial, each of its notices, and clips at three moments."""
     study = make_study(CASES[name])

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from study_texts import with_values
 
 from protocols.journal import Attempt, SessionResume
 from protocols.journal_file import read_journal
@@ -63,10 +64,7 @@ def commands() -> list[list[str]]:
 
 def make_smaller(folder: Path) -> None:
     for name, values in SMALLER.items():
-        text = (folder / name).read_text(encoding="utf-8")
-        for key, value in values.items():
-            text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-            assert count == 1, key
+        text = with_values((folder / name).read_text(encoding="utf-8"), values)
         if name == "study.toml":
             # One size, one built-in scene, neither practice nor catch trials.
             text = re.sub(r'\[\[stimuli\.scenes\]\]\nname = "shed".*?\n\n', "", text, flags=re.S)

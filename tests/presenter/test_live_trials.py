@@ -9,9 +9,9 @@ import time
 
 import pytest
 from PIL import Image
+from study_texts import shipped_study
 
 from protocols.journal import Attempt, Note, SessionResume
-from protocols.load import shipped
 from study_app.strip import read_both_strips
 
 pytestmark = pytest.mark.slow
@@ -23,22 +23,17 @@ def live(start_study, screen):
 
     def made(name):
         study = start_study(name)
-        text = shipped("studies")[name].read_text(encoding="utf-8")
-        text = re.sub(
-            r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S
-        )
+        values = {
+            "display": '"little.toml"', "width_px": 160, "height_px": 96, "blocks": 1,
+            "fixation_s": 0.1, "iti_s": 0.05, "stimulus_s": 0.2, "dropped_frames_max": 9999,
+            "loss_max_share": 1.0, "blink_s": 9.0,
+        }  # fmt: skip
+        text = shipped_study(name, values, questions=False)
         dropped = r"^  \{ name = \"(street|castle|colonnade|tunnel|thicket|notices|ref)[^\n]*\n"
         text = re.sub(dropped, "", text, flags=re.M)
         text = text.replace("draws = 6", "draws = 1").replace("repeats = 6", "repeats = 2")
         text = text.replace("gap_s = 0.5", "gap_s = 0.1")
         text = text.replace('scene_order = "balanced"', 'scene_order = "random"')
-        for key, value in {
-            "display": '"little.toml"', "width_px": "160", "height_px": "96", "blocks": "1",
-            "fixation_s": "0.1", "iti_s": "0.05", "stimulus_s": "0.2", "dropped_frames_max": "9999",
-            "loss_max_share": "1.0", "blink_s": "9.0",
-        }.items():  # fmt: skip
-            text, count = re.subn(rf"^{key} = [^#\n]*", f"{key} = {value}", text, flags=re.M)
-            assert count, key
         study.path.write_text(text, encoding="utf-8")
         built = screen.run("stimuli", "build", study.path, "--out", study.stimuli)
         assert built.returncode == 0, built.stdout + built.stderr

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from study_texts import shipped_study
 
 from pipeline.foveation.view import flat_view
 from protocols.feasibility import virtual_manifest
 from protocols.hashing import sha256_file
 from protocols.journal import Attempt, SessionResume
 from protocols.journal_file import read_journal
-from protocols.load import load_study, shipped
+from protocols.load import load_study
 from protocols.manifest import write_manifest
 from protocols.plan import make_plan
 from stimuli.recipes.foveated_work import StillsPlan
@@ -43,10 +44,6 @@ def make(start_study, full):
         display.write_text(
             display.read_text().replace("distance_mm = 600.0", "distance_mm = 100.0")
         )
-        text = shipped("studies")[name].read_text(encoding="utf-8")
-        text = re.sub(
-            r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S
-        )
         width, height = SIZE.get(name, (96, 64))
         values = {
             "display": '"little.toml"', "width_px": str(width), "height_px": str(height),
@@ -55,6 +52,8 @@ def make(start_study, full):
         }  # fmt: skip
         if not full:
             values |= {"blocks": "2"}
+        text = shipped_study(name, values, questions=False)
+        if not full:
             dropped = (
                 r"^  \{ name = \"(castle|colonnade|tunnel|thicket|notices|blur|energy)[^\n]*\n"
             )
@@ -62,9 +61,6 @@ def make(start_study, full):
             text = text.replace("[5.0, 10.0, 15.0, 20.0, 25.0]", "[5.0]")
             text = text.replace("draws = 6", "draws = 2").replace("repeats = 6", "repeats = 2")
             text = text.replace('against = "blur"', 'against = "reference"')
-        for key, value in values.items():
-            text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-            assert count, key
         if "gap_s" in text:
             text = text.replace("gap_s = 0.5", "gap_s = 0.1")
         study.path.write_text(text, encoding="utf-8")
@@ -177,8 +173,7 @@ def test_a_study_on_a_panorama_is_drawn_built_shown_and_reported(screen, start_s
     shades[:, 3] = 255
     room.visual = trimesh.visual.ColorVisuals(room, vertex_colors=shades)
     room.export(study.folder / "room.glb")
-    text = shipped("studies")["beyond-blur-preference"].read_text(encoding="utf-8")
-    text = re.sub(r"\n\[\[text\.languages\.\w+\.questions\]\].*?(?=\n\[)", "\n", text, flags=re.S)
+    text = shipped_study("beyond-blur-preference", {}, questions=False)
     text = re.sub(r"^  \{ name = \"(garden|castle|colonnade|tunnel|thicket|notices|blur|energy)"
                   r"[^\n]*\n", "", text, flags=re.M)  # fmt: skip
     views = "".join(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from study_texts import shipped_study
 from typer.testing import CliRunner, Result
 
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol
 from protocols.schema import StudyProtocol
 from study_app.cli import app
 from study_app.gaze.simulated import STEADY
@@ -69,18 +69,11 @@ def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """Return five sessions: S001 whole, S002 killed and resumed, S003 cut short while a line was
     written, S004 withdrawn, S005 whole. Nobody may change them; `recorded` gives a copy."""
     study = Recorded(tmp_path_factory.mktemp("recorded"))
-    text = shipped("studies")["demo"].read_text(encoding="utf-8")
-    for key, value in {
-        "display": '"desk.toml"',
-        "width_deg": "2.75",
-        "height_deg": "1.9",
-        "duration_s": "0.2",
-        "repeats": "1",
-        "mode": '"enforce"',
-    }.items():
-        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-        assert count == 1, key
-    study.path.write_text(text, encoding="utf-8")
+    values = {
+        "display": '"desk.toml"', "width_deg": 2.75, "height_deg": 1.9, "duration_s": 0.2,
+        "repeats": 1, "mode": '"enforce"',
+    }  # fmt: skip
+    study.path.write_text(shipped_study("demo", values), encoding="utf-8")
     (study.folder / "desk.toml").write_text(DISPLAY, encoding="utf-8")
     display = load_display("desk.toml", beside=study.path)
     simulation = SimulatedStudy(study.protocol, display, gaze=STEADY, gaze_rate_hz=120.0)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from study_texts import shipped_study
 
 from analysis.export.choices import FORMATS, ExportOptions
 from analysis.export.write_export import export_study
@@ -115,7 +116,7 @@ def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
     for kind in ("older", "with a secret"):
         folder = tmp_path_factory.mktemp("study")
         path = folder / "study.toml"
-        text = load_text()
+        text = shipped_study("demo", {"duration_s": 0.2, "repeats": 1, "mode": '"none"'})
         if kind != "older":
             digest = sha256_bytes(SECRET.encode())
             text = text.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
@@ -129,16 +130,6 @@ def studies(tmp_path_factory) -> dict[str, tuple[Path, Path]]:
         )
         made[kind] = (path, folder / "s")
     return made
-
-
-def load_text() -> str:
-    from protocols.load import shipped
-
-    text = shipped("studies")["demo"].read_text(encoding="utf-8")
-    for key, value in {"duration_s": "0.2", "repeats": "1", "mode": '"none"'}.items():
-        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-        assert count == 1
-    return text
 
 
 def exported(studies, kind: str, form: str, out: Path, *, public: bool) -> tuple[Path, str]:

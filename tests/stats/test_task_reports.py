@@ -22,6 +22,7 @@ from made_up_trials import (
 )
 from psychds_rules import broken_rules
 from scipy import stats
+from study_texts import files_recipe, short_study
 from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
 
@@ -46,68 +47,6 @@ from study_app.simulate import SimulatedStudy, simulate_study
 VALIDATOR = Path(sys.executable).parent / "bids-validator-deno"
 VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
 
-STUDY = """format = 2
-
-[study]
-name = "{kind}"
-title = "Made up <b>&amp;"
-participants = 6
-
-[display]
-display = "fhd27-60hz"
-
-[stimuli]
-kind = "files"
-width_px = 64
-height_px = 64
-entries = [
-{entries}
-]
-
-[task]
-stimulus_s = 0.2
-{task}
-
-[design]
-repeats = {repeats}
-side = "fixed"
-seed = 5
-
-[trial]
-fixation_s = 0.1
-iti_s = 0.1
-
-[gaze]
-mode = "none"
-
-[response]
-keys = [{keys}]
-
-[text]
-default_language = "en"
-
-[text.languages.en]
-consent = "Press the space bar if you agree."
-instructions = ["Look, then answer."]
-practice = "Practice."
-start = "Now it begins."
-question = "Which?"
-answers = {{ {answers} }}
-break_page = "Rest. {{done}} {{total}}"
-paused = "Paused."
-gaze_lost = "Look at the dot."
-too_late = "Too late."
-preparing = "Wait."
-quit_question = "Stop?"
-thanks = "Thanks."
-
-[analysis]
-{analysis}
-
-[privacy]
-code_pattern = "[A-Za-z0-9_-]{{2,32}}"
-consent_required = true
-"""
 SCENES = ("park", "house", "lane")
 ECCENTRICITIES = (5, 10, 15, 20)
 SCALINGS = (0.1, 0.2, 0.4, 0.8)
@@ -126,20 +65,28 @@ falling = true
 """
 
 
-def entries(*conditions: dict[str, object]) -> str:
-    """Return the rows of a recipe of files, named by what they show."""
-    lines = []
-    for condition in conditions:
-        name = "-".join(re.sub(r"\W", "-", str(value)) for value in condition.values())
-        said = ", ".join(f"{key} = {json.dumps(value)}" for key, value in condition.items())
-        lines.append(f'  {{ name = "{name}", file = "{name}.png", condition = {{ {said} }} }},')
-    return "\n".join(lines)
-
-
-def study_text(kind: str, answers: tuple[str, ...], **parts: object) -> str:
-    said = ", ".join(f'{answer} = "{answer}"' for answer in answers)
-    keys = ", ".join(f'["{number}"]' for number in range(1, len(answers) + 1))
-    return STUDY.format(kind=kind, answers=said, keys=keys, **parts)
+def study_text(
+    kind: str,
+    answers: tuple[str, ...],
+    shown: list[dict[str, object]],
+    *,
+    task: str,
+    repeats: int,
+    analysis: str,
+) -> str:
+    """Return a study of pictures that are named by what they show."""
+    names = ("-".join(re.sub(r"\W", "-", str(value)) for value in one.values()) for one in shown)
+    return short_study(
+        name=kind,
+        title="Made up <b>&amp;",
+        participants=6,
+        stimuli=files_recipe(dict(zip(names, shown, strict=True))),
+        task=f"stimulus_s = 0.2\n{task}",
+        answers=answers,
+        design=f"repeats = {repeats}",
+        trial="fixation_s = 0.1\niti_s = 0.1",
+        analysis=analysis,
+    )
 
 
 def yes_no_text(methods: tuple[str, ...] = ("reference", "ours"), *, repeats: int = 2) -> str:
@@ -149,10 +96,14 @@ def yes_no_text(methods: tuple[str, ...] = ("reference", "ours"), *, repeats: in
         for method in methods
         for cut in ("consistent", "inconsistent")
     ]
+    return yes_no_study(shown, repeats)
+
+
+def yes_no_study(shown: list[dict[str, object]], repeats: int) -> str:
     return study_text(
         "yes-no",
         ("yes", "no"),
-        entries=entries(*shown),
+        shown,
         task='kind = "yes-no"\nsignal = { cut = ["inconsistent"] }',
         repeats=repeats,
         analysis='kind = "detection"\nbaseline = "reference"',
@@ -167,9 +118,7 @@ def shared_noise_text() -> str:
         for scene in (*SCENES, "pier", "wood", "lawn")
         for method, cut in cuts.items()
     ]
-    text = yes_no_text(repeats=6)
-    before, after = text.index("entries = ["), text.index("]\n\n[task]")
-    return text[:before] + "entries = [\n" + entries(*shown) + "\n" + text[after:]
+    return yes_no_study(shown, 6)
 
 
 def identification_text(*, adaptive: str = "", repeats: int = 1) -> str:
@@ -182,7 +131,7 @@ def identification_text(*, adaptive: str = "", repeats: int = 1) -> str:
     return study_text(
         "identification",
         GAPS,
-        entries=entries(*shown),
+        shown,
         task='kind = "identification"\nalternatives = ["up", "down", "left", "right"]\n'
         f'named_by = "gap"\n{adaptive}',
         repeats=repeats,
@@ -201,7 +150,7 @@ def abx_text(*, repeats: int = 4) -> str:
     return study_text(
         "abx",
         ("a", "b"),
-        entries=entries(*shown, *standards),
+        [*shown, *standards],
         task='kind = "abx"\nstandard = { method = "reference" }',
         repeats=repeats,
         analysis='kind = "abx"\nlevel = "scaling"',
@@ -785,7 +734,7 @@ def test_power_against_chance_is_that_of_the_binomial_where_nobody_differs(tmp_p
     text = study_text(
         "abx",
         ("a", "b"),
-        entries=entries(*({"scene": "park", "method": name} for name in ("ours", "reference"))),
+        [{"scene": "park", "method": name} for name in ("ours", "reference")],
         task='kind = "abx"\nstandard = { method = "reference" }',
         repeats=1,
         analysis='kind = "abx"',

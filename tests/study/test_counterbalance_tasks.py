@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from study_texts import files_recipe, short_study
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -15,41 +16,32 @@ from protocols.plan import chosen, make_plan
 DISPLAY = load_display("fhd27-60hz")
 
 
-def study_of(tmp_path: Path, short_study, task: str, rows: list[tuple[str, dict]], **changes):
-    """Return a study of stills with this task."""
-    text = short_study(
-        stimuli='kind = "files"\nwidth_px = 64\nheight_px = 64\nentries = [',
-        task='kind = "side-by-side"\nseparation_deg = 6.0\nstimulus_s = 0.5',
-        answers=("left", "right"),
-        analysis='kind = "preference"\nprimary = { method = "two", against = "one" }',
-        design="repeats = 4",
-    )
-    head, rest = text.split("entries = [")
-    entries = "\n".join(
-        "[[stimuli.entries]]\n"
-        f'name = "{name}"\nfile = "{name}.png"\n'
-        + "condition = { "
-        + ", ".join(f"{k} = {v!r}".replace("'", '"') for k, v in condition.items())
-        + " }\n"
-        for name, condition in rows
-    )
-    rest = rest[rest.index("[task]") :]
-    rest = rest.replace('kind = "side-by-side"\nseparation_deg = 6.0\n', task)
-    for old, new in changes.items():
-        rest = rest.replace(*new) if isinstance(new, tuple) else rest.replace(old, new)
-    path = tmp_path / "study.toml"
-    path.write_text(head + entries + "\n" + rest, encoding="utf-8")
-    return protocol_of(read_toml(path), path)
-
-
+PAIRS = 'kind = "two-alternative"\nseparation_deg = 6.0\n'
 ABX = 'kind = "abx"\nstandard = { method = "reference" }\n'
-ABX_CHANGES = {
-    "answers": ('{ left = "left", right = "right" }', '{ a = "A", b = "B" }'),
-    "analysis": (
-        'kind = "preference"\nprimary = { method = "two", against = "one" }',
-        'kind = "abx"',
-    ),
-}
+
+
+def study_of(
+    tmp_path: Path,
+    task: str,
+    rows: list[tuple[str, dict]],
+    repeats: int = 4,
+    primary: tuple[str, str] = ("two", "one"),
+    level: str = "",
+):
+    """Return a study of stills with this task, ABX or of pairs."""
+    better, worse = primary
+    preference = f'kind = "preference"\nprimary = {{ method = "{better}", against = "{worse}" }}'
+    abx = task.startswith(ABX)
+    text = short_study(
+        stimuli=files_recipe(dict(rows)),
+        task=f"stimulus_s = 0.5\n{task}",
+        answers=("a", "b") if abx else ("left", "right"),
+        analysis=f'kind = "abx"\n{level}' if abx else preference,
+        design=f"repeats = {repeats}",
+    )
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return protocol_of(read_toml(path), path)
 
 
 def abx_rows(methods=4, scenes=6):
@@ -65,13 +57,8 @@ def abx_rows(methods=4, scenes=6):
 
 @pytest.mark.parametrize("repeats", [1, 2])
 @pytest.mark.parametrize("slot", [0, 3])
-def test_abx_has_each_right_answer_equally_often_in_every_condition(
-    tmp_path, short_study, repeats, slot
-):
-    study = study_of(
-        tmp_path, short_study, ABX, abx_rows(),
-        repeats=("repeats = 4", f"repeats = {repeats}"), **ABX_CHANGES,
-    )  # fmt: skip
+def test_abx_has_each_right_answer_equally_often_in_every_condition(tmp_path, repeats, slot):
+    study = study_of(tmp_path, ABX, abx_rows(), repeats)
 
     plan = make_plan(study, virtual_manifest(study, DISPLAY), "P1", slot)
 
@@ -82,21 +69,17 @@ def test_abx_has_each_right_answer_equally_often_in_every_condition(
         assert abs(shown[method, "standard"] - shown[method, "comparison"]) <= 2
 
 
-def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, short_study):
+def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path):
     rows = [
         (f"s{scene}-l{level}", {"scene": f"s{scene}", "method": "ours" if level else "reference",
                                 "level": float(level)})
         for scene in range(4) for level in range(4)
     ]  # fmt: skip
-    task = ABX.replace('"reference" }', '"reference" }') + (
+    task = ABX + (
         'adaptive = { rule = "up-down", column = "level", trials = 24, start = 3.0,'
         " harder = [1.0], easier = [1.0] }\n"
     )
-    old, new = ABX_CHANGES["analysis"]
-    changes = ABX_CHANGES | {"analysis": (old, f'{new}\nlevel = "level"')}
-    study = study_of(
-        tmp_path, short_study, task, rows, repeats=("repeats = 4", "repeats = 1"), **changes
-    )
+    study = study_of(tmp_path, task, rows, 1, level='level = "level"')
     manifest = virtual_manifest(study, DISPLAY)
 
     patterns = set()
@@ -108,25 +91,21 @@ def test_adaptive_abx_draws_the_right_answer_by_chance(tmp_path, short_study):
     assert all(6 <= pattern.count("a") <= 18 for pattern in patterns)
 
 
-def test_a_stimulus_with_two_standards_or_none_is_refused(tmp_path, short_study):
+def test_a_stimulus_with_two_standards_or_none_is_refused(tmp_path):
     twice = [*abx_rows(1, 1), ("other", {"scene": "s0", "method": "reference"})]
     none = [*abx_rows(1, 1), ("alone", {"scene": "s9", "method": "m1"})]
 
     for rows, said in ((twice, "must be one standard"), (none, "must have a standard")):
         with pytest.raises(StudyError, match=said):
-            study_of(tmp_path, short_study, ABX, rows, **ABX_CHANGES)
+            study_of(tmp_path, ABX, rows)
 
 
-def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path, short_study):
+def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path):
     rows = [
         (f"s{scene}-v{value}", {"scene": scene, "seed": value})
         for scene in (1, 2) for value in (1, 2, 3)
     ]  # fmt: skip
-    task = 'kind = "two-alternative"\nseparation_deg = 6.0\ncompare = "seed"\n'
-    study = study_of(
-        tmp_path, short_study, task, rows,
-        primary=('method = "two", against = "one"', 'method = "1", against = "2"'),
-    )  # fmt: skip
+    study = study_of(tmp_path, PAIRS + 'compare = "seed"\n', rows, primary=("1", "2"))
 
     plan = make_plan(study, virtual_manifest(study, DISPLAY), "P1", 0)
 
@@ -134,8 +113,7 @@ def test_numbers_as_scenes_and_as_values_compared_are_planned(tmp_path, short_st
     assert {trial.condition["left"] for trial in plan.trials} == {"1", "2", "3"}
 
 
-def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_path, short_study):
-    task = 'kind = "two-alternative"\nseparation_deg = 6.0\n'
+def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_path):
     rows = [
         ("a", {"scene": "s", "method": "one"}),
         ("b", {"scene": "s", "method": "two"}),
@@ -143,20 +121,13 @@ def test_two_stimuli_of_one_condition_are_refused_where_one_is_to_be_shown(tmp_p
     ]
 
     with pytest.raises(StudyError, match="no two stimuli may have one condition"):
-        study_of(tmp_path, short_study, task, rows)
+        study_of(tmp_path, PAIRS, rows)
 
 
-def test_participants_begin_active_pairs_with_different_pairs(tmp_path, short_study):
+def test_participants_begin_active_pairs_with_different_pairs(tmp_path):
     rows = [(f"s-m{method}", {"scene": "s", "method": f"m{method}"}) for method in range(8)]
-    task = (
-        'kind = "two-alternative"\nseparation_deg = 6.0\n'
-        'sampling = { rule = "active-pairs", trials = 20 }\n'
-    )
-    study = study_of(
-        tmp_path, short_study, task, rows,
-        repeats=("repeats = 4", "repeats = 1"),
-        primary=('method = "two", against = "one"', 'method = "m1", against = "m2"'),
-    )  # fmt: skip
+    task = PAIRS + 'sampling = { rule = "active-pairs", trials = 20 }\n'
+    study = study_of(tmp_path, task, rows, 1, ("m1", "m2"))
     manifest = virtual_manifest(study, DISPLAY)
 
     firsts = set()

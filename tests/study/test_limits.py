@@ -21,6 +21,7 @@ import psutil
 import pytest
 import trimesh
 from PIL import Image
+from study_texts import shipped_study
 from typer.testing import CliRunner
 
 from analysis.export.bids_gaze import read_samples
@@ -36,7 +37,7 @@ from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
 from protocols.journal_file import read_journal
 from protocols.limits import FIXED, LIMITS, LIMITS_VARIABLE, unpacked
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol
 from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
@@ -61,12 +62,8 @@ DEMO = load_protocol(Path("demo"))
 
 
 def demo_file(tmp_path: Path, **changes: str) -> Path:
-    text = shipped("studies")["demo"].read_text(encoding="utf-8")
-    for key, value in changes.items():
-        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
-        assert count == 1
     path = tmp_path / "study.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(shipped_study("demo", changes), encoding="utf-8")
     return path
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from study_texts import short_study
 from typer.testing import CliRunner
 
 from protocols.load import load_study, shipped
@@ -128,7 +129,7 @@ def test_other_tasks_have_a_preview(name):
     assert study.task.kind in TASKS
 
 
-def test_built_clips_are_played_and_a_changed_one_is_refused(short_study, tmp_path):
+def test_built_clips_are_played_and_a_changed_one_is_refused(tmp_path):
     pictures = tmp_path / "pictures"
     pictures.mkdir()
     rows = ["stimulus,file,scene,seen"]

@@ -72,10 +72,10 @@ def sit(study, display, root, code):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_whole_sitting_is_shown_recorded_and_analysed(short_study, tmp_path, name):
+def test_a_whole_sitting_is_shown_recorded_and_analysed(tmp_path, name):
     case = CASES[name]
     path = tmp_path / "study.toml"
-    path.write_text(case_text(short_study, case), encoding="utf-8")
+    path.write_text(case_text(case), encoding="utf-8")
     study, display = load_study(path)
     sessions = tmp_path / "sessions"
 

@@ -8,9 +8,9 @@ from web_study import cases_in
 
 
 @pytest.fixture(scope="session")
-def case(short_study, tmp_path_factory):
+def case(tmp_path_factory):
     """Give a built case by its name, made once."""
-    return cases_in(tmp_path_factory, short_study)
+    return cases_in(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

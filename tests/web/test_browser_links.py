@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from study_texts import short_study
 from task_cases import PREFERENCE, TRIAL
 from web_browser import begin, said, served, until, whole
 from web_study import BuiltWebStudy, brought_home, built, for_browsers
@@ -22,7 +23,7 @@ BACK = "https://panel.test/done?cc=1"
 
 
 @pytest.fixture(scope="module")
-def of(short_study, tmp_path_factory):
+def of(tmp_path_factory):
     """Return a study of one trial, with more keys of the section `[web]`."""
 
     def made(**web: str) -> BuiltWebStudy:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from study_texts import short_study
 from task_cases import PREFERENCE, TRIAL
 from web_browser import LUCKY, until
 from web_study import built, for_browsers
@@ -48,7 +49,7 @@ class Handler(serve.FolderHandler):
 
 
 @pytest.fixture(scope="module")
-def of(short_study, tmp_path_factory):
+def of(tmp_path_factory):
     """A study of one trial, whose two clips have three frames of most of a megabyte."""
     folder = tmp_path_factory.mktemp("large")
     text = short_study(

@@ -26,10 +26,10 @@ def metamerlab(*words: object) -> Result:
 
 
 @pytest.fixture(scope="module")
-def lab(short_study, tmp_path_factory):
+def lab(tmp_path_factory):
     """A folder with a study for browsers, the same without the section, and its stimuli."""
     folder = tmp_path_factory.mktemp("lab")
-    text = case_text(short_study, CASES["yes-no"])
+    text = case_text(CASES["yes-no"])
     (folder / "study.toml").write_text(text + WEB, encoding="utf-8")
     (folder / "desk.toml").write_text(text, encoding="utf-8")
     study, _ = load_study(folder / "study.toml")

@@ -24,14 +24,14 @@ RESULTS = "results.zip"
 
 
 @pytest.fixture
-def lab(short_study, tmp_path, monkeypatch):
+def lab(tmp_path, monkeypatch):
     """A study as for the desk, with its pictures, and the section that the page adds."""
     monkeypatch.chdir(tmp_path)
     (section,) = re.findall(r"```toml\n(.*?)```", STEPS, re.DOTALL)
     section = re.sub(r"^ +", "", section, flags=re.MULTILINE)
     # Observers answer by chance, in catch trials too.
     rules = 'kind = "detection"\nexclusions = { catch_min_share = 0.0 }'
-    text = case_text(short_study, replace(CASES["yes-no"], analysis=rules))
+    text = case_text(replace(CASES["yes-no"], analysis=rules))
     Path("study.toml").write_text(f"{text}\n{section}", encoding="utf-8")
     rng = np.random.default_rng(3)
     for name in re.findall(r'file = "([^"]+)"', text):
