@@ -166,7 +166,9 @@ def find_journals(folder: Path) -> tuple[Path, ...]:
         If there is no such folder.
     """
     if not folder.is_dir():
-        raise StudyError(f"{folder}: must be a folder of sessions (there is no such folder)")
+        raise StudyError(
+            f"{folder}: must be a folder of sessions (there is no such folder); check the path"
+        )
     return tuple(sorted(folder.rglob(JOURNAL_NAME)))
 
 

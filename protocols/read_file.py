@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.outside import bounded_bytes
+
+_BESIDE_MOST = 1000
+"""Files of a folder among which a name is looked for."""
 
 
 def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
@@ -13,11 +17,25 @@ def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
     try:
         return bounded_bytes(path, StudyError, name)
     except FileNotFoundError:
-        raise StudyError(f"{path}: {what} must exist (there is no such file)") from None
+        raise StudyError(
+            f"{path}: {what} must exist (there is no such file){_near(path)}"
+        ) from None
     except IsADirectoryError:
-        raise StudyError(f"{path}: {what} must be a file (this is a folder)") from None
+        inside = [str(file) for file in sorted(path.glob("*.toml"))] if name == "toml" else []
+        cure = f"name {' or '.join(inside)}" if inside else "name the file in it"
+        raise StudyError(f"{path}: {what} must be a file (this is a folder); {cure}") from None
     except OSError as error:
         raise StudyError(f"{path}: {what} must be readable ({error.strerror})") from None
+
+
+def _near(path: Path) -> str:
+    """Return the cure for a missing file: one beside it may be meant."""
+    try:
+        beside = [file.name for file in path.parent.iterdir()]
+    except OSError:
+        beside = []
+    near = get_close_matches(path.name, beside[:_BESIDE_MOST], 1)
+    return f"did you mean {path.with_name(near[0])}?" if near else "check the path"
 
 
 def decode_utf8(data: bytes, path: Path) -> str:

@@ -79,7 +79,9 @@ def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
         If `root` is no folder.
     """
     if not root.is_dir():
-        raise StudyError(f"{root}: must be a folder of sessions (there is no such folder)")
+        raise StudyError(
+            f"{root}: must be a folder of sessions (there is no such folder); check the path"
+        )
     return [
         Sitting(path.parent, read_journal(path, lenient=True)) for path in _journals(root, study)
     ]

@@ -240,6 +240,11 @@ def _checked(folder: Path, simulation: SimulatedStudy) -> tuple[float, tuple[int
     StudyError
     """
     path, cure = folder / STUDY_FILE, "export the study again: 'metamerlab session export-web'"
+    if not path.exists():
+        raise StudyError(
+            f"--web {folder}: must be a folder that 'metamerlab session export-web' wrote (there is"
+            f" no {STUDY_FILE}); name that folder, or {cure}"
+        )
     try:
         exported = WebStudy.model_validate_json(read_bytes(path, "an exported study"))
     except ValidationError as error:

@@ -10,11 +10,13 @@ import pytest
 from rich.table import Table
 from typer.testing import CliRunner
 
+from protocols.errors import StudyError
 from protocols.journal import GazeInfo
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.participant_texts import key_label
 from protocols.preregister import preregistration, to_markdown
+from protocols.read_file import read_bytes
 from study_app import simulate
 from study_app.cli import app
 from study_app.cli.session_commands import _data_of
@@ -180,3 +182,16 @@ def test_a_preregistration_says_which_attempts_do_not_count():
     display = load_display(study.display.display)
     text = to_markdown("x", preregistration(study, display, "1"))
     assert "attempts that a pause, the quit key or another window cut short do not count" in text
+
+
+def test_a_missing_file_and_a_folder_in_its_place_are_named_with_what_may_be_meant(tmp_path):
+    (tmp_path / "study.toml").touch()
+    for path, said in (
+        (tmp_path / "studdy.toml", f"no such file); did you mean {tmp_path / 'study.toml'}?"),
+        (tmp_path / "other.csv", "no such file); check the path"),
+        (tmp_path / "none" / "study.toml", "no such file); check the path"),
+        (tmp_path, f"this is a folder); name {tmp_path / 'study.toml'}"),
+    ):
+        with pytest.raises(StudyError) as caught:
+            read_bytes(path, "the TOML file", "toml")
+        assert said in str(caught.value)

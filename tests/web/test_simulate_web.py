@@ -133,7 +133,7 @@ def test_no_chromium_no_stimuli_and_no_export_are_named_with_a_cure(case, tmp_pa
     assert "--web: needs --stimuli" in said(simulate(of, tmp_path / "out"))
     words = "--stimuli", of.stimuli
     done = simulate(of, tmp_path / "out", *words, web=of.stimuli)
-    assert "study.json: an exported study must exist (there is no such file)" in said(done)
+    assert "'metamerlab session export-web' wrote (there is no study.json); name" in said(done)
     monkeypatch.setenv("PATH", str(tmp_path))
     done = simulate(of, tmp_path / "out", *words)
     assert done.exit_code == 2
