@@ -17,9 +17,8 @@ def read_bytes(path: Path, what: str, name: str = "text") -> bytes:
     try:
         return bounded_bytes(path, StudyError, name)
     except FileNotFoundError:
-        raise StudyError(
-            f"{path}: {what} must exist (there is no such file){_near(path)}"
-        ) from None
+        cure = _near(path)
+        raise StudyError(f"{path}: {what} must exist (there is no such file); {cure}") from None
     except IsADirectoryError:
         inside = [str(file) for file in sorted(path.glob("*.toml"))] if name == "toml" else []
         cure = f"name {' or '.join(inside)}" if inside else "name the file in it"
