@@ -8,11 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from protocols.columns import SITTING_COLUMNS, Column, attempted, decided
+from protocols.columns import IDENTITY_COLUMNS, Column, attempted, decided
 from protocols.schema import StudyProtocol
 
 SESSION_COLUMNS = (
-    *SITTING_COLUMNS,
+    *IDENTITY_COLUMNS,
     Column("slot", "integer", "", "Counterbalancing slot"),
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
     Column("remote", "0/1", "", "1: the session ran in the participant's own browser"),

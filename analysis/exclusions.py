@@ -99,11 +99,11 @@ def _leave_out(decisions: pd.DataFrame, hit: pd.Series, text: str) -> None:
 
 
 def _step(
-    text: str, sittings: int, out: int, sessions: pd.DataFrame, decisions: pd.DataFrame
+    text: str, left_out: int, out: int, sessions: pd.DataFrame, decisions: pd.DataFrame
 ) -> FlowStep:
     return FlowStep(
         step=text,
-        sittings_out=sittings,
+        sittings_out=left_out,
         decisions_out=out,
         sittings_left=int((sessions["excluded"] == "").sum()),
         decisions_left=int(decisions["included"].sum()),

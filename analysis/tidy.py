@@ -94,7 +94,7 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> TidyTables:
     notes = list(study.notes)
     sessions, attempts, decisions, answers = [], [], [], []
     for reading in study.readings:
-        session, tries, decided, said, found = _one_sitting(
+        session, tries, decided, said, found = _one_session(
             reading.name, reading.journal, reading.start, protocol
         )
         sessions.append(session | {"wrong_files": len(reading.files.wrong)})
@@ -169,7 +169,7 @@ def pwcmp_table(decisions: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _one_sitting(
+def _one_session(
     name: str, journal: Journal, start: SessionStart, study: StudyProtocol
 ) -> tuple[
     dict[str, object],

@@ -27,7 +27,7 @@ class Column:
     """A table of another program must have it."""
 
 
-SITTING_COLUMNS = (
+IDENTITY_COLUMNS = (
     Column("session", "text", "", "Folder of the journal, relative to the folder analysed"),
     Column(
         "participant",
@@ -39,7 +39,7 @@ SITTING_COLUMNS = (
     ),
 )
 _TRIAL = (
-    *SITTING_COLUMNS,
+    *IDENTITY_COLUMNS,
     Column("simulated", "0/1", "", "1: an artificial observer answered"),
     Column("remote", "0/1", "", "1: in the participant's own browser"),
     Column("trial", "text", "", "Trial of the plan"),

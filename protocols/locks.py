@@ -80,12 +80,12 @@ def only_build(clips: Path) -> Iterator[None]:
     """
     with held(clips) as alone:
         if alone is False:
-            with held(clips, shared=True) as beside_sittings:
+            with held(clips, shared=True) as beside_sessions:
                 pass  # builds share with nobody
             raise StudyError(
                 f"{clips}: must not change while a session shows its clips (one is running);"
                 " build after it ends, or choose another --out"
-                if beside_sittings
+                if beside_sessions
                 else f"{clips}: another build is at work in this folder; wait for it to end, or"
                 " choose another --out"
             )
@@ -93,7 +93,7 @@ def only_build(clips: Path) -> Iterator[None]:
 
 
 @contextmanager
-def kept_for_sitting(clips: Path) -> Iterator[None]:
+def kept_for_session(clips: Path) -> Iterator[None]:
     """Keep builds out of a folder of clips; any number of sessions may do so at once.
 
     Raises

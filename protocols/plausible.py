@@ -33,7 +33,7 @@ LONGEST_S: Final = {
 }
 """The longest times that are taken without a word."""
 LONGEST_CLIP_S: Final = 120
-LONGEST_SITTING_S: Final = 2 * 60 * 60
+LONGEST_SESSION_S: Final = 2 * 60 * 60
 DISTANCE_MM: Final = (250, 5000)
 PITCH_MM: Final = (0.04, 1.5)
 WIDEST_DEG: Final = 100
@@ -148,7 +148,7 @@ def _true_view(study: StudyProtocol) -> Iterator[Problem]:
 
 def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
     length_s = session_duration_s(study, trials)
-    if length_s > LONGEST_SITTING_S:
+    if length_s > LONGEST_SESSION_S:
         yield Problem(
             "design",
             f"a session takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"

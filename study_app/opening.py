@@ -36,7 +36,7 @@ from study_app.session_folders import (
     is_stillborn,
     next_slot,
     require_portable,
-    sitting_folder,
+    session_folder,
 )
 from study_app.stage import Stage
 
@@ -78,7 +78,7 @@ def begin(
     _check_rate(setting.display, stage)
     texts_of(protocol, language)
     info = _gaze_info(protocol, gaze)
-    folder = sitting_folder(setting.root, protocol, participant)
+    folder = session_folder(setting.root, protocol, participant)
     require_portable(folder)
     if folder.exists() and not is_stillborn(folder):
         raise StudyError(
@@ -136,7 +136,7 @@ def resume(
     require_feasible(protocol, setting.display, setting.manifest)
     _check_rate(setting.display, stage)
     info = _gaze_info(protocol, gaze)
-    folder = sitting_folder(setting.root, protocol, participant)
+    folder = session_folder(setting.root, protocol, participant)
     recorder = Recorder.resume(folder, stage.now, setting.wall_clock)
     try:
         plan = _same_plan(setting, participant, recorder)

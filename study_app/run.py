@@ -18,7 +18,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
-from protocols.locks import kept_for_sitting
+from protocols.locks import kept_for_session
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
 from protocols.schema import StudyProtocol
@@ -45,7 +45,7 @@ from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
-from study_app.session_folders import is_stillborn, sitting_folder
+from study_app.session_folders import is_stillborn, session_folder
 from study_app.shown_texts import require_showable
 from study_app.strip import Extras
 from study_app.validation import PointQuality, summarise, unfit_gaze, validate
@@ -60,7 +60,7 @@ Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None
 
 
 @dataclass(frozen=True)
-class SittingOptions:
+class SessionOptions:
     """Everything `session run` and `session resume` are asked for."""
 
     protocol: StudyProtocol
@@ -92,31 +92,31 @@ class Listener:
     on_note: Callable[[str], None] = lambda _: None
 
 
-def run_sitting(options: SittingOptions, listener: Listener | None = None) -> RunOutcome:
+def run_session(options: SessionOptions, listener: Listener | None = None) -> RunOutcome:
     """Begin a participant's session and run it to its end, or until it is stopped.
 
     Raises
     ------
     StudyError
-        As `kept_for_sitting`, `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
+        As `kept_for_session`, `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
     """
-    with kept_for_sitting(options.stimuli):
-        return _sit(options, listener or Listener(), resuming=False)
+    with kept_for_session(options.stimuli):
+        return _run_session(options, listener or Listener(), resuming=False)
 
 
-def resume_sitting(options: SittingOptions, listener: Listener | None = None) -> RunOutcome:
+def resume_session(options: SessionOptions, listener: Listener | None = None) -> RunOutcome:
     """Go on with a session that stopped: same plan, same order.
 
     Raises
     ------
     StudyError
-        As `run_sitting`, and as `resume` says.
+        As `run_session`, and as `resume` says.
     """
-    with kept_for_sitting(options.stimuli):
-        return _sit(options, listener or Listener(), resuming=True)
+    with kept_for_session(options.stimuli):
+        return _run_session(options, listener or Listener(), resuming=True)
 
 
-def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> RunOutcome:
+def _run_session(options: SessionOptions, listener: Listener, *, resuming: bool) -> RunOutcome:
     protocol, display = options.protocol, options.display
     # All that can be refused without a window is refused before one covers the screen.
     check_choice(protocol.gaze, options.gaze, simulate=options.simulate)
@@ -207,7 +207,7 @@ def _sit(options: SittingOptions, listener: Listener, *, resuming: bool) -> RunO
             )
 
 
-def require_live(presenter: Presenter, options: SittingOptions, renderer: str) -> str:
+def require_live(presenter: Presenter, options: SessionOptions, renderer: str) -> str:
     """Refuse live pictures where a refresh is too short for them, but in rehearsals.
 
     Returns
@@ -223,9 +223,9 @@ def require_live(presenter: Presenter, options: SittingOptions, renderer: str) -
     return said if error is None else f"{said}: too long for a refresh, but this is a rehearsal"
 
 
-def _language(options: SittingOptions, *, resuming: bool) -> str:
+def _language(options: SessionOptions, *, resuming: bool) -> str:
     protocol = options.protocol
-    folder = sitting_folder(options.root, protocol, options.participant)
+    folder = session_folder(options.root, protocol, options.participant)
     if not resuming:
         if folder.exists() and not is_stillborn(folder):
             raise StudyError(
@@ -237,7 +237,7 @@ def _language(options: SittingOptions, *, resuming: bool) -> str:
     return read_journal(folder / JOURNAL_NAME, lenient=True).start.language
 
 
-def _observer(options: SittingOptions) -> ArtificialObserver | None:
+def _observer(options: SessionOptions) -> ArtificialObserver | None:
     if not options.simulate:
         return None
     protocol = options.protocol
@@ -247,7 +247,7 @@ def _observer(options: SittingOptions) -> ArtificialObserver | None:
 
 
 def _gaze(
-    options: SittingOptions, window: Window, refresh_hz: float, targets: Targets
+    options: SessionOptions, window: Window, refresh_hz: float, targets: Targets
 ) -> GazeSource | None:
     protocol, display = options.protocol, options.display
     if protocol.gaze.mode == "none":
@@ -271,7 +271,7 @@ def _gaze(
 
 
 def _restart(
-    options: SittingOptions, gaze: GazeSource | None
+    options: SessionOptions, gaze: GazeSource | None
 ) -> Callable[[PlannedTrial, int], None]:
     """Return what is done before each attempt: an artificial eye begins anew."""
 

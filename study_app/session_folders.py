@@ -28,7 +28,7 @@ _DEVICE = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Sitting:
+class SessionFolder:
     """One participant's folder as it stands."""
 
     folder: Path
@@ -70,7 +70,7 @@ class Sitting:
         )
 
 
-def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
+def find_sessions(root: Path, study: str | None = None) -> list[SessionFolder]:
     """Return every session below `root`, damaged ones included.
 
     Raises
@@ -83,7 +83,8 @@ def find_sittings(root: Path, study: str | None = None) -> list[Sitting]:
             f"{root}: must be a folder of sessions (there is no such folder); check the path"
         )
     return [
-        Sitting(path.parent, read_journal(path, lenient=True)) for path in _journals(root, study)
+        SessionFolder(path.parent, read_journal(path, lenient=True))
+        for path in _journals(root, study)
     ]
 
 
@@ -91,7 +92,7 @@ def _journals(root: Path, study: str | None) -> list[Path]:
     return sorted(root.glob(f"{glob.escape(study) if study else '*'}/*/{JOURNAL_NAME}"))
 
 
-def sitting_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
+def session_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
     """Return where a participant's journal belongs.
 
     Raises
@@ -165,10 +166,10 @@ def next_slot(root: Path, study: str) -> int:
             if start is not None and b'"consent-refused"' not in data:
                 taken.add(start.slot)  # the usual: hundreds of journals are not read to their ends
                 continue
-        sitting = Sitting(path.parent, read_journal(path, lenient=True))
-        if sitting.state in {"withdrawn", "refused", "stillborn"}:
+        session = SessionFolder(path.parent, read_journal(path, lenient=True))
+        if session.state in {"withdrawn", "refused", "stillborn"}:
             continue
-        first = sitting.journal.events[0] if sitting.journal.events else None
+        first = session.journal.events[0] if session.journal.events else None
         if isinstance(first, SessionStart):
             taken.add(first.slot)
         else:

@@ -26,7 +26,7 @@ from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
 from study_app.opening import Setting, begin, resume
 from study_app.recorder import Recorder
-from study_app.session_folders import find_sittings, is_stillborn
+from study_app.session_folders import find_sessions, is_stillborn
 from study_app.shown_texts import require_showable
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -119,9 +119,9 @@ def simulate_study(
     outcomes = {}
     finished = (
         {
-            sitting.participant
-            for sitting in find_sittings(root, simulation.protocol.study.name)
-            if sitting.state == "completed"
+            session.participant
+            for session in find_sessions(root, simulation.protocol.study.name)
+            if session.state == "completed"
         }
         if root.is_dir()
         else set()
@@ -129,13 +129,13 @@ def simulate_study(
     for code in map(participant_code, range(participants)):
         if code in finished:
             continue
-        outcomes[code] = simulate_sitting(
+        outcomes[code] = simulate_session(
             simulation, root, code, on_attempt=partial(on_attempt, code)
         )
     return outcomes
 
 
-def simulate_sitting(
+def simulate_session(
     simulation: SimulatedStudy,
     root: Path,
     participant: str,

@@ -12,14 +12,14 @@ from protocols.plan import Plan
 from protocols.schema import StudyProtocol
 from protocols.side_files import check_side_files
 from study_app.session import RunTrial, next_step
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 
 
 @dataclass(frozen=True)
 class SessionFinding:
     """Findings about one session."""
 
-    sitting: Sitting
+    session: SessionFolder
     files: int
     """Number of files beside the journal that were hashed."""
     problems: tuple[str, ...]
@@ -28,12 +28,12 @@ class SessionFinding:
     """Checks that could not be made."""
 
 
-def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> SessionFinding:
+def verify(session: SessionFolder, protocol: StudyProtocol | None = None) -> SessionFinding:
     """Check everything that was recorded of a session.
 
     Parameters
     ----------
-    sitting : Sitting
+    session : Session
         As it stands on the disk.
     protocol : StudyProtocol, optional
         Compares every attempt with the plan and, one after the other, with what the session had
@@ -44,7 +44,7 @@ def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> SessionFi
     StudyError
         If a file that is there cannot be read.
     """
-    journal = sitting.journal
+    journal = session.journal
     problems = [f"line {line.line}: {line.reason}" for line in journal.damaged]
     notes = []
     if journal.unchecked:
@@ -56,7 +56,7 @@ def verify(sitting: Sitting, protocol: StudyProtocol | None = None) -> SessionFi
     if protocol is not None and journal.has_lines and not journal.withdrawn:
         told, left = _compare(journal, protocol)
         problems, notes = problems + told, notes + left
-    return SessionFinding(sitting, files.checked, tuple(problems), tuple(notes))
+    return SessionFinding(session, files.checked, tuple(problems), tuple(notes))
 
 
 def checksums_of(journal: Journal) -> str:

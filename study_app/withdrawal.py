@@ -13,10 +13,10 @@ from protocols.journal_file import JOURNAL_NAME
 from protocols.locks import lock_name
 from protocols.whole_file import write_whole
 from study_app.recorder import journal_held
-from study_app.session_folders import Sitting, claimed, find_sittings
+from study_app.session_folders import SessionFolder, claimed, find_sessions
 
 
-def find_participant(root: Path, code: str, study: str | None = None) -> Sitting:
+def find_participant(root: Path, code: str, study: str | None = None) -> SessionFolder:
     """Return the one session of a participant.
 
     Raises
@@ -24,14 +24,14 @@ def find_participant(root: Path, code: str, study: str | None = None) -> Sitting
     StudyError
         If there is none, or one in each of several studies and `study` is not given.
     """
-    found = [sitting for sitting in find_sittings(root, study) if sitting.participant == code]
+    found = [session for session in find_sessions(root, study) if session.participant == code]
     if not found:
         raise StudyError(
             f"{root}: must hold a session of participant {code!r} (found none);"
             " 'metamerlab session list' names them"
         )
     if len(found) > 1:
-        names = ", ".join(sitting.study for sitting in found)
+        names = ", ".join(session.study for session in found)
         raise StudyError(f"participant {code!r} took part in {names}; say which with --study")
     return found[0]
 
@@ -53,20 +53,20 @@ def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | 
         first line is damaged (its slot is not known), or the disk refuses.
     """
     with claimed(root):
-        sitting = find_participant(root, code, study)
-        path = sitting.folder / JOURNAL_NAME
-        files = sum(entry.is_file() for entry in sitting.folder.rglob("*"))
-        if sitting.state == "withdrawn":
+        session = find_participant(root, code, study)
+        path = session.folder / JOURNAL_NAME
+        files = sum(entry.is_file() for entry in session.folder.rglob("*"))
+        if session.state == "withdrawn":
             if files == 1:
-                raise StudyError(f"{sitting.folder}: participant {code!r} withdrew before")
+                raise StudyError(f"{session.folder}: participant {code!r} withdrew before")
             slot = None
         else:
-            slot = _slot(sitting)
+            slot = _slot(session)
         try:
             with journal_held(path):
                 if slot is not None:
-                    _put_stone(sitting, slot, wall_clock())
-                for entry in sorted(sitting.folder.iterdir()):
+                    _put_stone(session, slot, wall_clock())
+                for entry in sorted(session.folder.iterdir()):
                     if entry.name in (JOURNAL_NAME, lock_name(JOURNAL_NAME)):
                         continue
                     if entry.is_dir() and not entry.is_symlink():
@@ -75,23 +75,23 @@ def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | 
                         entry.unlink()
         except OSError as error:
             raise StudyError(
-                f"{sitting.folder}: the disk refused ({error.strerror}); withdraw again"
+                f"{session.folder}: the disk refused ({error.strerror}); withdraw again"
             ) from None
     return files - (slot is None)
 
 
-def _slot(sitting: Sitting) -> int:
-    first = sitting.journal.events[0] if sitting.journal.events else None
+def _slot(session: SessionFolder) -> int:
+    first = session.journal.events[0] if session.journal.events else None
     if not isinstance(first, SessionStart):
         raise StudyError(
-            f"{sitting.folder / JOURNAL_NAME}: the first line must be whole, it names the slot"
+            f"{session.folder / JOURNAL_NAME}: the first line must be whole, it names the slot"
             " that becomes free; restore it from a copy, or delete the folder by hand"
         )
     return first.slot
 
 
-def _put_stone(sitting: Sitting, slot: int, at: str) -> None:
+def _put_stone(session: SessionFolder, slot: int, at: str) -> None:
     """Replace the journal in one step."""
-    path = sitting.folder / JOURNAL_NAME
-    stone = Withdrawal(n=0, t_s=0.0, at=at, study=sitting.study, slot=slot)
+    path = session.folder / JOURNAL_NAME
+    stone = Withdrawal(n=0, t_s=0.0, at=at, study=session.study, slot=slot)
     write_whole(path, sealed(stone, first_link(b""))[1])

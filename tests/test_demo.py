@@ -26,7 +26,7 @@ from study_app.cli.demo import demonstration
 from study_app.cli.demo.demonstration import run_demo
 from study_app.cli.demo.steps import Options, steps_of
 from study_app.cli.demo.xvfb import PROGRAMS
-from study_app.session_folders import find_sittings
+from study_app.session_folders import find_sessions
 
 SMALLER = {
     "width_deg": "2.0",
@@ -132,12 +132,12 @@ def test_the_page_tells_every_command_and_what_it_said(made, page):
 
 @pytest.mark.slow
 def test_all_observers_took_part_in_the_study_that_was_built(made):
-    sittings = find_sittings(made.out / "sessions", "showcase")
+    sessions = find_sessions(made.out / "sessions", "showcase")
     manifest = read_manifest(made.out / "clips")
-    starts = [sitting.journal.start for sitting in sittings]
+    starts = [session.journal.start for session in sessions]
 
-    assert len(sittings) == made.observers
-    assert {sitting.state for sitting in sittings} == {"completed"}
+    assert len(sessions) == made.observers
+    assert {session.state for session in sessions} == {"completed"}
     assert all(start.simulated for start in starts)
     assert {start.manifest_sha256 for start in starts} == {manifest.sha256}
     assert sorted(start.slot for start in starts) == list(range(made.observers))
@@ -171,7 +171,7 @@ def test_the_demonstration_itself_ends_in_a_whole_page(tmp_path):
     page = (tmp_path / "out/index.html").read_text(encoding="utf-8")
     named = re.findall(r'(?:src|href)="([^"#]+)"', page)
     assert [name for name in named if not (tmp_path / "out" / name).exists()] == []
-    assert len(find_sittings(tmp_path / "out/sessions")) == 12
+    assert len(find_sessions(tmp_path / "out/sessions")) == 12
     assert "pictures/gaze.webp" in named
     assert len([name for name in named if name.endswith("report.html")]) == 1 + 5
     assert len([name for name in named if name.endswith(".svg")]) == 2 * 2  # shown, and linked

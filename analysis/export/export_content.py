@@ -57,8 +57,8 @@ class ExportedStudy:
         """The publication whose design the study follows; may be empty."""
         return scrub(self.protocol.study.source, public=self.public)
 
-    def readme(self, *paragraphs: str, lists_sittings: bool = True) -> str:
-        """Return a README of the export; `lists_sittings` says if it has a table of them."""
+    def readme(self, *paragraphs: str, lists_sessions: bool = True) -> str:
+        """Return a README of the export; `lists_sessions` says if it has a table of them."""
         sessions = self.tables.sessions
         whole = int((sessions["status"] == "completed").sum())
         lines = [
@@ -68,7 +68,7 @@ class ExportedStudy:
             f" A trial: {self.protocol.task.description(self.protocol.pool)}."
             + (
                 " Sessions that were cut short are here as they are: see the column `status`."
-                if lists_sittings
+                if lists_sessions
                 else ""
             ),
             *paragraphs,
@@ -96,7 +96,7 @@ class ExportedStudy:
             f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"
             f" SHA-256 `{self.protocol.sha256}`. Written by {_program()} from append-only"
             " journals, which stay with the lab"
-            + ("; `journal_sha256` names each." if lists_sittings else "."),
+            + ("; `journal_sha256` names each." if lists_sessions else "."),
         ]
         return "\n\n".join(lines) + "\n"
 

@@ -15,13 +15,13 @@ from analysis.data_dictionary import (
 )
 from analysis.export.export_content import ExportedStudy, label, write_json
 from analysis.tables.write_table import write_table
-from protocols.columns import SITTING_COLUMNS, Column
+from protocols.columns import IDENTITY_COLUMNS, Column
 from protocols.hashing import Json
 from protocols.outside import page_bytes
 
 _ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")
 _ANSWER_COLUMNS = (
-    *SITTING_COLUMNS,
+    *IDENTITY_COLUMNS,
     Column("question", "text", "", "Name of the closing question"),
     Column("text", "text", "", "Answer as typed or chosen"),
 )

@@ -22,7 +22,7 @@ def write_pwcmp(content: ExportedStudy, folder: Path) -> tuple[str, ...]:
         f" {first}; `is_A_selected` is 1 where it was preferred. `scene_name` and `size` are scene"
         " and amount apart; pwcmp passes over them, and `analysis import --map scene=scene_name`"
         " takes them.",
-        lists_sittings=False,
+        lists_sessions=False,
     )
     (folder / "README.md").write_bytes(page_bytes(text))
     return ()

@@ -82,8 +82,10 @@ class _Work:
     reporter: Reporter
 
     @property
-    def shown(self) -> moving.Shown:
-        return moving.Shown(self.opened.colour, self.looking.viewing, self.choices[0], self.ctx)
+    def shown(self) -> moving.AnimatedPicture:
+        return moving.AnimatedPicture(
+            self.opened.colour, self.looking.viewing, self.choices[0], self.ctx
+        )
 
     def count_frames(self, done: int, total: int) -> None:
         self.reporter.progress("drawing frames", done, total)

@@ -85,7 +85,7 @@ def wandering(geometry: Geometry, count: int) -> list[tuple[float, float]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class AnimatedPicture:
     """An encoded picture of shape (H, W, 3), how it is looked at, and what shows it."""
 
     colour: NDArray[np.float32]
@@ -96,7 +96,7 @@ class Shown:
 
 def wander(
     path: Path,
-    shown: Shown,
+    shown: AnimatedPicture,
     *,
     seed: int = 0,
     longest_px: int = LONGEST_PX,
@@ -117,7 +117,7 @@ def wander(
 
 def flip(
     path: Path,
-    shown: Shown,
+    shown: AnimatedPicture,
     gaze_px: tuple[float, float],
     *,
     seeds: tuple[int, int] = (0, 1),
@@ -138,7 +138,7 @@ def flip(
 
 
 def _drawn(
-    shown: Shown, looks: Sequence[tuple[tuple[float, float], int, int]], report: Report
+    shown: AnimatedPicture, looks: Sequence[tuple[tuple[float, float], int, int]], report: Report
 ) -> list[Picture]:
     """Draw a picture for each gaze, seed and number of a frame, with a mark at the gaze."""
     height, width = shown.colour.shape[:2]

@@ -26,7 +26,7 @@ from protocols.read_file import read_bytes
 from protocols.result_folder import check_result, whole_folder
 from study_app.archive.encryption import is_sealed, unseal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 from study_app.verification import verify
 
 _PIECE = 1 << 20
@@ -44,7 +44,7 @@ class ArchiveFindings:
     """Findings about an archive."""
 
     index: Index
-    sittings: int
+    sessions: int
     problems: tuple[str, ...]
     """Differences from what was recorded; empty: none."""
     notes: tuple[str, ...]
@@ -98,8 +98,8 @@ def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
             for entry in index.files
             if _copied(_pieces(path, archive, entry.path)) != (entry.bytes, entry.sha256)
         ]
-        wrong, notes, sittings = _of_study(_as_folder(path, archive), index)
-        return ArchiveFindings(index, sittings, (*problems, *wrong), notes)
+        wrong, notes, sessions = _of_study(_as_folder(path, archive), index)
+        return ArchiveFindings(index, sessions, (*problems, *wrong), notes)
 
 
 def check_folder(folder: Path) -> ArchiveFindings:
@@ -121,8 +121,8 @@ def check_folder(folder: Path) -> ArchiveFindings:
     listed = {entry.path for entry in index.files} | {INDEX_NAME}
     found = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()}
     problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
-    wrong, notes, sittings = _of_study(folder, index)
-    return ArchiveFindings(index, sittings, (*problems, *wrong), notes)
+    wrong, notes, sessions = _of_study(folder, index)
+    return ArchiveFindings(index, sessions, (*problems, *wrong), notes)
 
 
 def restore(path: Path, file: IO[bytes], out: Path) -> Index:
@@ -309,10 +309,10 @@ def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], i
         notes.append("trials are not compared with the plan: the study's secret is not in it")
     paths = find_journals(folder / SESSIONS)
     for path in paths:
-        sitting = Sitting(path.parent, read_journal(path, lenient=True))
-        found = verify(sitting, compared)
-        problems += [f"{sitting.participant}: {problem}" for problem in found.problems]
-        notes += [f"{sitting.participant}: {note}" for note in found.notes]
+        session = SessionFolder(path.parent, read_journal(path, lenient=True))
+        found = verify(session, compared)
+        problems += [f"{session.participant}: {problem}" for problem in found.problems]
+        notes += [f"{session.participant}: {note}" for note in found.notes]
     if (folder / CLIPS / MANIFEST_NAME).exists():
         frames = {
             f"{CLIPS}/{clip.frame_path(number)}": sha256

@@ -24,7 +24,7 @@ from protocols.schema import StudyProtocol
 from study_app.archive.encryption import seal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
 from study_app.archive.read_archive import ArchiveFindings, check
-from study_app.session_folders import find_sittings
+from study_app.session_folders import find_sessions
 
 Progress = Callable[[str, int, int], None]
 _MOMENT = (1980, 1, 1, 0, 0, 0)  # equal studies, equal bytes
@@ -128,7 +128,7 @@ def _members(
             )
         else:
             yield f"{STUDY}/{place}", path.parent / place
-    yield from _sittings(wanted.sessions, protocol.study.name)
+    yield from _sessions(wanted.sessions, protocol.study.name)
     if wanted.clips is not None:
         manifest = read_manifest(wanted.clips)
         check_manifest(protocol, manifest)
@@ -139,16 +139,16 @@ def _members(
                 yield f"{CLIPS}/{frame}", wanted.clips / frame
 
 
-def _sittings(root: Path, study: str) -> Iterator[tuple[str, Path]]:
-    sittings = find_sittings(root, study)
-    if not sittings:
+def _sessions(root: Path, study: str) -> Iterator[tuple[str, Path]]:
+    sessions = find_sessions(root, study)
+    if not sessions:
         raise StudyError(f"{root}: must hold sessions of {study} (found none); name --sessions")
     reports = set()
-    for sitting in sittings:
-        for path in sorted(sitting.folder.rglob("*")):
+    for session in sessions:
+        for path in sorted(session.folder.rglob("*")):
             if path.is_symlink() or not path.is_dir():
                 yield f"{SESSIONS}/{path.relative_to(root).as_posix()}", path
-        for event in sitting.journal.events:
+        for event in session.journal.events:
             if isinstance(event, SessionStart | SessionResume) and event.display_report:
                 reports.add(event.display_report.file)
     for report in sorted(reports):

@@ -148,7 +148,7 @@ def register(app: typer.Typer) -> None:
 def _tell(path: Path, found: ArchiveFindings) -> None:
     index = found.index
     verdict = "NOT as it was recorded" if found.problems else "whole"
-    holds = [count_of(found.sittings, "session"), count_of(len(index.files), "file")]
+    holds = [count_of(found.sessions, "session"), count_of(len(index.files), "file")]
     holds.append("clips" if index.clips else "no clips")
     holds.append("the study's secret" if index.secret else "no secret")
     say(f"{path}: {verdict} ({index.study}: {', '.join(holds)})")

@@ -29,8 +29,8 @@ from study_app.cli.options import (
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
-from study_app.session_folders import Sitting
-from study_app.verification import verify as verify_sitting
+from study_app.session_folders import SessionFolder
+from study_app.verification import verify as verify_session
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant
 
@@ -159,17 +159,17 @@ def verify(
                 raise StudyError("--captured: is of one session; name its folder")
         wrong = flips = 0
         for path in paths:
-            sitting = Sitting(path.absolute().parent, read_journal(path, lenient=True))
-            found = verify_sitting(sitting, study)
+            session = SessionFolder(path.absolute().parent, read_journal(path, lenient=True))
+            found = verify_session(session, study)
             again = None
             if drawer is not None and not found.problems:
-                again, compared = drawer.redraw(sitting, screens)
+                again, compared = drawer.redraw(session, screens)
                 found = replace(found, problems=again.problems)
                 drawn, flips = drawn + again.drawn + compared, flips + again.flips
-            lines = len(sitting.journal.events) + len(sitting.journal.damaged)
+            lines = len(session.journal.events) + len(session.journal.damaged)
             verdict = "NOT as it was recorded" if found.problems else "whole"
             say(
-                f"{sitting.study}/{sitting.participant}: {verdict} ({sitting.state}, {lines} lines,"
+                f"{session.study}/{session.participant}: {verdict} ({session.state}, {lines} lines,"
                 f" {found.files} files)"
             )
             if again is not None:

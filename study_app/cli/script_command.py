@@ -34,7 +34,7 @@ from study_app.cli.error_messages import user_errors
 from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say
-from study_app.session_folders import sitting_folder
+from study_app.session_folders import session_folder
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def script(
 
     with user_errors():
         study, screen = load_study(protocol, display)
-        sitting_folder(Path(), study, person.code)
+        session_folder(Path(), study, person.code)
         spoken = study.text.default_language if language is None else language
         one_of("--language", spoken, study.text.languages)
         manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)

@@ -35,7 +35,7 @@ from study_app.cli.undecided import require_decisions
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.operator_view import standing
-from study_app.session_folders import Sitting, find_sittings
+from study_app.session_folders import SessionFolder, find_sessions
 from study_app.simulate import SimulatedStudy, participant_code, simulate_study
 from study_app.verification import checksums_of
 
@@ -268,9 +268,9 @@ def simulate(
         say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
         codes = {*map(participant_code, range(crowd.participants)), *outcomes}
         require_decisions(
-            sitting
-            for sitting in find_sittings(out, study.study.name)
-            if sitting.participant in codes
+            session
+            for session in find_sessions(out, study.study.name)
+            if session.participant in codes
         )
 
 
@@ -284,18 +284,18 @@ def list_(
     Example: metamerlab session list sessions --study demo
     """
     with user_errors():
-        sittings = find_sittings(sessions, study)
-        if not sittings:
+        found = find_sessions(sessions, study)
+        if not found:
             raise StudyError(
                 f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
                 " the folder that was given as --out"
             )
         heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
-        latencies = list(map(_latency, sittings))
+        latencies = list(map(_latency, found))
         heads += ["sample to flip"] * any(latencies)
         rows = [
-            (*_row(sitting), *[told] * any(latencies))
-            for sitting, told in zip(sittings, latencies, strict=True)
+            (*_row(one), *[told] * any(latencies))
+            for one, told in zip(found, latencies, strict=True)
         ]
         PlainConsole().print(table_of(heads, rows))
 
@@ -309,22 +309,22 @@ def status(
     Example: metamerlab session status sessions/demo/S001
     """
     with user_errors():
-        sitting = next(
-            (s for s in _sittings_above(session) if s.folder.resolve() == session.resolve()), None
+        found = next(
+            (s for s in _sessions_above(session) if s.folder.resolve() == session.resolve()), None
         )
-        if sitting is None:
+        if found is None:
             raise StudyError(
                 f"{session}: must be the folder of one session (found no journal there);"
                 " 'metamerlab session list' names them"
             )
-        PlainConsole().print(table_of((), _details(sitting)))
+        PlainConsole().print(table_of((), _details(found)))
 
 
-def _sittings_above(session: Path) -> list[Sitting]:
+def _sessions_above(session: Path) -> list[SessionFolder]:
     if not session.is_dir():
         raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
     absolute = session.resolve()
-    return find_sittings(absolute.parent.parent, absolute.parent.name)
+    return find_sessions(absolute.parent.parent, absolute.parent.name)
 
 
 def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str, float]:
@@ -343,25 +343,25 @@ def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str
     return found
 
 
-def _row(sitting: Sitting) -> tuple[str, ...]:
-    attempts = sitting.journal.attempts
+def _row(session: SessionFolder) -> tuple[str, ...]:
+    attempts = session.journal.attempts
     voids = sum(attempt.outcome == "void" and attempt.role == "main" for attempt in attempts)
-    if sitting.state in {"damaged", "withdrawn", "stillborn"}:
+    if session.state in {"damaged", "withdrawn", "stillborn"}:
         slot, planned, data = "", "", ""
     else:
-        start = sitting.journal.start
+        start = session.journal.start
         slot, planned = str(start.slot), f" of {start.trials}"
         data = _data_of(start)
         data += ", browser" if start.remote else ""
     return (
-        sitting.study, sitting.participant, slot, sitting.state,
-        f"{sitting.main_done}{planned}", str(voids), data,
+        session.study, session.participant, slot, session.state,
+        f"{session.main_done}{planned}", str(voids), data,
     )  # fmt: skip
 
 
-def _latency(sitting: Sitting) -> str:
+def _latency(session: SessionFolder) -> str:
     """Return how old gaze was in frames that followed it; empty where none did."""
-    live = [attempt.live for attempt in sitting.journal.attempts if attempt.live is not None]
+    live = [attempt.live for attempt in session.journal.attempts if attempt.live is not None]
     found = LatencySummary.of(live)
     if found.median_ms is None:
         return "none" if live else ""
@@ -399,16 +399,16 @@ def _browser(remote: Remote | None) -> list[tuple[str, str]]:
     ]
 
 
-def _details(sitting: Sitting) -> list[tuple[str, str]]:
-    journal = sitting.journal
+def _details(session: SessionFolder) -> list[tuple[str, str]]:
+    journal = session.journal
     attempts = journal.attempts
-    details = [("session", f"{sitting.study} / {sitting.participant}"), ("state", sitting.state)]
+    details = [("session", f"{session.study} / {session.participant}"), ("state", session.state)]
     details += [("damaged", f"line {line.line}: {line.reason}") for line in journal.damaged]
     if journal.has_lines:
         details.append(("checksums", checksums_of(journal)))
     if journal.torn:
         details.append(("last line", "torn: the program was killed while writing it"))
-    if sitting.state in {"damaged", "withdrawn", "stillborn"} and not attempts:
+    if session.state in {"damaged", "withdrawn", "stillborn"} and not attempts:
         return details
     if not journal.damaged:
         start = journal.start
@@ -420,7 +420,7 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
             ("display", f"{start.display}, {start.refresh_hz:g} Hz"),
             ("gaze", f"{start.gaze_mode} ({gaze})"),
             *_browser(start.remote),
-            ("decisions", f"{sitting.main_done} of {start.trials}"),
+            ("decisions", f"{session.main_done} of {start.trials}"),
         ]
     voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
     reasons = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
@@ -429,7 +429,7 @@ def _details(sitting: Sitting) -> list[tuple[str, str]]:
     details.append(("missed refreshes", f"{now.missed} of {now.shown}"))
     if now.lost_share is not None:
         details.append(("gaze lost", f"{100 * now.lost_share:.1f} % of the watched time"))
-    if told := _latency(sitting):
+    if told := _latency(session):
         details.append(("sample to flip", told))
     last = journal.events[-1] if journal.events else None
     if isinstance(last, SessionEnd):

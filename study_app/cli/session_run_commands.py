@@ -23,7 +23,7 @@ from study_app.cli.record_commands import print_rows, verify, watch, withdraw
 from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.operator_view import attempt_line
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 from study_app.strip import Extras
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.display_check import DisplayCheck
     from study_app.gaze.source import CalibrationResult
     from study_app.luminance import LuminanceFit
-    from study_app.run import Listener, SittingOptions
+    from study_app.run import Listener, SessionOptions
     from study_app.validation import PointQuality
     from study_app.window import Window
 
@@ -46,7 +46,7 @@ PacingOption = Annotated[
 
 
 @dataclass(frozen=True)
-class SittingArguments:
+class SessionArguments:
     """Options of a session, begun or resumed."""
 
     protocol: ProtocolArgument
@@ -92,7 +92,7 @@ class SittingArguments:
     ] = False
     seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0
 
-    def options(self, language: str | None = None) -> SittingOptions:
+    def options(self, language: str | None = None) -> SessionOptions:
         """Return what a session needs.
 
         Raises
@@ -101,10 +101,10 @@ class SittingArguments:
             If there is no such study or display, or one is not in order.
         """
         from study_app.cli.live_renderer import FoveatingStudio
-        from study_app.run import SittingOptions
+        from study_app.run import SessionOptions
 
         study, screen = load_study(self.protocol, self.display)
-        return SittingOptions(
+        return SessionOptions(
             protocol=study,
             display=screen,
             stimuli=self.stimuli,
@@ -131,7 +131,7 @@ def run(
         ),
     ] = None,
     *,
-    session: SittingArguments,
+    session: SessionArguments,
 ) -> None:
     """Run a session: display check, consent, instructions, practice, blocks, questions, thanks.
 
@@ -141,26 +141,26 @@ def run(
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import run_sitting
+    from study_app.run import run_session
 
     with user_errors():
         options = session.options(language)
         _say_gaze(options)
-        _tell(run_sitting(options, _listener()), options)
+        _tell(run_session(options, _listener()), options)
 
 
 @takes_settings
-def resume(session: SittingArguments) -> None:
+def resume(session: SessionArguments) -> None:
     """Resume a session that was quit or killed: same trials, same order, nothing twice.
 
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import resume_sitting
+    from study_app.run import resume_session
 
     with user_errors():
         options = session.options()
         _say_gaze(options)
-        _tell(resume_sitting(options, _listener()), options)
+        _tell(resume_session(options, _listener()), options)
 
 
 def check_display_(
@@ -278,7 +278,7 @@ def _listener() -> Listener:
     return Listener(on_check, on_validation, on_attempt, lambda text: say(f"note: {text}"))
 
 
-def _say_gaze(options: SittingOptions) -> None:
+def _say_gaze(options: SessionOptions) -> None:
     """Say of a session that no eye is watched in it."""
     if options.protocol.gaze.mode == "none":
         say("note: gaze is not controlled (gaze.mode = 'none' in the study)")
@@ -286,10 +286,12 @@ def _say_gaze(options: SittingOptions) -> None:
         say("note: the mouse stands in for an eye; for rehearsals, not for data")
 
 
-def _tell(outcome: RunOutcome, options: SittingOptions) -> None:
+def _tell(outcome: RunOutcome, options: SessionOptions) -> None:
     folder = options.root / options.protocol.study.name / options.participant
     if outcome.reason == "completed" and not outcome.main_done:
-        require_decisions([Sitting(folder, read_journal(folder / JOURNAL_NAME, lenient=True))])
+        require_decisions(
+            [SessionFolder(folder, read_journal(folder / JOURNAL_NAME, lenient=True))]
+        )
     planned = count_of(outcome.main_planned, "decision")
     say(f"{folder}: {outcome.reason}, {outcome.main_done} of {planned}")
     if outcome.given_up:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from protocols.errors import StudyError
 from protocols.journal import VoidReason
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 
 # Of every reason that can use up `max_attempts` (`study_app.session.NOT_THE_PARTICIPANTS` cannot).
 _CURES: dict[VoidReason, str] = {
@@ -23,7 +23,7 @@ _CURES: dict[VoidReason, str] = {
 _NAMED = 5
 
 
-def require_decisions(sittings: Iterable[Sitting]) -> None:
+def require_decisions(sessions: Iterable[SessionFolder]) -> None:
     """Refuse to call sessions a success that are complete and hold no decision.
 
     Raises
@@ -31,18 +31,18 @@ def require_decisions(sittings: Iterable[Sitting]) -> None:
     StudyError
         With how often each reason made an attempt void, and the cure of the most frequent one.
     """
-    empty = [each for each in sittings if each.state == "completed" and each.main_done == 0]
+    empty = [each for each in sessions if each.state == "completed" and each.main_done == 0]
     if not empty:
         return
     voids = Counter(
         attempt.void_reason
-        for sitting in empty
-        for attempt in sitting.journal.attempts
+        for session in empty
+        for attempt in session.journal.attempts
         if attempt.void_reason and attempt.role == "main"
     )
     counts = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
     worst = max(_CURES, key=lambda reason: voids[reason])
-    codes = ", ".join(sitting.participant for sitting in empty[:_NAMED])
+    codes = ", ".join(session.participant for session in empty[:_NAMED])
     more = f" and {len(empty) - _NAMED} more" if len(empty) > _NAMED else ""
     raise StudyError(
         f"{empty[0].folder.parent}: a session must end with decisions (recorded: none of"

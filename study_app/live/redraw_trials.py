@@ -34,7 +34,7 @@ from study_app.live.log import FrameReadback, Grid
 from study_app.live.redraw import NEAR, RedrawResult, compared, must_show
 from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, Studio
 from study_app.paint import bitmaps_of, paint
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
 
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)
@@ -84,7 +84,7 @@ class TrialDrawer:
         self._target.release()
         self.studio.release()
 
-    def redraw(self, sitting: Sitting, captured: Screens) -> tuple[RedrawResult, int]:
+    def redraw(self, session: SessionFolder, captured: Screens) -> tuple[RedrawResult, int]:
         """Draw a session's frames again: those whose pixels were kept, or that were captured.
 
         Captures are of the last run of the program: strips count anew in each.
@@ -102,8 +102,8 @@ class TrialDrawer:
         total, problems = [0, 0, 0], list[str]()
         seen: dict[int, str] = {}
         scripts, exactly = None, False
-        runs = sum(isinstance(e, SessionStart | SessionResume) for e in sitting.journal.events)
-        for event in sitting.journal.events:
+        runs = sum(isinstance(e, SessionStart | SessionResume) for e in session.journal.events)
+        for event in session.journal.events:
             runs -= isinstance(event, SessionStart | SessionResume)
             if isinstance(event, SessionStart | SessionResume):
                 there = event.versions.get("renderer"), event.versions.get("opengl")
@@ -115,8 +115,8 @@ class TrialDrawer:
                 continue
             script = scripts.script(event.answers, event.role == "practice")
             gaze = event.gaze_file
-            samples = {} if gaze is None else gaze_by_stamp(sitting.folder / gaze.file)
-            flips, bad = _flips(sitting.folder, event)
+            samples = {} if gaze is None else gaze_by_stamp(session.folder / gaze.file)
+            flips, bad = _flips(session.folder, event)
             total[0] += len(flips) + len(bad)
             problems += bad
             for before, flip in pairwise((None, *flips)):

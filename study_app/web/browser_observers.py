@@ -27,7 +27,7 @@ from protocols.web_study import WebStudy
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.recorder import Recorder
 from study_app.session import RunTrial
-from study_app.session_folders import Sitting, find_sittings
+from study_app.session_folders import SessionFolder, find_sessions
 from study_app.simulate import SimulatedStudy, participant_code
 from study_app.virtual import AskedQuestions
 from study_app.web.chromium import Chromium, running_chromium
@@ -193,9 +193,9 @@ def simulate_in_browser(
     """
     study = simulation.protocol
     rate_hz, window_px = _checked(folder, simulation)
-    sittings = find_sittings(root, study.study.name) if root.is_dir() else []
-    there = {one.journal.start.seed for one in sittings if one.state == "completed"}
-    taken = {one.journal.start.slot for one in sittings if one.journal.has_lines}
+    sessions = find_sessions(root, study.study.name) if root.is_dir() else []
+    there = {one.journal.start.seed for one in sessions if one.state == "completed"}
+    taken = {one.journal.start.slot for one in sessions if one.journal.has_lines}
     free = (slot for slot in itertools.count() if slot not in taken)
     draws = [
         rng_of(simulation.seed, "browser", number).integers(2**32, size=5).tolist()
@@ -228,7 +228,7 @@ def simulate_in_browser(
             if one.state != "imported":
                 raise StudyError(f"{folder}: its page must run the study ({one.message})")
             journal = read_journal(root / study.study.name / one.participant / JOURNAL_NAME)
-            done[one.participant] = Sitting(journal.path.parent, journal).main_done
+            done[one.participant] = SessionFolder(journal.path.parent, journal).main_done
     return done
 
 

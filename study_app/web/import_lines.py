@@ -78,7 +78,7 @@ from study_app.session import (
     TakeBreak,
     next_step,
 )
-from study_app.session_folders import find_sittings, sitting_folder
+from study_app.session_folders import find_sessions, session_folder
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
 from study_app.trial import Trial
 
@@ -216,10 +216,10 @@ def import_results(
         )
     slots = {}
     if root.is_dir():
-        sittings = find_sittings(root, study.study.name)
+        sessions = find_sessions(root, study.study.name)
         slots = {
             one.journal.start.slot: one.participant
-            for one in sittings
+            for one in sessions
             if one.state not in ("damaged", "stillborn", "withdrawn", "refused")
             and one.journal.start.remote is None
         }
@@ -244,7 +244,7 @@ def _import_one(
         if found.conflicts:
             raise ContradictionError("; ".join(found.conflicts[:3]))
         session = RebuiltSession(study, display, manifest, whole_lines(found))
-        folder, start = sitting_folder(root, study, who), session.begun
+        folder, start = session_folder(root, study, who), session.begun
         if start.slot_from != "drawn" and start.slot in slots:
             raise ContradictionError(
                 f"slot {start.slot} is that of the lab's session {slots[start.slot]!r}: two people"

@@ -53,8 +53,8 @@ from study_app.live.redraw_trials import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX, LiveView
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
-from study_app.run import SittingOptions, require_live
-from study_app.session_folders import Sitting
+from study_app.run import SessionOptions, require_live
+from study_app.session_folders import SessionFolder
 from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -159,7 +159,7 @@ def again(ctx, folder, study, display, drawn_by=("here", "4"), pixels=pixels_of,
         FoveatingStudio(ctx), drawn_by,
     )  # fmt: skip
     try:
-        return drawer.redraw(Sitting(folder, read_journal(folder / "journal.jsonl")), {})[0]
+        return drawer.redraw(SessionFolder(folder, read_journal(folder / "journal.jsonl")), {})[0]
     finally:
         drawer.release()
 
@@ -625,7 +625,7 @@ def test_a_session_is_refused_where_its_frames_do_not_fit_and_a_rehearsal_says_s
         def dearest_live_s(self):
             return 0.040, "metamer"
 
-    options = SittingOptions(study, display, Path(), Path(), "P01")
+    options = SessionOptions(study, display, Path(), Path(), "P01")
     with pytest.raises(StudyError, match="a frame of 'metamer' must be drawn in"):
         require_live(Slow(), options, "a card")
     rehearsal = dataclasses.replace(options, pacing="software")

@@ -140,17 +140,17 @@ class Study:
     def name(self) -> str:
         return self.protocol.study.name
 
-    def sitting(self, code: str = "P01") -> Path:
+    def session(self, code: str = "P01") -> Path:
         return self.sessions / self.name / code
 
     def journal(self, code: str = "P01") -> Journal:
-        return read_journal(self.sitting(code) / "journal.jsonl")
+        return read_journal(self.session(code) / "journal.jsonl")
 
     def flips(self, code: str = "P01") -> list[dict[str, str]]:
         """Every flip of a participant's attempts, in order."""
         rows: list[dict[str, str]] = []
         for attempt in self.journal(code).attempts:
-            with (self.sitting(code) / attempt.flips_file.file).open() as file:
+            with (self.session(code) / attempt.flips_file.file).open() as file:
                 rows += csv.DictReader(file)
         return rows
 

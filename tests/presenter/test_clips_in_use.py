@@ -49,7 +49,7 @@ def ended():
         process.communicate()
 
 
-def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study, wait, ended):
+def test_no_build_gets_at_clips_while_any_session_shows_them(screen, make_study, wait, ended):
     study = make_study()
     before = files_of(study.stimuli)
     for code, how in (("P01", METAMERLAB), ("P02", ANOTHER_DESKTOP)):
@@ -58,18 +58,18 @@ def test_no_build_gets_at_clips_while_any_sitting_shows_them(screen, make_study,
         journal = study.sessions / "demo" / code / "journal.jsonl"
         wait(journal.exists, "the journal", process=ended[-1])
 
-    for sitting in ended:
+    for session in ended:
         done = forked.run("stimuli", "build", study.path, "--out", study.stimuli, timeout=120)
         assert f"{study.stimuli}: must not change while a session shows" in error_of(done)
-        sitting.send_signal(signal.SIGKILL)
-        sitting.wait(timeout=30)
+        session.send_signal(signal.SIGKILL)
+        session.wait(timeout=30)
 
     assert files_of(study.stimuli) == before
     with only_build(study.stimuli):  # both sessions were killed, and nothing of them is left
         pass
 
 
-def test_no_sitting_begins_on_a_folder_that_is_being_built(screen, make_study, wait, ended):
+def test_no_session_begins_on_a_folder_that_is_being_built(screen, make_study, wait, ended):
     study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
     clips = study.folder / "new clips"
     run = screen.session("run", study, "--simulate")
@@ -87,7 +87,7 @@ def test_no_sitting_begins_on_a_folder_that_is_being_built(screen, make_study, w
     assert "must hold a finished batch of clips" in error_of(screen.run(*run))
 
 
-def test_a_sitting_goes_on_when_the_build_is_over(screen, make_study):
+def test_a_session_goes_on_when_the_build_is_over(screen, make_study):
     study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
     screen_run = screen.session("run", study, "--simulate")
     with only_build(study.stimuli):

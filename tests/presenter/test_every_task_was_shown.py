@@ -337,7 +337,7 @@ def test_a_journal_of_every_task_names_what_its_flips_showed(make_study):
             "session", "simulate", study.path, "--stimuli", study.stimuli, "--out",
             study.sessions, "--participants", 1,
         )  # fmt: skip
-        folder, manifest = study.sitting("S001"), study.manifest
+        folder, manifest = study.session("S001"), study.manifest
         lines = (folder / "journal.jsonl").read_text().splitlines()
         attempts = [json.loads(line) for line in lines if '"kind":"attempt"' in line]
         for attempt in attempts:

@@ -59,7 +59,7 @@ def test_a_killed_session_is_drawn_again_with_captures_and_a_changed_capture_is_
     process = screen.start(*screen.session("run", study, *command))
 
     def attempts():
-        there = (study.sitting() / "journal.jsonl").exists()
+        there = (study.session() / "journal.jsonl").exists()
         return len(study.journal().attempts) if there else 0
 
     wait(lambda: attempts() >= 1, "an attempt", process=process)
@@ -86,7 +86,7 @@ def test_a_killed_session_is_drawn_again_with_captures_and_a_changed_capture_is_
     attempts_then = journal.attempts[before:]
     shown = set()
     for attempt in attempts_then:
-        with (study.sitting() / attempt.flips_file.file).open() as file:
+        with (study.session() / attempt.flips_file.file).open() as file:
             shown |= {int(row["flip"]) for row in csv.DictReader(file) if row["drawn_sha256"]}
     shown &= set(seen)
     assert shown, "no live frame was captured whole"

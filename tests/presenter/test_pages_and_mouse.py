@@ -192,7 +192,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
 
 
 @pytest.mark.slow
-def test_a_recording_is_replayed_into_a_sitting(screen, make_study, tmp_path):
+def test_a_recording_is_replayed_into_a_session(screen, make_study, tmp_path):
     study = make_study(
         {
             "pairings": '[["metameric", "push-pull"]]',

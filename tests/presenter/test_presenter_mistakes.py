@@ -28,7 +28,7 @@ def test_a_missing_frame_is_told_before_a_window_opens(screen, make_study):
     assert not study.sessions.exists()
 
 
-def test_a_changed_frame_stops_the_sitting_cleanly_and_it_goes_on_when_restored(screen, make_study):
+def test_a_changed_frame_stops_the_session_cleanly_and_it_goes_on_when_restored(screen, make_study):
     study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
     frame = study.stimuli / "garden__small__metameric" / "000003.png"
     kept = frame.read_bytes()
@@ -90,7 +90,7 @@ def test_no_language_and_a_text_that_is_too_long_are_refused_before_a_window_ope
 
 
 @pytest.mark.slow
-def test_a_sitting_without_a_decision_is_no_success(screen, make_study):
+def test_a_session_without_a_decision_is_no_success(screen, make_study):
     study = make_study({"timeout_s": "0.1", "max_attempts": "1", "repeats": "1"})
 
     done = screen.run(*screen.session("run", study, "--simulate"), hasty=False)
@@ -163,7 +163,7 @@ main()
 """
 
 
-def test_a_full_disk_ends_at_the_last_whole_trial_and_the_sitting_goes_on(screen, make_study):
+def test_a_full_disk_ends_at_the_last_whole_trial_and_the_session_goes_on(screen, make_study):
     study = make_study()
 
     done = screen.run(*screen.session("run", study, "--simulate"), code=SMALL_DISK)

@@ -26,7 +26,7 @@ from study_app.monitor import check_mode
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import PageLayout, words_image
 from study_app.paint import target_image
-from study_app.session_folders import find_sittings, next_slot
+from study_app.session_folders import find_sessions, next_slot
 from study_app.stage import Page
 from study_app.strip import (
     BLOCK_PX,
@@ -298,7 +298,7 @@ def test_withdrawal_deletes_everything_but_a_stone_and_frees_the_slot(sample_ses
     assert isinstance(stone, Withdrawal)
     assert (stone.study, stone.slot) == ("demo", 0)
     assert "S001" not in (folder / "journal.jsonl").read_text()
-    assert [s.state for s in find_sittings(root)] == ["withdrawn", "completed"]
+    assert [s.state for s in find_sessions(root)] == ["withdrawn", "completed"]
     assert next_slot(root, "demo") == 0
     with pytest.raises(StudyError, match="withdrew before"):
         withdraw(root, "S001", lambda: "2026-01-31T12:00:00Z")

@@ -245,7 +245,7 @@ def test_what_covers_the_screen_voids_its_attempt_and_is_named(screen, make_stud
     logged, names = study.logged()
     in_void = set()
     for each in voided:
-        with (study.sitting() / each.flips_file.file).open() as file:
+        with (study.session() / each.flips_file.file).open() as file:
             in_void |= {int(row["flip"]) for row in csv.DictReader(file)}
     differ = {each.number for each in compare(logged, seen, names)}
     assert differ

@@ -96,7 +96,7 @@ def planned(study):
 
 @pytest.mark.timeout(LIMIT_S)
 @pytest.mark.parametrize("name", DECISIONS)
-def test_another_process_sees_every_decision_of_a_whole_sitting(screen, make, name, full):
+def test_another_process_sees_every_decision_of_a_whole_session(screen, make, name, full):
     study = make(name)
     decisions = DECISIONS[name] if full else FEW[name]
 
@@ -117,7 +117,7 @@ def test_another_process_sees_every_decision_of_a_whole_sitting(screen, make, na
 
 @pytest.mark.timeout(LIMIT_S)
 @pytest.mark.parametrize("name", DECISIONS)
-def test_killed_and_resumed_a_whole_sitting_loses_and_doubles_nothing(
+def test_killed_and_resumed_a_whole_session_loses_and_doubles_nothing(
     screen, make, wait, name, full
 ):
     if not full and name != "beyond-blur-preference":
@@ -130,7 +130,7 @@ def test_killed_and_resumed_a_whole_sitting_loses_and_doubles_nothing(
     points = np.unique(np.linspace(1, last, kills).astype(int))
 
     def attempts():
-        path = study.sitting() / "journal.jsonl"
+        path = study.session() / "journal.jsonl"
         return (
             [e for e in read_journal(path).events if isinstance(e, Attempt)]
             if path.exists()

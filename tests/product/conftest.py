@@ -46,7 +46,7 @@ class Recorded:
     def protocol(self) -> StudyProtocol:
         return load_protocol(self.path)
 
-    def sitting(self, code: str) -> Path:
+    def session(self, code: str) -> Path:
         return self.sessions / "demo" / code
 
     def copy(self, folder: Path) -> Recorded:
@@ -78,9 +78,9 @@ def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     display = load_display("desk.toml", beside=study.path)
     simulation = SimulatedStudy(study.protocol, display, gaze=STEADY, gaze_rate_hz=120.0)
     simulate_study(simulation, study.sessions, 2)
-    cut(study.sitting("S002"), attempts=5)
+    cut(study.session("S002"), attempts=5)
     simulate_study(simulation, study.sessions, 5)
-    cut(study.sitting("S003"), attempts=4)
+    cut(study.session("S003"), attempts=4)
     withdraw(study.sessions, "S004", lambda: "2026-01-31T12:00:00Z")
     return study
 
@@ -91,9 +91,9 @@ def recorded(recorded_once: Recorded, tmp_path: Path) -> Recorded:
     return recorded_once.copy(tmp_path / "recorded")
 
 
-def cut(sitting: Path, attempts: int) -> None:
+def cut(session: Path, attempts: int) -> None:
     """Leave a journal as a power cut does: some attempts, and half of the next one's line."""
-    journal = sitting / "journal.jsonl"
+    journal = session / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     at = [index for index, line in enumerate(lines) if b'"kind":"attempt"' in line][attempts]
     journal.write_bytes(b"".join(lines[:at]) + lines[at][: len(lines[at]) // 2])

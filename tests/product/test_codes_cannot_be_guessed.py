@@ -192,7 +192,7 @@ def test_new_names_follow_from_nothing_that_is_public(studies, tmp_path):
     assert any(order != orders[0] for order in orders[1:])
 
 
-def test_a_sitting_that_is_not_whole_is_left_out_where_order_tells(studies, tmp_path):
+def test_a_session_that_is_not_whole_is_left_out_where_order_tells(studies, tmp_path):
     path, sessions = studies["older"]
     copy = tmp_path / "s"
     shutil.copytree(sessions, copy)

@@ -89,7 +89,7 @@ def exported(recorded_once, tmp_path_factory):
 
 @pytest.mark.parametrize("form", ["bids", "psych-ds", "pwcmp"])
 @pytest.mark.parametrize("public", [False, True])
-def test_equal_sittings_give_equal_bytes_and_journals_stay(
+def test_equal_sessions_give_equal_bytes_and_journals_stay(
     metamerlab, recorded, tmp_path, form, public
 ):
     before = files(recorded.folder)
@@ -128,7 +128,7 @@ def everything_in(folder: Path) -> str:
 
 @pytest.mark.parametrize("consent", ["refused", "missing"])
 def test_who_did_not_consent_is_left_out(metamerlab, recorded, tmp_path, consent):
-    journal = recorded.sitting("S005") / "journal.jsonl"
+    journal = recorded.session("S005") / "journal.jsonl"
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
     at = next(i for i, line in enumerate(lines) if '"kind":"consent"' in line)
     if consent == "refused":
@@ -234,8 +234,8 @@ def test_bids_lists_everyone_as_they_are(exported):
     assert {row["gaze_source"] for row in people.values()} == {"simulated"}
 
 
-def test_a_resumed_sitting_is_two_runs_with_clocks_of_their_own(recorded_once, exported):
-    journal = read_journal(recorded_once.sitting("S002") / "journal.jsonl")
+def test_a_resumed_session_is_two_runs_with_clocks_of_their_own(recorded_once, exported):
+    journal = read_journal(recorded_once.session("S002") / "journal.jsonl")
     at = next(i for i, e in enumerate(journal.events) if isinstance(e, SessionResume))
     parts = (journal.events[:at], journal.events[at:])
     beh = exported("bids") / "sub-S002" / "beh"
@@ -255,7 +255,7 @@ def test_a_resumed_sitting_is_two_runs_with_clocks_of_their_own(recorded_once, e
 
 
 def test_every_answer_and_reaction_time_is_in_the_events(recorded_once, exported):
-    journal = read_journal(recorded_once.sitting("S001") / "journal.jsonl")
+    journal = read_journal(recorded_once.session("S001") / "journal.jsonl")
     rows = table(exported("bids") / "sub-S001/beh/sub-S001_task-demo_run-1_events.tsv")
 
     times = [row["response_time"] for row in rows if row["trial_type"] == "respond"]
@@ -270,7 +270,7 @@ def test_every_answer_and_reaction_time_is_in_the_events(recorded_once, exported
 
 
 def test_every_gaze_sample_is_in_the_recording(recorded_once, exported):
-    folder = recorded_once.sitting("S001")
+    folder = recorded_once.session("S001")
     journal = read_journal(folder / "journal.jsonl")
     stem = exported("bids") / "sub-S001/beh/sub-S001_task-demo_run-1_recording-eye1_physio"
     sidecar = json.loads(stem.with_name(stem.name + ".json").read_text())
@@ -297,10 +297,10 @@ def test_every_gaze_sample_is_in_the_recording(recorded_once, exported):
 
 
 def test_gaze_that_is_not_what_was_recorded_is_left_out_and_said_so(metamerlab, recorded, tmp_path):
-    journal = read_journal(recorded.sitting("S001") / "journal.jsonl")
+    journal = read_journal(recorded.session("S001") / "journal.jsonl")
     first, second = (attempt.gaze_file.file for attempt in journal.attempts[:2])
-    (recorded.sitting("S001") / first).unlink()
-    with (recorded.sitting("S001") / second).open("a") as file:
+    (recorded.session("S001") / first).unlink()
+    with (recorded.session("S001") / second).open("a") as file:
         file.write("9.0,9.0,1.00,1.00\n")
 
     out = tmp_path / "out"
@@ -315,12 +315,12 @@ def test_gaze_that_is_not_what_was_recorded_is_left_out_and_said_so(metamerlab, 
     assert f"{second}: must be as it was recorded" in said
     gaze = next(out.glob("sub-S001/beh/*_physio.tsv.gz"))
     start_s = float(gzip.decompress(gaze.read_bytes()).decode().split("\t")[0])
-    third = recorded.sitting("S001") / journal.attempts[2].gaze_file.file
+    third = recorded.session("S001") / journal.attempts[2].gaze_file.file
     assert start_s == float(table(third)[0]["t_s"])
     assert validate(out)[1] == []
 
 
-def test_a_gaze_file_outside_the_sitting_is_never_read(tmp_path):
+def test_a_gaze_file_outside_the_session_is_never_read(tmp_path):
     from analysis.export.bids_gaze import read_samples
     from protocols.errors import StudyError
     from protocols.journal import SideFile

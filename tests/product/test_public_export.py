@@ -88,7 +88,7 @@ def planted(recorded, reseal):
     study.path.write_text(text, encoding="utf-8")
     display = sha256_json(load_display("desk.toml", beside=study.path))
     places: set[str] = set()
-    for number, folder in enumerate(sorted(study.sitting("S001").parent.iterdir())):
+    for number, folder in enumerate(sorted(study.session("S001").parent.iterdir())):
         journal = folder / "journal.jsonl"
         if b'"withdrawal"' in journal.read_bytes():
             continue
@@ -200,7 +200,7 @@ def test_a_public_export_still_holds_the_data(metamerlab, planted, tmp_path):
 
 
 def test_chosen_answers_stay_and_typed_ones_go(metamerlab, recorded, reseal, tmp_path):
-    journal = recorded.sitting("S001") / "journal.jsonl"
+    journal = recorded.session("S001") / "journal.jsonl"
     text = journal.read_text(encoding="utf-8")
     answers = re.findall(r'"question":"(\w+)","t_s":[\d.]+,"text":"([^"]*)"', text)
     assert [question for question, _ in answers] == ["strategy", "vision"]
@@ -222,7 +222,7 @@ def test_chosen_answers_stay_and_typed_ones_go(metamerlab, recorded, reseal, tmp
 
 def test_nobody_sees_who_came_before_an_update(metamerlab, recorded, reseal, tmp_path):
     for number, code in enumerate(("S001", "S005")):
-        journal = recorded.sitting(code) / "journal.jsonl"
+        journal = recorded.session(code) / "journal.jsonl"
         text = journal.read_text(encoding="utf-8")
         old = json.loads(text.splitlines()[0])["revision"]
         journal.write_text(text.replace(old, f"1.{number} {'ab' * 20}"), encoding="utf-8")

@@ -152,7 +152,7 @@ def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
         for number in range(people):
             code = f"P{number + 1:02d}"
             rng = np.random.default_rng([seed, number])
-            events = _sitting(
+            events = _session(
                 protocol,
                 code,
                 rng,
@@ -175,7 +175,7 @@ def _prefer(first: str, second: str, rng: np.random.Generator) -> bool:
     return bool(rng.random() < 1.0 / (1.0 + np.exp(QUALITY[second] - QUALITY[first])))
 
 
-def _sitting(
+def _session(
     protocol: StudyProtocol,
     code: str,
     rng: np.random.Generator,

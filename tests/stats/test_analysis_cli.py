@@ -252,7 +252,7 @@ def test_mistakes_get_one_message_and_status_2(tmp_path, monkeypatch, arguments,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_sittings_of_two_protocols_are_refused_with_status_2(
+def test_sessions_of_two_protocols_are_refused_with_status_2(
     tmp_path, demo_protocol, write_journals
 ):
     study = demo_protocol.study.model_copy(update={"version": "2"})

@@ -33,7 +33,7 @@ def test_the_correction_is_for_every_table_or_for_none():
         of_table(9, 1, 1, 9, "loglinear")
 
 
-def sittings(rng, slopes, trials=60):
+def sessions(rng, slopes, trials=60):
     rows = []
     for person, slope in enumerate(slopes):
         place = np.linspace(-0.5, 0.5, trials)
@@ -65,7 +65,7 @@ def test_a_straight_drift_is_measured_exactly():
 
 
 def test_participants_who_all_learn_are_found(rng):
-    found = trend(sittings(rng, np.full(11, 0.6)), "y")
+    found = trend(sessions(rng, np.full(11, 0.6)), "y")
 
     assert found.lower > 0
     assert found.p < 0.01
@@ -76,7 +76,7 @@ def test_trends_that_vary_fool_the_pooled_correlation_and_not_the_default(rng):
     """No learning on average; each person drifts their own way."""
     pooled, between = [], []
     for _ in range(150):
-        found = trend(sittings(rng, rng.normal(0, 0.6, 11)), "y")
+        found = trend(sessions(rng, rng.normal(0, 0.6, 11)), "y")
         pooled.append(found.spearman_p < 0.05)
         between.append(found.p < 0.05)
 
@@ -101,7 +101,7 @@ def test_a_changing_mix_of_trials_is_no_learning():
 
 def test_learning_of_right_answers_is_found_within_conditions(rng):
     """Trials of a task as they are: the outcome is ``correct``, 0 and 1 or false and true."""
-    rows = sittings(rng, np.full(11, 0.5)).rename(columns={"y": "correct"})
+    rows = sessions(rng, np.full(11, 0.5)).rename(columns={"y": "correct"})
     rows["method"] = np.where(rows["order"] % 2, "ours", "blur")
 
     found = trend(rows.astype({"correct": bool}), "correct", within=("method",))
@@ -113,8 +113,8 @@ def test_learning_of_right_answers_is_found_within_conditions(rng):
 
 
 def test_constant_answers_and_single_participants_give_flagged_results(rng):
-    constant = sittings(rng, np.zeros(4)).assign(y=1.0)
-    alone = sittings(rng, [0.5])
+    constant = sessions(rng, np.zeros(4)).assign(y=1.0)
+    alone = sessions(rng, [0.5])
 
     assert trend(constant, "y").p == 1.0
     assert "all values are equal, or too few" in trend(constant, "y").warnings[0]

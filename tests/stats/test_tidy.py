@@ -210,7 +210,7 @@ def test_fast_answers_are_left_out_one_by_one(tmp_path, demo_protocol, write_jou
     assert tidy.analysed.empty
 
 
-def test_one_sided_sittings_are_left_out_by_rule(tmp_path, demo_protocol, write_journals):
+def test_one_sided_sessions_are_left_out_by_rule(tmp_path, demo_protocol, write_journals):
     strict = rules(demo_protocol, same_side_max_share=0.9)
     folder = write_journals(
         tmp_path / "s", people=2, protocol=strict, choose=lambda _f, _s, _rng: True
@@ -222,7 +222,7 @@ def test_one_sided_sittings_are_left_out_by_rule(tmp_path, demo_protocol, write_
     assert step.sittings_out == 2
 
 
-def test_failed_catch_trials_leave_a_sitting_out(tmp_path, demo_protocol, write_journals):
+def test_failed_catch_trials_leave_a_session_out(tmp_path, demo_protocol, write_journals):
     folder = write_journals(tmp_path / "s", people=2)
 
     def fail(lines):
@@ -252,7 +252,7 @@ def test_flow_adds_up(tmp_path, demo_protocol, write_journals):
     assert tidy.flow[-1].decisions_left == len(tidy.analysed)
 
 
-def test_sittings_of_two_protocols_are_refused_with_both_named(
+def test_sessions_of_two_protocols_are_refused_with_both_named(
     tmp_path, demo_protocol, write_journals
 ):
     """Also where both studies number their participants alike."""
@@ -316,23 +316,23 @@ def test_tables_of_every_task_name_every_column_once(demo_protocol, kind):
         assert len(set(names)) == len(names), table
 
 
-def sitting_file(folder, code):
+def session_file(folder, code):
     return folder / code / "journal.jsonl"
 
 
-def test_a_sitting_copied_under_another_code_is_refused(tmp_path, write_journals, demo_protocol):
+def test_a_session_copied_under_another_code_is_refused(tmp_path, write_journals, demo_protocol):
     folder = write_journals(tmp_path / "in", people=2)
-    text = sitting_file(folder, "P01").read_text()
-    sitting_file(folder, "P02").write_text(text.replace('"P01"', '"P02"'))
+    text = session_file(folder, "P01").read_text()
+    session_file(folder, "P02").write_text(text.replace('"P01"', '"P02"'))
 
     with pytest.raises(StudyError, match="equal those of P01, under another code"):
         read_sessions(folder, demo_protocol)
 
 
-def test_sittings_of_different_manifests_are_noted(tmp_path, write_journals, demo_protocol):
+def test_sessions_of_different_manifests_are_noted(tmp_path, write_journals, demo_protocol):
     folder = write_journals(tmp_path / "in", people=3)
     assert not any("manifests" in note for note in read_sessions(folder, demo_protocol).warnings)
-    path = sitting_file(folder, "P03")
+    path = session_file(folder, "P03")
     other = '"manifest_sha256":"' + "1" * 64
     path.write_text(path.read_text().replace('"manifest_sha256":"' + "0" * 64, other))
 
@@ -349,7 +349,7 @@ def test_absurd_lines_of_a_journal_are_damage_and_no_traceback(
     tmp_path, write_journals, demo_protocol, line
 ):
     folder = write_journals(tmp_path / "in", people=2)
-    path = sitting_file(folder, "P02")
+    path = session_file(folder, "P02")
     path.write_bytes(path.read_bytes() + line + b"\n")
 
     notes = read_sessions(folder, demo_protocol).warnings

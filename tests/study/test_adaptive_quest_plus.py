@@ -196,7 +196,7 @@ def test_a_prior_of_zero_rules_a_value_out():
     np.testing.assert_allclose(posterior([], grid).sum(axis=(0, 1, 3)), [1 / 3, 0.0, 2 / 3])
 
 
-def test_answers_that_no_observer_could_give_do_not_stop_the_sitting():
+def test_answers_that_no_observer_could_give_do_not_stop_the_session():
     """Without guesses and lapses a step function holds both of these for impossible."""
     grid = Grid((0.0, 5.0, 10.0), Axis((4.0, 6.0)), Axis((1e-3,)), Axis((0.0,)), Axis((0.0,)))
     history = [(0.0, True), (10.0, False)] * 10

@@ -18,7 +18,7 @@ from protocols.hashing import canonical_json
 from protocols.journal_file import read_journal
 from protocols.load import load_study
 from study_app.gaze.simulated import HUMAN
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 
 BEFORE = json.loads(Path(__file__).with_name("oracles").joinpath("before_scripts.json").read_text())
 PROGRAM = ("chain", "revision", "versions", "platform")
@@ -42,7 +42,7 @@ def simulated(name: str, folder: Path) -> dict[str, object]:
     simulation = SimulatedStudy(
         study, display, seed=7, model=model, gaze=gaze, gaze_rate_hz=60.0, **FAULTS
     )
-    simulate_sitting(simulation, folder / "sessions", "S001")
+    simulate_session(simulation, folder / "sessions", "S001")
     journal = read_journal(next(folder.rglob("journal.jsonl")))
     lines, files = [], {"flips": [], "gaze": []}
     for event in journal.events:

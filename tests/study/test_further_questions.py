@@ -27,7 +27,7 @@ from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample
 from study_app.observers import ArtificialObserver, default_model
 from study_app.paint import bitmaps_of, drawn
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 from study_app.trial import GazeVerdict
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -82,7 +82,7 @@ def test_each_question_has_its_own_keys_and_its_own_reaction_time(thrice):
 
 
 def test_further_answers_stand_in_the_journal_beside_the_first(thrice, tmp_path):
-    simulate_sitting(thrice, tmp_path, "S001")
+    simulate_session(thrice, tmp_path, "S001")
     journal = journal_of(tmp_path)
     completed = [a for a in journal.attempts if a.outcome == "completed"]
     assert completed
@@ -104,7 +104,7 @@ def test_further_answers_stand_in_the_journal_beside_the_first(thrice, tmp_path)
 
 
 def test_a_void_attempt_keeps_no_further_answer_and_old_lines_need_none(thrice, tmp_path):
-    simulate_sitting(thrice, tmp_path, "S001")
+    simulate_session(thrice, tmp_path, "S001")
     attempts = journal_of(tmp_path).attempts
     void = next(a for a in attempts if a.outcome == "void")
     done = next(a for a in attempts if a.outcome == "completed")
@@ -149,7 +149,7 @@ def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monk
     monkeypatch.setattr(TwoInterval, "phases", speeded)
     study, display = load_study(Path("demo"))
     slow = replace(default_model(study), rt_median_s=1.5, rt_sigma=0.1)
-    simulate_sitting(SimulatedStudy(study, display, model=slow), tmp_path, "S001")
+    simulate_session(SimulatedStudy(study, display, model=slow), tmp_path, "S001")
     attempts = read_journal(tmp_path / "demo" / "S001" / "journal.jsonl").attempts
     assert {a.outcome for a in attempts} == {"completed"}
     assert {(s.frames_shown, s.frames_planned) for a in attempts for s in a.stimuli} == {(30, 30)}

@@ -21,8 +21,8 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.recorder import Recorder
-from study_app.session_folders import find_sittings
-from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
+from study_app.session_folders import find_sessions
+from study_app.simulate import SimulatedStudy, simulate_session, simulate_study
 from study_app.verification import verify
 from study_app.virtual import VirtualClock
 
@@ -70,11 +70,11 @@ def test_a_checksum_is_the_hash_of_the_one_before_and_of_the_line_without_its_ow
 
 
 def test_every_line_of_a_new_journal_has_its_checksum(sample_sessions):
-    for sitting in find_sittings(sample_sessions):
+    for session in find_sessions(sample_sessions):
         before = first_link(b"")
-        assert sitting.journal.unchecked == 0
+        assert session.journal.unchecked == 0
         for event, line in zip(
-            sitting.journal.events, sitting.journal.path.read_bytes().splitlines(), strict=True
+            session.journal.events, session.journal.path.read_bytes().splitlines(), strict=True
         ):
             assert due(line, before) == event.chain
             before = event.chain
@@ -106,7 +106,7 @@ def test_lines_taken_out_moved_or_doubled_are_noticed(sessions, kept):
     path.write_bytes(b"".join(kept(path.read_bytes().splitlines(keepends=True))))
 
     assert read_journal(path, lenient=True).damaged
-    assert verify(find_sittings(sessions)[0]).problems
+    assert verify(find_sessions(sessions)[0]).problems
 
 
 def test_a_checksum_cannot_be_left_out(sessions):
@@ -229,7 +229,7 @@ def test_an_attempt_that_contradicts_the_plan_is_left_out_and_named(sessions, wh
     assert said in found.stdout
 
 
-def test_a_sitting_goes_on_only_where_its_journal_fits_the_plan(sessions):
+def test_a_session_goes_on_only_where_its_journal_fits_the_plan(sessions):
     path = journal_path(sessions)
     without_checksums(path)
     lines = path.read_bytes().splitlines(keepends=True)
@@ -240,11 +240,11 @@ def test_a_sitting_goes_on_only_where_its_journal_fits_the_plan(sessions):
     before = path.read_bytes()
 
     with pytest.raises(StudyError, match="repeat must be 0, as planned"):
-        simulate_sitting(SimulatedStudy(DEMO, DISPLAY), sessions, "S001")
+        simulate_session(SimulatedStudy(DEMO, DISPLAY), sessions, "S001")
     assert path.read_bytes() == before
 
 
-def test_another_code_or_slot_is_no_longer_the_plan_of_the_sitting(sessions):
+def test_another_code_or_slot_is_no_longer_the_plan_of_the_session(sessions):
     path = journal_path(sessions)
     without_checksums(path)
     edit(path, b'"slot":0', b'"slot":6')
@@ -254,7 +254,7 @@ def test_another_code_or_slot_is_no_longer_the_plan_of_the_sitting(sessions):
         "demo/S001: trials are not compared with the plan, which comes out otherwise than it was"
         " recorded, or needs the study's secret"
     ]
-    found = verify(find_sittings(sessions)[0], DEMO)
+    found = verify(find_sessions(sessions)[0], DEMO)
     assert any("the plan must come out as it did" in problem for problem in found.problems)
 
 
@@ -301,9 +301,9 @@ def test_the_report_of_the_display_is_held_to_its_hash(tmp_path):
         before, lines = event.chain, [*lines, line]
     path.write_bytes(b"".join(lines))
 
-    assert verify(find_sittings(root)[0], DEMO).problems == ()
+    assert verify(find_sessions(root)[0], DEMO).problems == ()
     report.write_bytes(b"{ }\n")
-    assert verify(find_sittings(root)[0], DEMO).problems == (f"{REPORTS}/fhd.json was changed",)
+    assert verify(find_sessions(root)[0], DEMO).problems == (f"{REPORTS}/fhd.json was changed",)
 
 
 def test_a_file_that_lies_elsewhere_is_not_opened(sessions):
@@ -311,7 +311,7 @@ def test_a_file_that_lies_elsewhere_is_not_opened(sessions):
     without_checksums(path)
     edit(path, b'"file":"flips/0001.csv"', b'"file":"../../../f.csv"')
 
-    assert verify(find_sittings(sessions)[0]).problems == (
+    assert verify(find_sessions(sessions)[0]).problems == (
         "../../../f.csv lies outside the folder of sessions",
     )
 
@@ -334,7 +334,7 @@ def test_trials_in_another_order_are_found_even_with_new_checksums(sessions):
     path.write_bytes(b"".join(lines))
 
     assert not read_journal(path).damaged
-    (problem,) = verify(find_sittings(sessions)[0], DEMO).problems
+    (problem,) = verify(find_sessions(sessions)[0], DEMO).problems
     assert problem.startswith(f"line {one + 1}: must be {first['trial']}")
 
 

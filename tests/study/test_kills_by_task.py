@@ -4,9 +4,9 @@ levels."""
 from __future__ import annotations
 
 import pytest
-from attack.kills import CASES, RESTLESS, journal_of, kill_sittings, write_study
+from attack.kills import CASES, RESTLESS, journal_of, kill_sessions, write_study
 
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -16,7 +16,7 @@ def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_ful
     """SIGKILL, or a full disk, at writes spread over the whole session, several in each."""
     fewest = 20 if CASES[name].confidence else 12
     points = (40 if full else 4) if disk_full else (200 if full else fewest)
-    found = kill_sittings(name, tmp_path, points, full=disk_full)
+    found = kill_sessions(name, tmp_path, points, full=disk_full)
 
     assert found.died >= found.kills // 2  # the others had come to their end before
     asked = ("confidence",) if CASES[name].confidence else ()
@@ -27,7 +27,7 @@ def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_ful
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_in_a_trial_of_three_questions_it_loses_and_doubles_none(tmp_path, full):
-    found = kill_sittings("asked thrice", tmp_path, 200 if full else 20)
+    found = kill_sessions("asked thrice", tmp_path, 200 if full else 20)
 
     assert found.died >= found.kills // 2
     attempts = journal_of(tmp_path / "whole").attempts
@@ -50,7 +50,7 @@ def test_levels_and_pairs_follow_the_answers(tmp_path, name):
     def shown(seed: int) -> list[object]:
         root = tmp_path / f"seed-{seed}"
         sim = SimulatedStudy(simulation.protocol, simulation.display, seed=seed, gaze=RESTLESS)
-        simulate_sitting(sim, root, "S001")
+        simulate_session(sim, root, "S001")
         main = [a for a in journal_of(root).attempts if a.role == "main"]
         return [
             a.condition[column] if column else frozenset(s.name for s in a.stimuli)

@@ -53,7 +53,7 @@ class Cursor(MouseGaze):
         return SourceInfo("asked", "", 144.0)
 
 
-class Sitting:
+class Session:
     """A session before a display of any rate, with the mouse on the dot."""
 
     def __init__(
@@ -88,43 +88,43 @@ class Sitting:
 @pytest.mark.parametrize("true_hz", [36.0, 72.0, 100.0, 7.0])
 def test_a_slow_renderer_is_named_after_a_few_attempts_and_the_eye_is_not(tmp_path, true_hz):
     """Before, gaps between samples of a mouse counted as a lost eye: the dot was asked for."""
-    sitting = Sitting(tmp_path, demo(), true_hz)
-    message = sitting.stopped()
+    session = Session(tmp_path, demo(), true_hz)
+    message = session.stopped()
 
     (told_hz,) = re.findall(r"cannot keep up \((.*) Hz instead of 144: ", message)
     assert float(told_hz) == pytest.approx(true_hz, rel=0.04)
     assert "session resume" in message
-    assert [a.void_reason for a in sitting.attempts] == ["dropped-frames"] * LATE_MOST
-    assert all(a.gaze.lost_share == 0.0 for a in sitting.attempts)
-    end = read_journal(sitting.path).events[-1]
+    assert [a.void_reason for a in session.attempts] == ["dropped-frames"] * LATE_MOST
+    assert all(a.gaze.lost_share == 0.0 for a in session.attempts)
+    end = read_journal(session.path).events[-1]
     assert isinstance(end, SessionEnd)
     assert (end.reason, end.message) == ("error", message)
 
 
 def test_what_was_stopped_goes_on_before_a_faster_machine(tmp_path):
-    Sitting(tmp_path, demo(), 36.0).stopped()
-    again = Sitting(tmp_path, demo(), 36.0)
+    Session(tmp_path, demo(), 36.0).stopped()
+    again = Session(tmp_path, demo(), 36.0)
     again.stopped(resume)
     assert len(again.attempts) == 2 * LATE_MOST
 
-    outcome = Sitting(tmp_path, demo(), 144.0).run(resume)
+    outcome = Session(tmp_path, demo(), 144.0).run(resume)
 
     assert (outcome.reason, outcome.main_done) == ("completed", 24)
 
 
 def test_every_flip_that_the_log_marks_is_counted_where_the_operator_looks(tmp_path):
     """The wait for fixation is no stimulus, and counts in the state of the machine all the same."""
-    sitting = Sitting(tmp_path, demo(), 36.0)
-    message = sitting.stopped()
+    session = Session(tmp_path, demo(), 36.0)
+    message = session.stopped()
     missed = 0
-    for attempt in sitting.attempts:
-        rows = (sitting.path.parent / attempt.flips_file.file).read_text().splitlines()[2:]
+    for attempt in session.attempts:
+        rows = (session.path.parent / attempt.flips_file.file).read_text().splitlines()[2:]
         marked = sum(int(row.split(",")[3]) - 1 for row in rows)
         assert attempt.missed == marked > attempt.dropped
         missed += marked
 
     told = CliRunner().invoke(
-        app, ["session", "status", str(sitting.path.parent)], terminal_width=400
+        app, ["session", "status", str(session.path.parent)], terminal_width=400
     )  # fmt: skip
     lines = {row[0]: row[1] for line in told.output.splitlines() if len(row := cells(line)) == 2}
     assert lines["missed refreshes"].startswith(f"{missed} of ")
@@ -142,11 +142,11 @@ def cells(line: str) -> list[str]:
 
 def test_a_tolerant_study_goes_on_before_a_late_display_and_counts_what_it_missed(tmp_path):
     study = demo(trial={"dropped_frames_max": 10_000}, design={"repeats": 1})
-    sitting = Sitting(tmp_path, study, 36.0)
+    session = Session(tmp_path, study, 36.0)
 
-    assert sitting.run().reason == "completed"
-    assert {a.outcome for a in sitting.attempts} == {"completed"}
-    assert all(a.missed > 0.7 * a.refreshes for a in sitting.attempts)
+    assert session.run().reason == "completed"
+    assert {a.outcome for a in session.attempts} == {"completed"}
+    assert all(a.missed > 0.7 * a.refreshes for a in session.attempts)
 
 
 def test_single_late_attempts_stop_nothing(tmp_path):
@@ -157,10 +157,10 @@ def test_single_late_attempts_stop_nothing(tmp_path):
         return {} if next(number) % LATE_MOST == 0 else {80: Fault("missed", 9.0)}
 
     study = demo(design={"repeats": 1, "max_attempts": 50})
-    sitting = Sitting(tmp_path, study, 144.0, on=faults)
+    session = Session(tmp_path, study, 144.0, on=faults)
 
-    assert sitting.run().reason == "completed"
-    reasons = [a.void_reason for a in sitting.attempts]
+    assert session.run().reason == "completed"
+    reasons = [a.void_reason for a in session.attempts]
     assert reasons[:LATE_MOST] == ["dropped-frames"] * (LATE_MOST - 1) + [None]
     assert len(reasons) > 40
 
@@ -173,13 +173,13 @@ def test_a_machine_that_stands_still_at_the_onset_of_a_clip_lost_no_eye(tmp_path
     def faults(_trial, _attempt):
         return {72: Fault("missed", 60.0)} if next(once, False) else {}
 
-    sitting = Sitting(tmp_path, demo(design={"repeats": 1}), 144.0, on=faults, of=of)
-    sitting.run()
-    first = sitting.attempts[0]
+    session = Session(tmp_path, demo(design={"repeats": 1}), 144.0, on=faults, of=of)
+    session.run()
+    first = session.attempts[0]
 
     assert next(p.phase for p in first.phases if p.dropped) == "fixate"
     assert first.void_reason != "data-loss"
-    assert {a.void_reason for a in sitting.attempts[1:]} == {None}
+    assert {a.void_reason for a in session.attempts[1:]} == {None}
 
 
 def test_a_source_that_is_asked_is_lost_where_it_answers_no_more():

@@ -18,7 +18,7 @@ from study_app.cli.live_renderer import FoveatingStudio
 from study_app.live.log import read_log
 from study_app.live.redraw import redraw
 from study_app.live.redraw_trials import TrialDrawer
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 from study_app.verification import verify
 
 pytestmark = pytest.mark.slow
@@ -79,8 +79,8 @@ def test_a_live_session_that_is_killed_at_any_step_is_whole_and_drawn_again(
         assert journal.damaged == ()
         if not journal.events:
             return None
-        assert verify(Sitting(there, journal), study).problems == ()
-        again, _ = drawer.redraw(Sitting(there, journal), {})
+        assert verify(SessionFolder(there, journal), study).problems == ()
+        again, _ = drawer.redraw(SessionFolder(there, journal), {})
         assert again.problems == ()
         kept = [one for one in journal.attempts if one.live.ages_ms]
         assert again.drawn == again.equal == len(kept)

@@ -11,14 +11,14 @@ import pytest
 
 from protocols import locks
 from protocols.errors import StudyError
-from protocols.locks import held, kept_for_sitting, lock_name, only_build
+from protocols.locks import held, kept_for_session, lock_name, only_build
 from study_app.recorder import Recorder
 
 SIT = """
 import sys, time
 from pathlib import Path
-from protocols.locks import kept_for_sitting
-with kept_for_sitting(Path(sys.argv[1])):
+from protocols.locks import kept_for_session
+with kept_for_session(Path(sys.argv[1])):
     print("session", flush=True)
     time.sleep(600)
 """
@@ -37,8 +37,8 @@ def refused_build(clips) -> str:
     return str(refusal.value)
 
 
-def test_sittings_share_a_folder_and_keep_builds_out(clips):
-    with kept_for_sitting(clips), kept_for_sitting(clips):
+def test_sessions_share_a_folder_and_keep_builds_out(clips):
+    with kept_for_session(clips), kept_for_session(clips):
         assert refused_build(clips) == (
             f"{clips}: must not change while a session shows its clips (one is running); build"
             " after it ends, or choose another --out"
@@ -48,30 +48,30 @@ def test_sittings_share_a_folder_and_keep_builds_out(clips):
     assert list(clips.iterdir()) == []
 
 
-def test_a_build_keeps_sittings_and_other_builds_out(clips):
+def test_a_build_keeps_sessions_and_other_builds_out(clips):
     with only_build(clips):
         with (
             pytest.raises(StudyError, match=r"must be finished before .*a build is at work"),
-            kept_for_sitting(clips),
+            kept_for_session(clips),
         ):
             pytest.fail("it may not sit")
         assert "another build is at work in this folder" in refused_build(clips)
-    with kept_for_sitting(clips):
+    with kept_for_session(clips):
         pass
 
 
 def test_the_same_folder_by_another_name_is_the_same_folder(clips, tmp_path):
     (tmp_path / "link").symlink_to(clips)
-    with kept_for_sitting(tmp_path / "link"):
+    with kept_for_session(tmp_path / "link"):
         assert "while a session shows its clips" in refused_build(clips)
 
 
-def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
-    sitting = subprocess.Popen([sys.executable, "-c", SIT, clips], stdout=subprocess.PIPE)
-    with sitting:
-        assert sitting.stdout.readline() == b"session\n"
+def test_a_killed_session_leaves_nothing_that_blocks(clips):
+    session = subprocess.Popen([sys.executable, "-c", SIT, clips], stdout=subprocess.PIPE)
+    with session:
+        assert session.stdout.readline() == b"session\n"
         assert "while a session shows its clips" in refused_build(clips)
-        sitting.send_signal(signal.SIGKILL)
+        session.send_signal(signal.SIGKILL)
     with only_build(clips):
         pass
     assert list(clips.iterdir()) == []
@@ -79,7 +79,7 @@ def test_a_killed_sitting_leaves_nothing_that_blocks(clips):
 
 def test_a_read_only_folder_can_be_shown(clips):
     clips.chmod(0o555)
-    with kept_for_sitting(clips):
+    with kept_for_session(clips):
         assert "while a session shows its clips" in refused_build(clips)
 
 
@@ -90,7 +90,7 @@ def test_a_file_system_without_locks_stops_neither(clips, monkeypatch):
     monkeypatch.setattr(portalocker, "lock", refuse)
     with held(clips) as alone:
         assert alone is None
-    with kept_for_sitting(clips), only_build(clips):
+    with kept_for_session(clips), only_build(clips):
         pass
 
 
@@ -102,7 +102,7 @@ def locked_beside(monkeypatch):
 
 @pytest.mark.usefixtures("locked_beside")
 def test_where_a_folder_cannot_be_locked_a_file_beside_it_stands_for_it(clips):
-    with kept_for_sitting(clips), kept_for_sitting(clips):
+    with kept_for_session(clips), kept_for_session(clips):
         assert {entry.name for entry in clips.parent.iterdir()} == {"clips", ".clips.lock"}
         assert "while a session shows its clips" in refused_build(clips)
     with only_build(clips):

@@ -17,8 +17,8 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.cli.terminal import PlainConsole, say, visible
-from study_app.session_folders import find_sittings, next_slot
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.session_folders import find_sessions, next_slot
+from study_app.simulate import SimulatedStudy, simulate_session
 
 DEMO = load_protocol(Path("demo"))
 BAD = {
@@ -80,16 +80,16 @@ def test_a_bad_line_costs_itself_and_is_named(sessions, what, checked):
 
 
 @pytest.mark.parametrize("what", ["5,000 digits", "deep brackets", "bytes", "empty"])
-def test_a_sitting_without_its_first_line_is_left_out_and_the_study_goes_on(sessions, what):
+def test_a_session_without_its_first_line_is_left_out_and_the_study_goes_on(sessions, what):
     harm(sessions, BAD[what], 0)
     tidy = read_sessions(sessions, DEMO)
 
     assert list(tidy.sessions["participant"]) == ["S002"]
     assert any("S001: left out" in note for note in tidy.warnings)
     # The slot of S001 is not known, and is not given away.
-    assert [s.journal.start.slot for s in find_sittings(sessions) if s.participant == "S002"] == [1]
+    assert [s.journal.start.slot for s in find_sessions(sessions) if s.participant == "S002"] == [1]
     assert next_slot(sessions, "demo") == 2
-    simulate_sitting(SimulatedStudy(DEMO, load_display(DEMO.display.display)), sessions, "S003")
+    simulate_session(SimulatedStudy(DEMO, load_display(DEMO.display.display)), sessions, "S003")
     assert read_journal(sessions / "demo" / "S003" / "journal.jsonl").start.slot == 2
 
 
@@ -105,7 +105,7 @@ def test_a_slot_that_was_changed_is_not_believed(sessions):
     assert next_slot(sessions, "demo") == 2  # not 0, which a person may have had
 
 
-def test_a_journal_that_is_no_file_costs_one_sitting(sessions):
+def test_a_journal_that_is_no_file_costs_one_session(sessions):
     path = sessions / "demo" / "S001" / "journal.jsonl"
     path.unlink()
     path.mkdir()

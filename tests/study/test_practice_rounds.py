@@ -16,7 +16,7 @@ from protocols.script import trial_script
 from study_app.attempt import run_attempt
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.session import following, remaining
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 from study_app.virtual import VirtualClock, VirtualStage
 
 FHD = load_display("fhd27-60hz")
@@ -120,7 +120,7 @@ def test_below_the_criterion_another_round_follows_and_counts_for_itself(after):
     assert len(after(STUDY, *poor, *poor)) == ROUND
 
 
-def test_after_the_last_round_the_sitting_goes_on_whatever_the_answers(after):
+def test_after_the_last_round_the_session_goes_on_whatever_the_answers(after):
     assert after(STUDY, *[False] * ROUND * ROUNDS) == []
 
 
@@ -152,9 +152,9 @@ def test_trials_that_were_given_up_are_no_answers(after):
 
 
 @pytest.mark.parametrize(("utility", "trials"), [(50.0, ROUND), (-50.0, ROUND * ROUNDS)])
-def test_a_sitting_practises_until_it_is_right_or_the_rounds_are_over(tmp_path, utility, trials):
+def test_a_session_practises_until_it_is_right_or_the_rounds_are_over(tmp_path, utility, trials):
     model = PreferenceModel({"reference": utility}, lapse=0.0, participant_sd=0.0, scene_sd=0.0)
-    outcome = simulate_sitting(SimulatedStudy(STUDY, FHD, model=model), tmp_path, "S001")
+    outcome = simulate_session(SimulatedStudy(STUDY, FHD, model=model), tmp_path, "S001")
     journal = read_journal(tmp_path / "demo" / "S001" / "journal.jsonl")
     practice = [attempt for attempt in journal.attempts if attempt.role == "practice"]
 
@@ -166,7 +166,7 @@ def test_a_sitting_practises_until_it_is_right_or_the_rounds_are_over(tmp_path, 
 
 
 def test_feedback_is_shown_in_practice_alone_and_for_its_time(tmp_path):
-    simulate_sitting(SimulatedStudy(STUDY, FHD), tmp_path, "S001")
+    simulate_session(SimulatedStudy(STUDY, FHD), tmp_path, "S001")
     for attempt in read_journal(tmp_path / "demo" / "S001" / "journal.jsonl").attempts:
         phases = {phase.phase: phase.refreshes for phase in attempt.phases}
         assert ("feedback" in phases) == (attempt.role == "practice")

@@ -20,7 +20,7 @@ from protocols.manifest import write_manifest
 from study_app.archive import read_archive
 from study_app.archive.index import INDEX_NAME, ArchivedFile, Index
 from study_app.cli import app, archive_commands, new_study_command
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 
 SECRET = "a secret of the lab"
 
@@ -53,7 +53,7 @@ def lab(tmp_path_factory) -> Path:
     write_manifest(root / "clips", manifest)
     simulation = SimulatedStudy(study, display, gaze_rate_hz=60, manifest=manifest)
     for code in ("S001", "S002"):
-        simulate_sitting(simulation, root / "sessions", code)
+        simulate_session(simulation, root / "sessions", code)
     (root / "sessions" / "another-study").mkdir()
     return root
 
@@ -96,7 +96,7 @@ def archived(*more: object, out: str = "backup.zip", **options):
     return done
 
 
-def test_an_archive_holds_the_study_and_its_sittings_byte_for_byte(here):
+def test_an_archive_holds_the_study_and_its_sessions_byte_for_byte(here):
     said = archived().output
     with zipfile.ZipFile("backup.zip") as archive:
         names = set(archive.namelist())

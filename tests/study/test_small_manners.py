@@ -45,7 +45,7 @@ def run(*arguments):
 
 
 def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monkeypatch):
-    once, whole = [], simulate.simulate_sitting
+    once, whole = [], simulate.simulate_session
 
     def interrupted(simulation, root, code, **options):
         if code == "S002" and not once:
@@ -53,7 +53,7 @@ def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monke
             raise KeyboardInterrupt
         return whole(simulation, root, code, **options)
 
-    monkeypatch.setattr(simulate, "simulate_sitting", interrupted)
+    monkeypatch.setattr(simulate, "simulate_session", interrupted)
     command = ("session", "simulate", "demo", "--participants", 2, "--out", tmp_path)
     stopped = run(*command)
     assert stopped.exit_code == 130

@@ -20,7 +20,7 @@ from protocols.side_files import check_side_files
 from study_app import conduct, run
 from study_app.recorder import Recorder
 from study_app.session import RunTrial, next_step
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 
 DEMO = load_protocol(Path("demo"))
 DISPLAY = load_display(DEMO.display.display)
@@ -48,18 +48,18 @@ def test_a_signal_asks_to_quit_also_when_the_terminal_closed(number):
 
 
 @pytest.mark.parametrize("change", [{"seed": 2}, {"missed_per_flip": 0.01}, {"gaze_rate_hz": 60.0}])
-def test_a_simulated_sitting_goes_on_with_the_observer_it_began_with(tmp_path, change):
+def test_a_simulated_session_goes_on_with_the_observer_it_began_with(tmp_path, change):
     began = SimulatedStudy(DEMO, DISPLAY, seed=1)
-    simulate_sitting(began, tmp_path, "S001")
+    simulate_session(began, tmp_path, "S001")
     path = tmp_path / "demo" / "S001" / "journal.jsonl"
     lines = path.read_bytes().splitlines(keepends=True)
     whole = read_journal(path)
     path.write_bytes(b"".join(lines[:15]))
 
     with pytest.raises(StudyError, match="must continue with the same observer"):
-        simulate_sitting(SimulatedStudy(DEMO, DISPLAY, **({"seed": 1} | change)), tmp_path, "S001")
+        simulate_session(SimulatedStudy(DEMO, DISPLAY, **({"seed": 1} | change)), tmp_path, "S001")
     assert path.read_bytes() == b"".join(lines[:15])
-    simulate_sitting(began, tmp_path, "S001")
+    simulate_session(began, tmp_path, "S001")
     assert [a.answer for a in read_journal(path).attempts] == [a.answer for a in whole.attempts]
 
 
@@ -83,7 +83,7 @@ def test_a_table_holds_no_control_characters(tmp_path):
 def test_only_what_can_be_simulated_anew_does_not_wait_for_the_disk(tmp_path, monkeypatch):
     real, synced = os.fsync, []
     monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(handle), real(handle))[1])
-    simulate_sitting(SimulatedStudy(DEMO, DISPLAY), tmp_path, "S001")
+    simulate_session(SimulatedStudy(DEMO, DISPLAY), tmp_path, "S001")
     whole = read_journal(tmp_path / "demo" / "S001" / "journal.jsonl")
     assert len(synced) < 5 < len(whole.attempts)
 
@@ -103,7 +103,7 @@ def test_files_of_more_than_9999_attempts_have_names_of_their_own(tmp_path, monk
         return step
 
     monkeypatch.setattr(conduct, "next_step", later)
-    simulate_sitting(SimulatedStudy(DEMO, DISPLAY), tmp_path, "S001")
+    simulate_session(SimulatedStudy(DEMO, DISPLAY), tmp_path, "S001")
     folder = tmp_path / "demo" / "S001"
     journal = read_journal(folder / "journal.jsonl")
     attempts = journal.attempts

@@ -13,7 +13,7 @@ from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import Journal, read_journal
-from study_app.session_folders import find_sittings
+from study_app.session_folders import find_sessions
 from study_app.verification import verify
 
 # In the first attempts: a lost focus, the pause key, refreshes that were missed in a row.
@@ -37,8 +37,8 @@ def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
     """Bring home what a site holds: one whole session, to which Python agrees."""
     (imported,) = brought_home(of, site.lines, root)
     assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
-    (sitting,) = find_sittings(root)
-    assert (sitting.state, list(verify(sitting, of.study).problems)) == ("completed", [])
+    (session,) = find_sessions(root)
+    assert (session.state, list(verify(session, of.study).problems)) == ("completed", [])
     return read_journal(root / of.study.study.name / imported.participant / "journal.jsonl")
 
 

@@ -14,7 +14,7 @@ from protocols.plan import make_plan
 from study_app.cli import app
 from study_app.cli.session_commands import ObserverOptions
 from study_app.observers import ArtificialObserver
-from study_app.session_folders import find_sittings
+from study_app.session_folders import find_sessions
 from study_app.verification import verify
 from study_app.web.chromium import PROGRAMS
 
@@ -35,14 +35,14 @@ def said(result: Result) -> str:
 
 def rows(of, root, seed, options) -> list[tuple[object, ...]]:
     """Return the trial of each decision, its key and time, and what the observer would do."""
-    (sitting,) = find_sittings(root)
-    start = sitting.journal.start
+    (session,) = find_sessions(root)
+    start = session.journal.start
     study = of.study.in_a_browser().ordered_by(start.seed)
     plan = make_plan(study, of.manifest, start.participant, start.slot)
     trials = {trial.id: trial for trial in plan.trials}
     observer = ArtificialObserver(options.model(of.study), study.response, seed, "S001")
     found = []
-    for one in sitting.journal.attempts:
+    for one in session.journal.attempts:
         if one.outcome == "completed":
             shown = {
                 "condition": one.condition,
@@ -62,12 +62,12 @@ def test_observers_run_an_exported_folder_and_come_home_as_simulated(case, tmp_p
     done = simulate(of, tmp_path / "a", *words)
     assert done.exit_code == 0, done.output
     assert "1 simulated session, 12 decisions" in done.output
-    (sitting,) = find_sittings(tmp_path / "a")
-    start = sitting.journal.start
-    assert (sitting.state, start.simulated, start.slot) == ("completed", True, 0)
+    (session,) = find_sessions(tmp_path / "a")
+    start = session.journal.start
+    assert (session.state, start.simulated, start.slot) == ("completed", True, 0)
     assert (start.remote.slot_from, start.remote.machine.simulated) == ("link", True)
     assert start.remote.machine.missed_share > 0
-    assert list(verify(sitting, of.study).problems) == []
+    assert list(verify(session, of.study).problems) == []
     answered = rows(of, tmp_path / "a", 3, ObserverOptions(strength=["two=3"]))
     assert len(answered) >= 16
     for trial, (key, rt_s), (wanted, wanted_s) in answered:
@@ -75,7 +75,7 @@ def test_observers_run_an_exported_folder_and_come_home_as_simulated(case, tmp_p
         assert rt_s == pytest.approx(wanted_s, abs=3e-6)
 
     # The same command makes the same journal; and what is there stays.
-    journal = tmp_path / "a" / of.study.study.name / sitting.participant / JOURNAL_NAME
+    journal = tmp_path / "a" / of.study.study.name / session.participant / JOURNAL_NAME
     assert simulate(of, tmp_path / "b", *words).exit_code == 0
     again = tmp_path / "b" / journal.relative_to(tmp_path / "a")
     assert again.read_bytes() == journal.read_bytes()

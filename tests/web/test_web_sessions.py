@@ -10,7 +10,7 @@ from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
-from study_app.session_folders import find_sittings
+from study_app.session_folders import find_sessions
 from study_app.verification import verify
 from study_app.web.import_lines import import_results, read_results
 
@@ -39,8 +39,8 @@ def test_a_session_of_every_task_comes_home_as_an_ordinary_one(kernel, case, tmp
     ]
     assert {one.void_reason for one in journal.attempts} > {None}
     assert journal.start.remote.machine.browser == "Made up 1"
-    (sitting,) = find_sittings(tmp_path)
-    assert (sitting.state, list(verify(sitting, of.study).problems)) == ("completed", [])
+    (session,) = find_sessions(tmp_path)
+    assert (session.state, list(verify(session, of.study).problems)) == ("completed", [])
 
 
 def journal_of(of: BuiltWebStudy, root, who: str = "W-1"):

@@ -178,8 +178,8 @@ class _Demo:
         """Run a command, print it with what it says, and return both."""
         if command[:2] == ["session", "run"]:
             code = command[command.index("--participant") + 1]
-            sitting = self.out / "sessions" / self.protocol.study.name / code
-            if sitting.exists() and not is_stillborn(sitting):
+            session = self.out / "sessions" / self.protocol.study.name / code
+            if session.exists() and not is_stillborn(session):
                 command = ["session", "resume", *command[2:]]
         words = f"metamerlab {shlex.join(command)}"
         self.console.print(f"$ {words}")

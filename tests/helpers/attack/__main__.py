@@ -18,7 +18,7 @@ from attack.bombs import BOMBS, MOST_CPU_S, MOST_MIB, run_bombs
 from attack.builds import build_by_command, kill_builds
 from attack.campaign import Result, meet, run_inputs
 from attack.guesses import guess_studies
-from attack.kills import CASES, kill_sittings
+from attack.kills import CASES, kill_sessions
 from attack.outputs import CASES as OUTPUTS
 from attack.outputs import attack_outputs
 from attack.planted import RATES_HZ, check_capture, check_timing
@@ -150,7 +150,7 @@ def _of_inputs(results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def _sittings(full: bool) -> Callable[[int, int, float, Count], dict[str, Any]]:
+def _sessions(full: bool) -> Callable[[int, int, float, Count], dict[str, Any]]:
     def attack(count: int, seed: int, until_s: float, on_kill: Count) -> dict[str, Any]:
         done, died, failures = 0, 0, []
         for place, name in enumerate(CASES):
@@ -159,7 +159,7 @@ def _sittings(full: bool) -> Callable[[int, int, float, Count], dict[str, Any]]:
                 continue
             with tempfile.TemporaryDirectory() as folder:
                 try:
-                    found = kill_sittings(
+                    found = kill_sessions(
                         name, Path(folder), share, seed=seed, full=full, on_kill=on_kill
                     )
                     done, died = done + found.kills, died + found.died
@@ -237,8 +237,8 @@ def _bombs(count: int, seed: int, until_s: float, on_bomb: Count) -> dict[str, A
 
 
 _OTHERS = {
-    "kills": _sittings(False),
-    "full_disks": _sittings(True),
+    "kills": _sessions(False),
+    "full_disks": _sessions(True),
     "builds": _builds,
     "faults": _faults,
     "captures": _captures,

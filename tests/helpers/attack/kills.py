@@ -26,8 +26,8 @@ from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour
 from study_app.observers import default_model
 from study_app.recorder import DiskError
-from study_app.session_folders import Sitting
-from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
+from study_app.session_folders import SessionFolder
+from study_app.simulate import SimulatedStudy, simulate_session, simulate_study
 from study_app.verification import verify
 
 RESTLESS = GazeBehaviour(away_per_s=0.4, blink_per_s=0.3, loss_per_s=0.1)
@@ -118,7 +118,7 @@ class Kills:
     """Processes that were to die or to find their disk full."""
     died: int
     """Those that did; the others had come to their end before."""
-    sittings: int
+    sessions: int
 
 
 def with_example(text: str, first_line: str, last_line: str) -> str:
@@ -261,13 +261,13 @@ def writes_of(simulation: SimulatedStudy, root: Path) -> int:
 
     os.write, os.fsync = write, sync  # type: ignore[assignment]
     try:
-        simulate_sitting(simulation, root, "S001")
+        simulate_session(simulation, root, "S001")
     finally:
         os.write, os.fsync = real_write, real_sync
     return calls[0]
 
 
-def kill_sittings(
+def kill_sessions(
     name: str,
     folder: Path,
     points: int,
@@ -296,10 +296,10 @@ def kill_sittings(
     wanted = told(undisturbed.attempts)
     assert any(a.outcome == "void" for a in undisturbed.attempts)
     chance = random.Random(f"{name} {seed}")
-    kills, sittings, died = 0, 0, 0
+    kills, sessions, died = 0, 0, 0
     while kills < points:
-        root = folder / f"killed-{sittings}"
-        sittings += 1
+        root = folder / f"killed-{sessions}"
+        sessions += 1
         saved = b""
         for _ in range(min(4, points - kills)):
             # Early, middle and late alike: each run goes on from the last, so a quarter is far.
@@ -324,7 +324,7 @@ def kill_sittings(
             saved = written[: written.rfind(b"\n") + 1]
         simulate_study(simulation, root, 1)
         _check_whole(journal_of(root), undisturbed, wanted, saved, simulation)
-    return Kills(kills, died, sittings)
+    return Kills(kills, died, sessions)
 
 
 def _check_whole(
@@ -344,5 +344,5 @@ def _check_whole(
     for attempt in journal.attempts:
         for side in (attempt.gaze_file, attempt.flips_file):
             assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
-    found = verify(Sitting(journal.path.parent, journal), simulation.protocol)
+    found = verify(SessionFolder(journal.path.parent, journal), simulation.protocol)
     assert (found.problems, found.notes) == ((), ())

@@ -159,7 +159,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from study_app.gaze.simulated import SimulatedGaze
     from study_app.observers import ArtificialObserver, default_model
     from study_app.opening import Setting, begin, resume
-    from study_app.session_folders import is_stillborn, sitting_folder
+    from study_app.session_folders import is_stillborn, session_folder
     from study_app.virtual import VirtualClock, VirtualStage
 
     study, display = load_study(folder / "study.toml", None)
@@ -185,7 +185,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
 
         os.write = write  # type: ignore[assignment]
         steps.before(os, "fsync", "sync")
-        there = sitting_folder(root, study, "P01")
+        there = session_folder(root, study, "P01")
         if there.exists() and not is_stillborn(there):
             recorder, plan = resume(setting, "P01", stage, gaze)
         else:

@@ -69,7 +69,7 @@ from study_app.live.log import LiveLog, read_log
 from study_app.live.loop import DrawnFlip
 from study_app.live.redraw_trials import gaze_by_stamp, read_flips
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
-from study_app.session_folders import Sitting
+from study_app.session_folders import SessionFolder
 from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.verification import verify
 
@@ -126,9 +126,9 @@ def _journal(path: Path) -> Any:
     return [strict, lenient.events]
 
 
-def _sittings(path: Path) -> Any:
+def _sessions(path: Path) -> Any:
     study = load_protocol(Path("demo"))
-    verify(Sitting(path.absolute().parent, read_journal(path, lenient=True)), study)
+    verify(SessionFolder(path.absolute().parent, read_journal(path, lenient=True)), study)
     tidy = read_sessions(path.parent.parent, study)
     return [tidy.attempts, tidy.decisions]
 
@@ -197,7 +197,7 @@ READERS: tuple[Reader, ...] = (
     Reader("manifest", "manifest/manifest.json", mutations.TREE, lambda p: read_manifest(p.parent)),
     Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("live-log", "live.jsonl", mutations.JOURNAL, read_log, _anything),
-    Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sittings, _lost, 0.1),
+    Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sessions, _lost, 0.1),
     Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
     Reader("flips-of-a-sitting", "flips.csv", mutations.PLAIN, read_flips, _anything),

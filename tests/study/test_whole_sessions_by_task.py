@@ -72,7 +72,7 @@ def sit(study, display, root, code):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_whole_sitting_is_shown_recorded_and_analysed(tmp_path, name):
+def test_a_whole_session_is_shown_recorded_and_analysed(tmp_path, name):
     case = CASES[name]
     path = tmp_path / "study.toml"
     path.write_text(case_text(case), encoding="utf-8")

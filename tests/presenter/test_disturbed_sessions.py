@@ -60,7 +60,7 @@ def error_of(done: subprocess.CompletedProcess[str]) -> str:
     return message
 
 
-def test_sleep_and_an_unplugged_monitor_void_the_attempt_and_the_sitting_goes_on(
+def test_sleep_and_an_unplugged_monitor_void_the_attempt_and_the_session_goes_on(
     screen, make_study
 ):
     study = make_study(SHORT)
@@ -93,20 +93,20 @@ def test_a_disk_that_gives_no_frame_any_more_ends_the_run_with_a_word(screen, ma
     assert journal.events[-1].reason == "error"
 
 
-def test_a_second_sitting_on_the_desktop_is_refused_before_anything_is_written(
+def test_a_second_session_on_the_desktop_is_refused_before_anything_is_written(
     screen, make_study, wait
 ):
     study = make_study(SHORT)
     first = screen.start(*screen.session("run", study))  # waits for consent
     try:
-        wait(lambda: (study.sitting() / "journal.jsonl").exists(), "the journal", process=first)
+        wait(lambda: (study.session() / "journal.jsonl").exists(), "the journal", process=first)
         second = screen.run(*screen.session("run", study, "--simulate", code="P02"))
     finally:
         first.kill()
         first.communicate()
 
     assert "only one window of metamerlab may be open on a desktop" in error_of(second)
-    assert not study.sitting("P02").exists()
+    assert not study.session("P02").exists()
     # What was killed holds nothing.
     done = screen.run(*screen.session("run", study, "--simulate", code="P02"))
     assert done.returncode == 0, done.stderr

@@ -46,8 +46,8 @@ from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
 from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
-from study_app.session_folders import find_sittings, next_slot
-from study_app.simulate import SimulatedStudy, simulate_sitting, simulate_study
+from study_app.session_folders import find_sessions, next_slot
+from study_app.simulate import SimulatedStudy, simulate_session, simulate_study
 from study_app.stage import PageResult
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -92,8 +92,8 @@ def journal_of(root: Path, participant: str = "S001"):
     return read_journal(root / SHORT.study.name / participant / "journal.jsonl")
 
 
-def test_an_undisturbed_sitting_shows_the_plan_in_order(tmp_path):
-    outcome = simulate_sitting(simulation(), tmp_path, "S001")
+def test_an_undisturbed_session_shows_the_plan_in_order(tmp_path):
+    outcome = simulate_session(simulation(), tmp_path, "S001")
     journal = journal_of(tmp_path)
     manifest = virtual_manifest(SHORT, FHD)
     plan = make_plan(SHORT, manifest, "S001", journal.start.slot)
@@ -117,7 +117,7 @@ def test_an_undisturbed_sitting_shows_the_plan_in_order(tmp_path):
 
 
 def test_the_header_holds_every_hash_and_says_simulated(tmp_path):
-    simulate_sitting(simulation(), tmp_path, "S001")
+    simulate_session(simulation(), tmp_path, "S001")
     start = journal_of(tmp_path).start
 
     assert start.simulated
@@ -132,8 +132,8 @@ def test_the_header_holds_every_hash_and_says_simulated(tmp_path):
     assert start.revision
 
 
-def test_a_sitting_has_consent_blocks_breaks_questions_and_an_end(tmp_path):
-    simulate_sitting(simulation(), tmp_path, "S001")
+def test_a_session_has_consent_blocks_breaks_questions_and_an_end(tmp_path):
+    simulate_session(simulation(), tmp_path, "S001")
     events = journal_of(tmp_path).events
     kinds = [event.kind for event in events if event.kind != "attempt"]
 
@@ -182,7 +182,7 @@ def test_pages_name_the_keys_and_count_the_blocks(tmp_path):
 
 
 def test_gaze_and_flips_lie_beside_the_journal_as_hashed(tmp_path):
-    simulate_sitting(simulation(), tmp_path, "S001")
+    simulate_session(simulation(), tmp_path, "S001")
     journal = journal_of(tmp_path)
     folder = journal.path.parent
     for attempt in journal.attempts:
@@ -201,7 +201,7 @@ def test_gaze_and_flips_lie_beside_the_journal_as_hashed(tmp_path):
 
 
 def test_void_attempts_come_again_later_in_their_block_and_all_are_kept(tmp_path):
-    outcome = simulate_sitting(simulation(gaze=RESTLESS, seed=4), tmp_path, "S001")
+    outcome = simulate_session(simulation(gaze=RESTLESS, seed=4), tmp_path, "S001")
     journal = journal_of(tmp_path)
     voids = [a for a in journal.attempts if a.outcome == "void"]
 
@@ -296,7 +296,7 @@ def test_quit_wins_over_pause_and_both_are_remembered():
 
 def test_every_kind_of_injected_fault_reaches_the_flip_log(tmp_path):
     sim = simulation(NO_GAZE, missed_per_flip=0.01, late_per_flip=0.02, doubled_per_flip=0.03)
-    simulate_sitting(sim, tmp_path, "S001")
+    simulate_session(sim, tmp_path, "S001")
     kinds: Counter[str] = Counter()
     for path in sorted((tmp_path / "demo" / "S001" / "flips").iterdir()):
         with path.open() as file:
@@ -310,7 +310,7 @@ def test_every_kind_of_injected_fault_reaches_the_flip_log(tmp_path):
 
 def test_a_trial_is_given_up_after_the_allowed_attempts(tmp_path):
     blind = GazeBehaviour(jitter_deg=20.0)
-    outcome = simulate_sitting(
+    outcome = simulate_session(
         simulation(changed(SHORT, trial={"fixation_timeout_s": 0.5}), gaze=blind), tmp_path, "S001"
     )
     attempts = journal_of(tmp_path).attempts
@@ -323,7 +323,7 @@ def test_a_trial_is_given_up_after_the_allowed_attempts(tmp_path):
 
 
 def test_missed_refreshes_void_by_the_protocol_s_tolerance(tmp_path):
-    simulate_sitting(simulation(missed_per_flip=0.05, seed=2), tmp_path, "S001")
+    simulate_session(simulation(missed_per_flip=0.05, seed=2), tmp_path, "S001")
     attempts = journal_of(tmp_path).attempts
 
     assert any(a.void_reason == "dropped-frames" for a in attempts)
@@ -541,26 +541,26 @@ def test_presented_is_planned_over_random_protocols(proof_count):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
+def test_killed_sessions_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
     """SIGKILL at random times and at random writes; every session goes on to the end."""
     tiny = changed(SHORT, design={"repeats": 1})
     sim = simulation(tiny, gaze=RESTLESS, seed=3)
     began = time.perf_counter()
-    simulate_sitting(sim, tmp_path / "whole", "S001")
+    simulate_session(sim, tmp_path / "whole", "S001")
     lasts_s = time.perf_counter() - began
     undisturbed = journal_of(tmp_path / "whole")
     assert any(a.outcome == "void" for a in undisturbed.attempts)
     chance = random.Random(2026)
-    kills, sitting = 0, 0
+    kills, session = 0, 0
     while kills < proof_count(200):
-        root = tmp_path / f"killed-{sitting}"
-        sitting += 1
+        root = tmp_path / f"killed-{session}"
+        session += 1
         saved = b""
         for _ in range(3):  # several kills in one session
             kills += 1
             if kills % 2:
                 in_a_child(
-                    lambda: simulate_sitting(sim, root, "S001"),  # noqa: B023
+                    lambda: simulate_session(sim, root, "S001"),  # noqa: B023
                     kill_after_s=chance.uniform(0.0, lasts_s),
                 )
             else:
@@ -568,7 +568,7 @@ def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_pa
 
                 def work(root=root, point=point, part=part):
                     disturbed_at_write(point, part)
-                    simulate_sitting(sim, root, "S001")
+                    simulate_session(sim, root, "S001")
 
                 in_a_child(work)
             path = root / SHORT.study.name / "S001" / "journal.jsonl"
@@ -589,7 +589,7 @@ def test_killed_sittings_lose_nothing_double_nothing_and_keep_their_order(tmp_pa
                 assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
 
 
-def test_a_sitting_that_was_quit_goes_on_where_it_stopped(tmp_path):
+def test_a_session_that_was_quit_goes_on_where_it_stopped(tmp_path):
     sim = simulation()
     clock = VirtualClock()
     setting = sim.setting(tmp_path, clock)
@@ -618,7 +618,7 @@ def test_a_sitting_that_was_quit_goes_on_where_it_stopped(tmp_path):
         outcome = conduct(setting, plan, recorder, stage, None)
     assert outcome.reason == "quit"
     assert journal_of(tmp_path).attempts[-1].void_reason == "quit"
-    assert find_sittings(tmp_path)[0].state == "stopped"
+    assert find_sessions(tmp_path)[0].state == "stopped"
 
     recorder, plan = resume(setting, "S001", stage, None)
     with recorder:
@@ -652,7 +652,7 @@ def test_the_pause_key_voids_rests_and_goes_on(tmp_path):
     assert events[0].language == "de"
 
 
-def test_refused_consent_ends_the_sitting_and_frees_the_slot(tmp_path):
+def test_refused_consent_ends_the_session_and_frees_the_slot(tmp_path):
     sim = simulation(changed(SHORT, gaze={"mode": "none"}))
     clock = VirtualClock()
 
@@ -676,15 +676,15 @@ def test_refused_consent_ends_the_sitting_and_frees_the_slot(tmp_path):
 
 def test_each_new_participant_gets_the_next_free_slot(tmp_path):
     simulate_study(simulation(), tmp_path, 3)
-    assert [s.journal.start.slot for s in find_sittings(tmp_path)] == [0, 1, 2]
+    assert [s.journal.start.slot for s in find_sessions(tmp_path)] == [0, 1, 2]
 
     stone = journal_of(tmp_path, "S002").path
     gone = Withdrawal(n=0, t_s=0.0, at="2026-01-01T00:00:00Z", study="demo", slot=1)
     stone.write_bytes(event_line(gone))
-    simulate_sitting(simulation(), tmp_path, "S009")
+    simulate_session(simulation(), tmp_path, "S009")
 
     assert journal_of(tmp_path, "S009").start.slot == 1
-    assert {s.participant: s.state for s in find_sittings(tmp_path)}["S002"] == "withdrawn"
+    assert {s.participant: s.state for s in find_sessions(tmp_path)}["S002"] == "withdrawn"
 
 
 def start(
@@ -717,7 +717,7 @@ def test_a_participant_code_is_used_once(tmp_path):
 
 
 @pytest.mark.parametrize("left", [None, b"", b'{"kind":"session-st'])
-def test_a_sitting_killed_before_its_first_line_leaves_its_code_and_slot_free(tmp_path, left):
+def test_a_session_killed_before_its_first_line_leaves_its_code_and_slot_free(tmp_path, left):
     folder = tmp_path / "demo" / "P1"
     folder.mkdir(parents=True)
     if left is not None:
@@ -733,7 +733,7 @@ def test_a_sitting_killed_before_its_first_line_leaves_its_code_and_slot_free(tm
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_sittings_begun_at_once_get_different_slots(tmp_path):
+def test_sessions_begun_at_once_get_different_slots(tmp_path):
     children = []
     for number in range(6):
         child = os.fork()
@@ -746,7 +746,7 @@ def test_sittings_begun_at_once_get_different_slots(tmp_path):
     for child in children:
         os.waitpid(child, 0)
 
-    assert sorted(s.journal.start.slot for s in find_sittings(tmp_path)) == list(range(6))
+    assert sorted(s.journal.start.slot for s in find_sessions(tmp_path)) == list(range(6))
 
 
 def test_a_display_at_another_rate_is_refused_and_one_slightly_off_is_not(tmp_path):
@@ -758,13 +758,13 @@ def test_a_display_at_another_rate_is_refused_and_one_slightly_off_is_not(tmp_pa
 
 def test_a_slow_tracker_is_refused(tmp_path):
     with pytest.raises(StudyError, match=r"must send at least 50 Hz \(got 30 Hz from simulated\)"):
-        simulate_sitting(simulation(gaze_rate_hz=30.0), tmp_path, "S001")
+        simulate_session(simulation(gaze_rate_hz=30.0), tmp_path, "S001")
     assert not list(tmp_path.iterdir())
 
 
 def test_without_leave_no_gaze_is_stored_and_without_need_no_consent_is_asked(tmp_path):
     private = changed(SHORT, privacy={"store_gaze": False, "consent_required": False})
-    simulate_sitting(simulation(private), tmp_path, "S001")
+    simulate_session(simulation(private), tmp_path, "S001")
     journal = journal_of(tmp_path)
 
     assert not (journal.path.parent / "gaze").exists()
@@ -785,7 +785,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(StudyError, match=r"language: must be one of en, de, ja \(got 'fr'\)"):
         start(tmp_path, "P1", NO_GAZE, language="fr")
     with pytest.raises(StudyError, match=r"language: must be one of en, de, ja \(got ''\)"):
-        simulate_sitting(simulation(NO_GAZE), tmp_path, "P1", language="")
+        simulate_session(simulation(NO_GAZE), tmp_path, "P1", language="")
     with pytest.raises(StudyError, match="must be whole frames at 144 Hz"):
         start(tmp_path, "P1", changed(NO_GAZE, task={"gap_s": 0.15}),
               display=load_display("fhd24-144hz"))  # fmt: skip
@@ -800,7 +800,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_resumed_sitting_must_be_what_it_was(tmp_path):
+def test_a_resumed_session_must_be_what_it_was(tmp_path):
     sim = simulation(NO_GAZE)
     start_clock = VirtualClock()
     start(tmp_path, "P1", NO_GAZE)
@@ -827,7 +827,7 @@ def test_a_resumed_sitting_must_be_what_it_was(tmp_path):
         resume(sim.setting(tmp_path, start_clock), "P2", stage, None)
 
 
-def test_a_full_disk_stops_the_sitting_at_its_last_complete_trial(tmp_path, monkeypatch):
+def test_a_full_disk_stops_the_session_at_its_last_complete_trial(tmp_path, monkeypatch):
     sim = simulation()
     real = Recorder.side_file
     written = []
@@ -840,12 +840,12 @@ def test_a_full_disk_stops_the_sitting_at_its_last_complete_trial(tmp_path, monk
 
     monkeypatch.setattr(Recorder, "side_file", full)
     with pytest.raises(DiskError, match="No space left"):
-        simulate_sitting(sim, tmp_path, "S001")
+        simulate_session(sim, tmp_path, "S001")
     monkeypatch.undo()
     stopped = journal_of(tmp_path)
     assert len(stopped.attempts) == 10  # two side files each
 
-    assert simulate_sitting(sim, tmp_path, "S001").main_done == 24
+    assert simulate_session(sim, tmp_path, "S001").main_done == 24
     journal = journal_of(tmp_path)
     assert journal.events[: len(stopped.events)] == stopped.events
 

@@ -16,7 +16,7 @@ from protocols.plan import chosen, make_plan
 from protocols.schema import StudyProtocol
 from study_app.gaze.simulated import STEADY, GazeBehaviour
 from study_app.session import RunTrial, following, next_step, remaining
-from study_app.simulate import SimulatedStudy, simulate_sitting
+from study_app.simulate import SimulatedStudy, simulate_session
 
 FHD = load_display("fhd27-60hz")
 LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0)
@@ -92,20 +92,20 @@ def plan_of(rule: str):
 
 
 @pytest.fixture(scope="module")
-def sittings(tmp_path_factory) -> dict[str, Path]:
+def sessions(tmp_path_factory) -> dict[str, Path]:
     """One whole session of every rule, with void attempts."""
     roots = {}
     for rule in STUDIES:
         roots[rule] = tmp_path_factory.mktemp(rule)
-        assert simulate_sitting(simulation(rule), roots[rule], "S001").reason == "completed"
+        assert simulate_session(simulation(rule), roots[rule], "S001").reason == "completed"
         assert any(attempt.outcome == "void" for attempt in attempts_of(roots[rule], rule))
     return roots
 
 
 @EVERY
-def test_what_an_adaptive_trial_shows_follows_from_the_journal_alone(sittings, rule):
+def test_what_an_adaptive_trial_shows_follows_from_the_journal_alone(sessions, rule):
     """Every attempt of a finished session, chosen again from the lines before it."""
-    path = sittings[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
+    path = sessions[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
     events, plan = read_journal(path).events, plan_of(rule)
     seen = 0
     for number, event in enumerate(events):
@@ -123,8 +123,8 @@ def test_what_an_adaptive_trial_shows_follows_from_the_journal_alone(sittings, r
 
 
 @OF_LEVELS
-def test_every_track_has_its_trials_and_levels_that_there_are(sittings, rule):
-    done = [a for a in attempts_of(sittings[rule], rule) if a.outcome == "completed"]
+def test_every_track_has_its_trials_and_levels_that_there_are(sessions, rule):
+    done = [a for a in attempts_of(sessions[rule], rule) if a.outcome == "completed"]
 
     assert Counter(attempt.track for attempt in done) == {
         "method=plain": 12, "method=noise": 12,
@@ -136,11 +136,11 @@ def test_every_track_has_its_trials_and_levels_that_there_are(sittings, rule):
     assert len({attempt.condition["eccentricity_deg"] for attempt in done}) >= 3
 
 
-def test_up_down_levels_are_those_worked_by_hand(sittings):
+def test_up_down_levels_are_those_worked_by_hand(sessions):
     """One step out after a right answer, one step in after a wrong one, kept on the scale."""
     for track in ("method=plain", "method=noise"):
         level = 5.0
-        for attempt in attempts_of(sittings["up-down"], "up-down"):
+        for attempt in attempts_of(sessions["up-down"], "up-down"):
             if attempt.track != track:
                 continue
             assert attempt.condition["eccentricity_deg"] == level
@@ -149,8 +149,8 @@ def test_up_down_levels_are_those_worked_by_hand(sittings):
 
 
 @OF_LEVELS
-def test_a_void_attempt_does_not_advance_its_track(sittings, rule):
-    attempts, plan = attempts_of(sittings[rule], rule), plan_of(rule)
+def test_a_void_attempt_does_not_advance_its_track(sessions, rule):
+    attempts, plan = attempts_of(sessions[rule], rule), plan_of(rule)
     voids = 0
     for number, attempt in enumerate(attempts):
         if attempt.outcome == "void":
@@ -163,10 +163,10 @@ def test_a_void_attempt_does_not_advance_its_track(sittings, rule):
 
 
 @EVERY
-def test_voids_taken_out_of_a_journal_change_no_later_level(sittings, rule):
+def test_voids_taken_out_of_a_journal_change_no_later_level(sessions, rule):
     """Of pairs: no later pair."""
     study, plan = STUDIES[rule], plan_of(rule)
-    attempts = attempts_of(sittings[rule], rule)
+    attempts = attempts_of(sessions[rule], rule)
     done = [attempt for attempt in attempts if attempt.outcome == "completed"]
     trial = next(trial for trial in plan.trials if trial.track is not None)
     for count in range(len(attempts)):
@@ -183,9 +183,9 @@ def test_voids_taken_out_of_a_journal_change_no_later_level(sittings, rule):
 
 
 @OF_LEVELS
-def test_answers_of_one_track_say_nothing_in_another(sittings, rule):
+def test_answers_of_one_track_say_nothing_in_another(sessions, rule):
     study, plan = STUDIES[rule], plan_of(rule)
-    attempts = attempts_of(sittings[rule], rule)
+    attempts = attempts_of(sessions[rule], rule)
     levels: dict[str, list[bool]] = {"method=plain": [], "method=noise": []}
     for trial in plan.trials:
         if trial.track is not None:
@@ -203,9 +203,9 @@ def test_answers_of_one_track_say_nothing_in_another(sittings, rule):
 
 @EVERY
 @pytest.mark.parametrize("kept", [3, 9, 20])
-def test_a_killed_sitting_keeps_its_levels(sittings, rule, kept, tmp_path):
+def test_a_killed_session_keeps_its_levels(sessions, rule, kept, tmp_path):
     """Cut within a line, as a power cut does; the session that goes on is the undisturbed one."""
-    whole = sittings[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
+    whole = sessions[rule] / STUDIES[rule].study.name / "S001" / "journal.jsonl"
     lines = whole.read_bytes().splitlines(keepends=True)
     attempts = [i for i, line in enumerate(lines) if b'"kind":"attempt"' in line]
     cut = attempts[kept]
@@ -213,7 +213,7 @@ def test_a_killed_sitting_keeps_its_levels(sittings, rule, kept, tmp_path):
     folder.mkdir(parents=True)
     (folder / "journal.jsonl").write_bytes(b"".join(lines[:cut]) + lines[cut][:60])
 
-    assert simulate_sitting(simulation(rule), tmp_path, "S001").reason == "completed"
+    assert simulate_session(simulation(rule), tmp_path, "S001").reason == "completed"
 
     def facts(root: Path):
         return [
@@ -221,7 +221,7 @@ def test_a_killed_sitting_keeps_its_levels(sittings, rule, kept, tmp_path):
             for a in attempts_of(root, rule)
         ]
 
-    assert facts(tmp_path) == facts(sittings[rule])
+    assert facts(tmp_path) == facts(sessions[rule])
 
 
 @EVERY
@@ -235,8 +235,8 @@ def test_what_an_adaptive_trial_shows_is_not_loaded_before_its_answer_is_known(r
     assert follower is None or follower.stimuli
 
 
-def test_a_sitting_with_pairs_chosen_shows_catch_trials_too(tmp_path):
-    simulate_sitting(simulation("pairs", STEADY), tmp_path, "S001")
+def test_a_session_with_pairs_chosen_shows_catch_trials_too(tmp_path):
+    simulate_session(simulation("pairs", STEADY), tmp_path, "S001")
     attempts = attempts_of(tmp_path, "pairs")
 
     assert Counter(attempt.role for attempt in attempts) == {"main": 24, "catch": 2}

@@ -1,0 +1,124 @@
+"""Names of public classes and of modules stand for one thing each, in all packages."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Mapping
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+PRODUCTION = ("analysis", "pipeline", "protocols", "stimuli", "study_app", "metamerlab.py")
+
+# Name -> (where it may stand, why it stands twice). This list may only shrink.
+EXCEPTIONS = {
+    "class Clip": (
+        ("protocols/manifest.py", "protocols/phases.py"),
+        "plug-ins know both by this name: the entry of a manifest, and what a phase draws",
+    ),
+    "module base": (
+        ("analysis/tasks/base.py", "protocols/*/base.py", "stimuli/recipes/base.py"),
+        "what a plug-in of the folder is based on; the docs name each",
+    ),
+    "module errors": (
+        ("pipeline/errors.py", "protocols/errors.py"),
+        "the docs name both, and a pipeline knows no study",
+    ),
+    "module gpu": (("pipeline/*/gpu.py",), "each stage of the pipeline has one"),
+    "module reference": (("pipeline/*/reference.py",), "each stage of the pipeline has one"),
+    "module settings": (("pipeline/*/settings.py",), "a stage has one for both of its twins"),
+}
+MOST_EXCEPTIONS = 6
+
+
+def places_of_names(sources: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return where each public class and each module stands, by ``class NAME`` or ``module NAME``.
+
+    Parameters
+    ----------
+    sources : mapping
+        Text of each source file, by its path in the repository.
+    """
+    places = defaultdict(list)
+    for path, source in sources.items():
+        stem = Path(path).stem
+        if stem != "__init__":
+            places[f"module {stem}"].append(path)
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[f"class {node.name}"].append(path)
+    return places
+
+
+def taken_twice(sources: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return the places of every name that stands in more than one, the exceptions left out."""
+    found = {}
+    for name, places in places_of_names(sources).items():
+        allowed, _why = EXCEPTIONS.get(name, ((), ""))
+        other = [path for path in places if not any(fnmatch(path, one) for one in allowed)]
+        if len(places) > 1 and other:
+            found[name] = places
+    return found
+
+
+@pytest.fixture(scope="module")
+def sources(repository):
+    """Text of every production source, by path."""
+    paths = [
+        path
+        for start in (repository / name for name in PRODUCTION)
+        for path in (sorted(start.rglob("*.py")) if start.is_dir() else [start])
+        if "node_modules" not in path.parts
+    ]
+    return {p.relative_to(repository).as_posix(): p.read_text(encoding="utf-8") for p in paths}
+
+
+def test_no_class_and_no_module_has_a_name_that_is_taken(sources):
+    assert {path.partition("/")[0] for path in sources} == set(PRODUCTION)
+    found = taken_twice(sources)
+    assert not found, "\n".join(f"{name}: {', '.join(at)}" for name, at in found.items())
+
+
+def test_every_exception_is_still_needed_and_none_was_added(sources):
+    places = places_of_names(sources)
+
+    assert [name for name in EXCEPTIONS if len(places[name]) < 2] == []
+    for name, (allowed, _why) in EXCEPTIONS.items():
+        for pattern in allowed:
+            assert any(fnmatch(path, pattern) for path in places[name]), f"{name}: {pattern}"
+    assert len(EXCEPTIONS) == MOST_EXCEPTIONS <= 10
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "name"),
+    [
+        ("study_app/lens.py", "class Camera: ...", "class Camera"),
+        ("study_app/camera.py", "", "module camera"),
+        ("study_app/gpu.py", "", "module gpu"),  # an exception for stages alone
+        ("stimuli/film.py", "class Clip: ...", "class Clip"),
+    ],
+)
+def test_a_name_that_is_taken_is_caught(path, source, name):
+    known = {
+        "pipeline/camera.py": "class Camera: ...\nclass _Lens: ...",
+        "pipeline/warp/gpu.py": "",
+        "protocols/phases.py": "class Clip: ...",
+    }
+    assert not taken_twice(known)
+    assert list(taken_twice(known | {path: source})) == [name]
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("study_app/lens.py", "class _Lens: ...\ndef f():\n    class Camera: ..."),
+        ("study_app/__init__.py", ""),
+        ("pipeline/fill/gpu.py", ""),
+    ],
+)
+def test_a_private_name_a_package_and_a_stage_take_none(path, source):
+    known = {"pipeline/camera.py": "class Camera: ...\nclass _Lens: ...", "a/__init__.py": ""}
+
+    assert not taken_twice(known | {"pipeline/warp/gpu.py": "", path: source})
