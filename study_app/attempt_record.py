@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from protocols.journal import Attempt, FurtherAnswer, PhaseRecord, ShownStimulus
 from protocols.latency import LiveFrames, SaccadeTimes
@@ -28,6 +29,13 @@ LIVE_HEADER = (
 _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
 
 
+class WatchedGaze(NamedTuple):
+    """Saccades of an attempt, and whether its samples of gaze are kept."""
+
+    saccades: Sequence[Saccade] = ()
+    stored: bool = False
+
+
 def attempt_event(
     step: RunTrial,
     trial: Trial,
@@ -36,9 +44,7 @@ def attempt_event(
     manifest: Manifest,
     recorder: Recorder,
     kept: Mapping[int, KeptPixels],
-    saccades: Sequence[Saccade],
-    *,
-    store_gaze: bool,
+    watched: WatchedGaze,
 ) -> Attempt:
     """Return the journal's event of an attempt, after writing its side files.
 
@@ -49,7 +55,7 @@ def attempt_event(
     """
     planned, stem = step.trial, f"{step.position:04d}"
     gaze_file = None
-    if store_gaze and log.samples:
+    if watched.stored and log.samples:
         gaze_file = recorder.side_file(
             f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.start_s)
         )
@@ -84,7 +90,7 @@ def attempt_event(
         gaze=log.quality if script.gaze is not GazeMode.NONE else None,
         gaze_file=gaze_file,
         flips_file=flips_file,
-        live=_live(log, saccades, recorder) if live_entries(script) else None,
+        live=_live(log, watched.saccades, recorder) if live_entries(script) else None,
         further=tuple(
             FurtherAnswer(question=name, answer=one.answer, key=one.press.key, rt_s=one.rt_s)
             for name, one in given.items()

@@ -26,7 +26,7 @@ from protocols.plan import Plan
 from protocols.script import Scripts
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
-from study_app.attempt_record import attempt_event
+from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.saccades import SaccadeWatch
@@ -315,8 +315,10 @@ class _Conductor:
                 setting.manifest,
                 self._recorder,
                 self._stage.kept(),
-                self._watcher.saccades_since(log.flips[0].flip.t_s) if self._watcher else (),
-                store_gaze=self._protocol.privacy.store_gaze,
+                WatchedGaze(
+                    self._watcher.saccades_since(log.flips[0].flip.t_s) if self._watcher else (),
+                    self._protocol.privacy.store_gaze,
+                ),
             )
             self._recorder.append(event)
             late = event.void_reason == "dropped-frames"

@@ -161,7 +161,7 @@ def paired_model(
 _SIDES = ("first", "second")
 
 
-def _contrasts(
+def _contrasts(  # noqa: PLR0913  each is one of the model's
     fit: CrossedFit,
     order: Floats,
     signs: Floats,

@@ -148,7 +148,7 @@ def held_maximum(
     return -float(found.fun)
 
 
-def deviations_of(
+def deviations_of(  # noqa: PLR0913  each is one of the model's
     sd: Mapping[str, float],
     errors: Floats,
     log_likelihood: Callable[[int, float], float],

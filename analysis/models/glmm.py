@@ -102,7 +102,7 @@ class CountedTrials:
         )
 
 
-def fit_crossed(
+def fit_crossed(  # noqa: PLR0913  each is one of the model's
     design: Floats,
     y: Floats,
     groups: Sequence[NDArray[np.int64]],
@@ -227,7 +227,7 @@ def crossed_deviations(
     )
 
 
-def reduced_ratio(
+def reduced_ratio(  # noqa: PLR0913  each is one of the model's
     fit: CrossedFit,
     contrast: Floats,
     dropped: int,

@@ -191,7 +191,7 @@ def glm_logit(
     return _without(fit, hidden)
 
 
-def glmm_logit(
+def glmm_logit(  # noqa: PLR0913  each is one of the model's
     formula: str,
     trials: pd.DataFrame,
     *,
@@ -379,7 +379,7 @@ def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
     )
 
 
-def _mixed(
+def _mixed(  # noqa: PLR0913  each is one of the model's
     formula: str,
     trials: pd.DataFrame,
     groups: Sequence[str],

@@ -305,7 +305,7 @@ def fit_cumulative(
     )
 
 
-def rating_model(
+def rating_model(  # noqa: PLR0913  each is one of the model's
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
@@ -534,7 +534,7 @@ def _ratio_p(
     return draws.p(observed, drawn)
 
 
-def _model(
+def _model(  # noqa: PLR0913  each is one of the model's
     parts: Sequence[tuple[str, pd.DataFrame]],
     pairs: Sequence[Pair],
     chosen: Whole,

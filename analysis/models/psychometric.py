@@ -133,7 +133,7 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
     return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
 
 
-def fit_psychometric(
+def fit_psychometric(  # noqa: PLR0913  each is one of the model's
     x: Floats,
     successes: Floats,
     trials: Floats,

@@ -177,7 +177,7 @@ class ThresholdDifference:
     p_adjusted: float
 
 
-def psychometric_posterior(
+def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
     x: Floats,
     successes: Floats,
     trials: Floats,

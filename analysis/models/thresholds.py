@@ -69,7 +69,7 @@ class ThresholdModel:
         return {one.condition: one for one in self.thresholds}[condition]
 
 
-def fit_thresholds(
+def fit_thresholds(  # noqa: PLR0913  each is one of the model's
     trials: pd.DataFrame,
     level_column: str,
     by: Sequence[str] = (),

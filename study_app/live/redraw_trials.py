@@ -123,7 +123,7 @@ class TrialDrawer:
                 assert flip is not None
                 screens = {} if runs else captured
                 found = self._frame(
-                    flip, before, event, script, samples, screens, seen, exactly=exactly
+                    (before, flip), event, script, samples, screens, seen, exactly=exactly
                 )
                 for place, count in enumerate(found.counts):
                     total[1 + place] += count
@@ -145,8 +145,7 @@ class TrialDrawer:
 
     def _frame(
         self,
-        flip: RecordedFlip,
-        before: RecordedFlip | None,
+        flips: tuple[RecordedFlip | None, RecordedFlip],
         attempt: Attempt,
         script: TrialScript,
         samples: Samples,
@@ -155,6 +154,8 @@ class TrialDrawer:
         *,
         exactly: bool,
     ) -> _Found:
+        """Draw a flip again, as it was recorded after the one before it."""
+        before, flip = flips
         try:
             phase = next(one for one in script.phases if one.name == flip.phase)
             entry = live_entry(phase)

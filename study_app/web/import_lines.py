@@ -64,7 +64,7 @@ from protocols.web_lines import (
 )
 from protocols.web_study import deviations_s
 from study_app.attempt import AttemptLog, run_attempt
-from study_app.attempt_record import attempt_event
+from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.live.in_trials import KeptPixels, SessionGaze
 from study_app.recorder import Recorder, journal_held, write_new
 from study_app.session import (
@@ -525,8 +525,7 @@ class RebuiltSession:
                 self.manifest,
                 recorder,
                 stage.kept(),
-                (),
-                store_gaze=False,
+                WatchedGaze(),
             )
             made.append(event)
 
