@@ -16,9 +16,8 @@ from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.tasks.task_kinds import TASKS
 from study_app.cli.assumed import assumed_values, pairs
-from study_app.cli.error_messages import user_errors
 from study_app.cli.export_commands import register
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     NewFolderOption,
@@ -42,9 +41,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.tables.counts import Counted
     from protocols.schema import StudyProtocol
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Statistics, plots and the report, from the journals of a study.
 
     Examples:
@@ -113,42 +110,41 @@ def report(
     from analysis.report.write_report import report_decisions, report_sessions
     from protocols.load import load_protocol
 
-    with user_errors():
-        study = load_protocol(protocol) if protocol else None
-        with one_line() as progress:
-            if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
-                made = report_decisions(
-                    sessions,
-                    out,
-                    table=TableSettings(study, title, where or (), pairs("--set", told or ())),
-                    replace=replace,
-                    figure_files=figures,
-                    progress=progress,
-                )
-            elif study is None:
-                raise StudyError(
-                    "--protocol must name the protocol of the sessions"
-                    " (only a table of decisions goes without one)"
-                )
-            elif title is not None:
-                raise StudyError(
-                    "--title must be left out for sessions: the protocol has it as study.title"
-                    f" ({study.study.title!r})"
-                )
-            elif where is not None or told is not None:
-                raise StudyError(
-                    "--where and --set must be left out for sessions: the protocol says in"
-                    " [analysis] what is left out, and how they are analysed"
-                )
-            else:
-                made = report_sessions(
-                    sessions,
-                    study,
-                    out,
-                    replace=replace,
-                    figure_files=figures,
-                    progress=progress,
-                )
+    study = load_protocol(protocol) if protocol else None
+    with one_line() as progress:
+        if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
+            made = report_decisions(
+                sessions,
+                out,
+                table=TableSettings(study, title, where or (), pairs("--set", told or ())),
+                replace=replace,
+                figure_files=figures,
+                progress=progress,
+            )
+        elif study is None:
+            raise StudyError(
+                "--protocol must name the protocol of the sessions"
+                " (only a table of decisions goes without one)"
+            )
+        elif title is not None:
+            raise StudyError(
+                "--title must be left out for sessions: the protocol has it as study.title"
+                f" ({study.study.title!r})"
+            )
+        elif where is not None or told is not None:
+            raise StudyError(
+                "--where and --set must be left out for sessions: the protocol says in"
+                " [analysis] what is left out, and how they are analysed"
+            )
+        else:
+            made = report_sessions(
+                sessions,
+                study,
+                out,
+                replace=replace,
+                figure_files=figures,
+                progress=progress,
+            )
     _print_report(made)
 
 
@@ -174,18 +170,17 @@ def tidy(
     from protocols.load import load_protocol
     from protocols.result_folder import whole_folder
 
-    with user_errors():
-        study = load_protocol(protocol)
-        with (
-            one_line() as progress,
-            whole_folder(out, replace=replace, reads=[sessions]) as work,
-        ):
-            tables = read_sessions(sessions, study, progress=progress)
-            write_tables(tables, study, work)
-            analysis = analysis_of(study.analysis.kind)
-            for name, table in analysis.tidy_tables(tables.analysed).items():
-                write_table(table, work / name)
-            write_note(work / "decisions.csv", analysis.told_by(analysis.settings(study)))
+    study = load_protocol(protocol)
+    with (
+        one_line() as progress,
+        whole_folder(out, replace=replace, reads=[sessions]) as work,
+    ):
+        tables = read_sessions(sessions, study, progress=progress)
+        write_tables(tables, study, work)
+        analysis = analysis_of(study.analysis.kind)
+        for name, table in analysis.tidy_tables(tables.analysed).items():
+            write_table(table, work / name)
+        write_note(work / "decisions.csv", analysis.told_by(analysis.settings(study)))
     say_notes(tables.warnings)
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
     mark = " SIMULATED" if tables.simulated else ""
@@ -246,7 +241,6 @@ class AssumedOptions:
 
 
 @app.command()
-@takes_settings
 def power(
     protocol: Annotated[
         Path | None,
@@ -293,49 +287,46 @@ def power(
     from protocols.load import load_protocol
     from protocols.result_folder import check_result, whole_folder
 
-    with user_errors():
-        pilot = assumed.pilot
-        reads = () if pilot is None else [pilot]
-        if out is not None:
-            check_result(out, replace=replace, reads=reads)
-        numbers = {
-            "pairs": design.pair_count,
-            "scenes": design.scenes,
-            "repeats": design.repeats,
-            "participants": design.participants,
-        }
-        study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
-        if protocol is not None and any(value is not None for value in numbers.values()):
-            raise StudyError(
-                "--pairs, --scenes, --repeats and --participants are for a design without a"
-                f" protocol (got {protocol} too); leave one of both out"
-            )
-        simulation = analysis_of(study.analysis.kind).simulation(study)
-        given, shorts = assumed.values()
-        known = simulation.assumptions
-        with one_line() as progress:
-            notes: Sequence[str] = ()
-            if pilot is not None:
-                values, notes = simulation.from_pilot(*_pilot(pilot, study, progress))
-                known = tuple(
-                    dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known
-                )
-            found = simulated_power(
-                simulation,
-                assumed_values(known, given, shorts),
-                rng=np.random.default_rng(seed),
-                studies=studies,
-                designs=True,
-                progress=lambda done, total: progress("simulating studies", done, total),
-            )
-        if out is not None:
-            with whole_folder(out, replace=replace, reads=reads) as work:
-                for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
-                    save_figure(found.draw(width), work, f"power-{name}")
-                    if found.designs:
-                        save_figure(found.draw_designs(width), work, f"scenes-{name}")
-                text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
-                (work / "power.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+    pilot = assumed.pilot
+    reads = () if pilot is None else [pilot]
+    if out is not None:
+        check_result(out, replace=replace, reads=reads)
+    numbers = {
+        "pairs": design.pair_count,
+        "scenes": design.scenes,
+        "repeats": design.repeats,
+        "participants": design.participants,
+    }
+    study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
+    if protocol is not None and any(value is not None for value in numbers.values()):
+        raise StudyError(
+            "--pairs, --scenes, --repeats and --participants are for a design without a"
+            f" protocol (got {protocol} too); leave one of both out"
+        )
+    simulation = analysis_of(study.analysis.kind).simulation(study)
+    given, shorts = assumed.values()
+    known = simulation.assumptions
+    with one_line() as progress:
+        notes: Sequence[str] = ()
+        if pilot is not None:
+            values, notes = simulation.from_pilot(*_pilot(pilot, study, progress))
+            known = tuple(dataclasses.replace(a, value=values.get(a.name, a.value)) for a in known)
+        found = simulated_power(
+            simulation,
+            assumed_values(known, given, shorts),
+            rng=np.random.default_rng(seed),
+            studies=studies,
+            designs=True,
+            progress=lambda done, total: progress("simulating studies", done, total),
+        )
+    if out is not None:
+        with whole_folder(out, replace=replace, reads=reads) as work:
+            for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
+                save_figure(found.draw(width), work, f"power-{name}")
+                if found.designs:
+                    save_figure(found.draw_designs(width), work, f"scenes-{name}")
+            text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
+            (work / "power.json").write_text(text + "\n", encoding="utf-8", newline="\n")
     _print_power(dataclasses.replace(found, warnings=(*notes, *found.warnings)))
     if out is not None:
         say(f"curve: {out / 'power-2-column.png'}")
@@ -418,27 +409,26 @@ def import_(
     from analysis.tasks.note import options_from, write_note
     from protocols.result_folder import check_result, whole_folder
 
-    with user_errors():
-        check_result(out, replace=replace, reads=[table])
-        analysis = analysis_of_task(task)
-        chosen = options_from(analysis.kind, pairs("--set", options or ()))
-        has_answers = issubclass(analysis.options, RateTableSettings)
-        square: Counted | None = "answers" if has_answers else None
-        if analysis.kind == "preference":
-            square = "choices"
-        plain = table_told(table, (columns, where, answer), BY_IMPORT, square)
-        decisions = analysis.read(plain, {}, chosen)
-        settings = analysis.settings_of_table(decisions, table.stem, chosen)
-        plain.notes += analysis.table_notes(decisions, settings)
-        with whole_folder(out, replace=replace, reads=[table]) as work:
-            tables = {
-                "decisions.csv": decisions,
-                "dictionary.csv": dictionary({"decisions": analysis.columns_of(decisions)}),
-                **analysis.tidy_tables(decisions),
-            }
-            for name, frame in tables.items():
-                write_table(frame, work / name)
-            write_note(work / "decisions.csv", chosen)
+    check_result(out, replace=replace, reads=[table])
+    analysis = analysis_of_task(task)
+    chosen = options_from(analysis.kind, pairs("--set", options or ()))
+    has_answers = issubclass(analysis.options, RateTableSettings)
+    square: Counted | None = "answers" if has_answers else None
+    if analysis.kind == "preference":
+        square = "choices"
+    plain = table_told(table, (columns, where, answer), BY_IMPORT, square)
+    decisions = analysis.read(plain, {}, chosen)
+    settings = analysis.settings_of_table(decisions, table.stem, chosen)
+    plain.notes += analysis.table_notes(decisions, settings)
+    with whole_folder(out, replace=replace, reads=[table]) as work:
+        tables = {
+            "decisions.csv": decisions,
+            "dictionary.csv": dictionary({"decisions": analysis.columns_of(decisions)}),
+            **analysis.tidy_tables(decisions),
+        }
+        for name, frame in tables.items():
+            write_table(frame, work / name)
+        write_note(work / "decisions.csv", chosen)
     say_notes(plain.notes)
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{count_of(len(decisions), 'decision')} of {people}"

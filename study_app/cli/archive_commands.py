@@ -15,8 +15,6 @@ from study_app.archive.index import INDEX_NAME
 from study_app.archive.read_archive import ArchiveFindings, check, check_folder, opened
 from study_app.archive.read_archive import restore as restore_archive
 from study_app.archive.write_archive import ArchiveOptions, write_archive
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import say
@@ -47,7 +45,6 @@ class SecrecyOptions:
     ] = False
 
 
-@takes_settings
 def archive(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="File to write. It appears only when complete.")],
@@ -74,26 +71,25 @@ def archive(
 
         metamerlab session archive study.toml --stimuli clips --passphrase --out backup.zip.age
     """
-    with user_errors():
-        if secrecy.passphrase and secrecy.recipient:
-            raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
-        if with_clips and stimuli is None:
-            raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
-        wanted = ArchiveOptions(
-            protocol,
-            sessions,
-            clips=stimuli,
-            frames=with_clips,
-            secret=secrecy.with_secret,
-            recipients=tuple(secrecy.recipient or ()),
-            passphrase=_passphrase(new=True) if secrecy.passphrase else None,
-            as_it_is=as_it_is,
-        )
-        with one_line() as progress:
-            index, found = write_archive(wanted, out, progress)
-        _tell(out, found)
-        if not index.secret and found.notes and not wanted.encrypted:
-            say("note: keep the study's secret elsewhere, or archive it with --with-secret")
+    if secrecy.passphrase and secrecy.recipient:
+        raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
+    if with_clips and stimuli is None:
+        raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
+    wanted = ArchiveOptions(
+        protocol,
+        sessions,
+        clips=stimuli,
+        frames=with_clips,
+        secret=secrecy.with_secret,
+        recipients=tuple(secrecy.recipient or ()),
+        passphrase=_passphrase(new=True) if secrecy.passphrase else None,
+        as_it_is=as_it_is,
+    )
+    with one_line() as progress:
+        index, found = write_archive(wanted, out, progress)
+    _tell(out, found)
+    if not index.secret and found.notes and not wanted.encrypted:
+        say("note: keep the study's secret elsewhere, or archive it with --with-secret")
 
 
 def restore(
@@ -105,12 +101,9 @@ def restore(
 
     Example: metamerlab session restore backup.zip --out restored
     """
-    with user_errors():
-        with opened(file, identity=identity, ask=_passphrase) as plain:
-            index = restore_archive(file, plain, out)
-        say(
-            f"{out}: {count_of(len(index.files), 'file')} of {index.study}, each as it was archived"
-        )
+    with opened(file, identity=identity, ask=_passphrase) as plain:
+        index = restore_archive(file, plain, out)
+    say(f"{out}: {count_of(len(index.files), 'file')} of {index.study}, each as it was archived")
 
 
 def verify_archive(path: Path, identity: Path | None) -> None:

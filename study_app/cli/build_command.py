@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocols.errors import StudyError
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say_notes, table_of
@@ -68,7 +66,6 @@ class MachineOptions:
         return found
 
 
-@takes_settings
 def build(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder for the clips; made if it is missing.")],
@@ -99,17 +96,14 @@ def build(
     """
     from stimuli.recipes.base import BuildMachine
 
-    with user_errors():
-        builder = _builder(protocol, display)
-        if machines.scheduler is not None and machines.workers is not None:
-            raise StudyError(
-                "--workers and --scheduler exclude each other: the cluster has its own"
-            )
-        tls = machines.certificates()
-        if dry_run:
-            _print_estimate(builder, out, machines.workers)
-            return
-        _build(builder, out, BuildMachine(machines.workers, machines.scheduler, tls))
+    builder = _builder(protocol, display)
+    if machines.scheduler is not None and machines.workers is not None:
+        raise StudyError("--workers and --scheduler exclude each other: the cluster has its own")
+    tls = machines.certificates()
+    if dry_run:
+        _print_estimate(builder, out, machines.workers)
+        return
+    _build(builder, out, BuildMachine(machines.workers, machines.scheduler, tls))
 
 
 def _builder(protocol: Path, display: str | None) -> Builder:

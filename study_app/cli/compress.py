@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocols.result_folder import check_folder, check_result
-from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     GazeOption,
@@ -21,7 +20,6 @@ from study_app.cli.one_picture_options import (
     look_option,
     renderer,
 )
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
@@ -113,7 +111,6 @@ class CompressedLooks:
     ] = None
 
 
-@takes_settings
 def compress(
     picture: Annotated[Path, typer.Argument(help="A picture, a folder of frames, or a video.")],
     out: Annotated[
@@ -145,22 +142,21 @@ def compress(
     from pipeline.video_file import is_video
     from stimuli.compressed.compress_files import ENDING, compress_file
 
-    with user_errors():
-        settings = coding.settings()
-        if coding.hold is not None and not (picture.is_dir() or is_video(picture)):
-            raise InputError("--hold is for frames and videos; leave it out for one picture")
-        check_outputs(
-            {"--out": (out, (ENDING,)), "--compare": (looks.compare, (".png",))},
-            [looks.steps],
-            [picture],
-        )
-        if looks.steps is not None:
-            check_result(looks.steps, replace=True)
-        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-            compress_file(
-                picture, out, viewing=seen.stated(gaze), settings=settings,
-                compare=looks.compare, steps=looks.steps, reporter=teller.reporter,
-            )  # fmt: skip
+    settings = coding.settings()
+    if coding.hold is not None and not (picture.is_dir() or is_video(picture)):
+        raise InputError("--hold is for frames and videos; leave it out for one picture")
+    check_outputs(
+        {"--out": (out, (ENDING,)), "--compare": (looks.compare, (".png",))},
+        [looks.steps],
+        [picture],
+    )
+    if looks.steps is not None:
+        check_result(looks.steps, replace=True)
+    with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
+        compress_file(
+            picture, out, viewing=seen.stated(gaze), settings=settings,
+            compare=looks.compare, steps=looks.steps, reporter=teller.reporter,
+        )  # fmt: skip
 
 
 def decompress(
@@ -198,16 +194,15 @@ def decompress(
     from stimuli.compressed.compress_files import decompress_file
     from stimuli.video import CODECS
 
-    with user_errors():
-        if video is not None:
-            check_file(video, tuple(CODECS))
-        if out.suffix.lower() in FILE_ENDINGS:
-            check_file(out, FILE_ENDINGS)
-        else:
-            check_folder(out)
-        console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
-            decompress_file(
-                file, out, seed=seed, statistics=statistics, video=video, fps=fps, ctx=ctx,
-                reporter=teller.reporter,
-            )  # fmt: skip
+    if video is not None:
+        check_file(video, tuple(CODECS))
+    if out.suffix.lower() in FILE_ENDINGS:
+        check_file(out, FILE_ENDINGS)
+    else:
+        check_folder(out)
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
+        decompress_file(
+            file, out, seed=seed, statistics=statistics, video=video, fps=fps, ctx=ctx,
+            reporter=teller.reporter,
+        )  # fmt: skip

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from protocols.result_folder import check_folder
-from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
@@ -20,13 +19,11 @@ from study_app.cli.one_picture_options import (
     check_file,
     renderer,
 )
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.progress import ProgressLines, going_on
 from study_app.cli.terminal import PlainConsole
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Turn noisy path-traced pictures into metamers for a gaze.
 
     A network predicts the statistics of the clean picture, and noise with these statistics is
@@ -43,7 +40,6 @@ app = typer.Typer(
 
 
 @app.command()
-@takes_settings
 def run(
     picture: Annotated[
         Path,
@@ -91,19 +87,18 @@ def run(
     """
     from stimuli.denoised.denoise_files import denoise_file
 
-    with user_errors():
-        if out.suffix.lower() in FILE_ENDINGS:
-            check_file(out, FILE_ENDINGS)
-        else:
-            check_folder(out)
-        if compare is not None:
-            check_file(compare, (".png",))
-        console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
-            denoise_file(
-                picture, out, viewing=seen.stated(gaze), network=network, seed=seed,
-                compare=compare, ctx=ctx, reporter=teller.reporter,
-            )  # fmt: skip
+    if out.suffix.lower() in FILE_ENDINGS:
+        check_file(out, FILE_ENDINGS)
+    else:
+        check_folder(out)
+    if compare is not None:
+        check_file(compare, (".png",))
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
+        denoise_file(
+            picture, out, viewing=seen.stated(gaze), network=network, seed=seed,
+            compare=compare, ctx=ctx, reporter=teller.reporter,
+        )  # fmt: skip
 
 
 @app.command()
@@ -133,16 +128,15 @@ def render(
     from stimuli.denoised.denoise_files import render_scene
     from stimuli.denoised.training_pictures import Rendering
 
-    with user_errors():
-        check_file(out, FILE_ENDINGS)
-        if clean is not None:
-            check_file(clean, FILE_ENDINGS)
-        rendering = Rendering(size_px, clean_samples if clean is not None else 1)
-        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-            render_scene(
-                scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
-                reporter=teller.reporter,
-            )  # fmt: skip
+    check_file(out, FILE_ENDINGS)
+    if clean is not None:
+        check_file(clean, FILE_ENDINGS)
+    rendering = Rendering(size_px, clean_samples if clean is not None else 1)
+    with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
+        render_scene(
+            scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
+            reporter=teller.reporter,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -158,7 +152,6 @@ class TrainingOptions:
 
 
 @app.command()
-@takes_settings
 def train(
     scene: Annotated[
         list[str] | None,
@@ -199,15 +192,14 @@ def train(
     from stimuli.denoised.train import train as train_networks
     from stimuli.denoised.training_pictures import Rendering
 
-    with user_errors():
-        check_file(out, (".onnx",))
-        check_folder(work)
-        if out.stem.endswith("-rgb"):
-            raise InputError(f"{out}: must not end in -rgb, as the network for colour does")
-        training = Training(
-            tuple(scene) if scene else Training().scenes, lesson.views, steps=lesson.steps,
-            crop_px=lesson.crop_px, seed=lesson.seed,
-            rendering=Rendering(lesson.size_px, lesson.clean_samples),
-        )  # fmt: skip
-        with going_on(), ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-            train_networks(training, out, work, estimate_only=estimate, reporter=teller.reporter)
+    check_file(out, (".onnx",))
+    check_folder(work)
+    if out.stem.endswith("-rgb"):
+        raise InputError(f"{out}: must not end in -rgb, as the network for colour does")
+    training = Training(
+        tuple(scene) if scene else Training().scenes, lesson.views, steps=lesson.steps,
+        crop_px=lesson.crop_px, seed=lesson.seed,
+        rendering=Rendering(lesson.size_px, lesson.clean_samples),
+    )  # fmt: skip
+    with going_on(), ProgressLines(PlainConsole(soft_wrap=True)) as teller:
+        train_networks(training, out, work, estimate_only=estimate, reporter=teller.reporter)

@@ -14,7 +14,6 @@ from rich.text import Text
 from protocols.load import load_display
 from protocols.outside import visible
 from protocols.revision import code_revision, package_version
-from study_app.cli.error_messages import user_errors
 from study_app.cli.terminal import PlainConsole, say
 from study_app.doctor import EVERY_JOB, Finding, Job, Status, examine, worst
 from study_app.doctor.tracker import check_tracker
@@ -67,8 +66,7 @@ def doctor(
         metamerlab doctor --json > doctor.json
     """
     wanted = frozenset(jobs) if jobs else EVERY_JOB
-    with user_errors():
-        tracker = gaze and check_tracker(gaze, load_display(display))
+    tracker = gaze and check_tracker(gaze, load_display(display))
     findings = [*examine(folder, jobs=wanted), *([tracker] if tracker else ())]
     if as_json:
         say(json.dumps(_as_json(findings, wanted), indent=2))

@@ -9,8 +9,6 @@ from typing import Annotated
 import typer
 
 from analysis.export.choices import EYES, FORMATS, ExportOptions
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import (
     SessionsArgument,
     SessionsProtocolOption,
@@ -52,7 +50,6 @@ class ExportedOptions:
     licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = ""
 
 
-@takes_settings
 def export(
     sessions: SessionsArgument,
     protocol: SessionsProtocolOption,
@@ -85,20 +82,19 @@ def export(
     from analysis.export.write_export import export_study
     from protocols.load import load_display, load_protocol
 
-    with user_errors():
-        study = load_protocol(protocol)
-        chosen = one_of("--format", form, FORMATS)
-        eye = one_of("--recorded-eye", content.recorded_eye, EYES)
-        names = content.display or ([study.display.display] if chosen == "bids" else [])
-        options = ExportOptions(
-            public=content.public,
-            displays=tuple(load_display(name, beside=protocol) for name in names),
-            recorded_eye=eye,
-            authors=tuple(content.author or ()),
-            licence=content.licence,
-        )
-        with one_line() as progress:
-            made = export_study(sessions, study, out, chosen, options, progress=progress)
+    study = load_protocol(protocol)
+    chosen = one_of("--format", form, FORMATS)
+    eye = one_of("--recorded-eye", content.recorded_eye, EYES)
+    names = content.display or ([study.display.display] if chosen == "bids" else [])
+    options = ExportOptions(
+        public=content.public,
+        displays=tuple(load_display(name, beside=protocol) for name in names),
+        recorded_eye=eye,
+        authors=tuple(content.author or ()),
+        licence=content.licence,
+    )
+    with one_line() as progress:
+        made = export_study(sessions, study, out, chosen, options, progress=progress)
     say_notes(made.notes)
     mark = " SIMULATED" if made.simulated else ""
     say(f"{made.folder}: {made.participants}{mark} participants as {chosen}")

@@ -16,8 +16,6 @@ from protocols.load import load_protocol
 from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, reading
 from protocols.results import NAME, read_results
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -56,7 +54,6 @@ class ShownOptions:
     ] = None
 
 
-@takes_settings
 def figure(
     source: Annotated[
         Path,
@@ -102,56 +99,53 @@ def figure(
     from stimuli.score.plots import png_bytes, vector_bytes
     from stimuli.teaser import RowSettings, rows_of, teaser
 
-    with user_errors():
-        if out.suffix not in ENDINGS:
-            raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
-        if score not in ("jod", "share"):
-            raise StudyError(f"--score: must be jod or share (got {score!r})")
-        is_study = source.suffix == ".toml"
-        clips = source.parent / "clips" if is_study else source
-        study = source if is_study else protocol
-        labels = {} if study is None else dict(load_protocol(study).stimuli.labels())
-        manifest = read_manifest(clips)
-        chosen, rows = rows_of(
-            clips,
-            manifest,
-            RowSettings(
-                ()
-                if shown.methods is None
-                else tuple(name.strip() for name in shown.methods.split(",")),
-                tuple(shown.scene or ()),
-                shown.size,
-                shown.frame,
-                tuple(_crops(shown.crops or ["auto"])),
-                shown.count,
-            ),
-            labels,
-        )
-        scores: Mapping[str, str] = {}
-        simulated = False
-        if report is not None:
-            sizes = list(dict.fromkeys(row.size for row in rows))
-            if len(sizes) > 1:
-                raise StudyError(
-                    "--size: a figure shows scores of one size (the chosen crops are of"
-                    f" {' and '.join(map(str, sizes))}); choose one"
-                )
-            scores, simulated = _scores(report, score, sizes[0])
-        made = teaser(
-            chosen, rows, columns=columns, labels=labels, scores=scores, simulated=simulated
-        )
-        data = png_bytes(made) if out.suffix == ".png" else None
-        if data is None:
-            data = vector_bytes(made, "svg" if out.suffix == ".svg" else "pdf")
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(out, data)
-        except OSError as error:
-            raise StudyError(f"{out}: must be writable ({error.strerror})") from None
-        for row in rows:
-            places = " ".join(f"--crops {','.join(map(str, crop))}" for crop in row.crops)
-            say(f"{row.title}: --frame {row.frame} {places}")
-        say(f"wrote {out}")
+    if out.suffix not in ENDINGS:
+        raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
+    if score not in ("jod", "share"):
+        raise StudyError(f"--score: must be jod or share (got {score!r})")
+    is_study = source.suffix == ".toml"
+    clips = source.parent / "clips" if is_study else source
+    study = source if is_study else protocol
+    labels = {} if study is None else dict(load_protocol(study).stimuli.labels())
+    manifest = read_manifest(clips)
+    chosen, rows = rows_of(
+        clips,
+        manifest,
+        RowSettings(
+            ()
+            if shown.methods is None
+            else tuple(name.strip() for name in shown.methods.split(",")),
+            tuple(shown.scene or ()),
+            shown.size,
+            shown.frame,
+            tuple(_crops(shown.crops or ["auto"])),
+            shown.count,
+        ),
+        labels,
+    )
+    scores: Mapping[str, str] = {}
+    simulated = False
+    if report is not None:
+        sizes = list(dict.fromkeys(row.size for row in rows))
+        if len(sizes) > 1:
+            raise StudyError(
+                "--size: a figure shows scores of one size (the chosen crops are of"
+                f" {' and '.join(map(str, sizes))}); choose one"
+            )
+        scores, simulated = _scores(report, score, sizes[0])
+    made = teaser(chosen, rows, columns=columns, labels=labels, scores=scores, simulated=simulated)
+    data = png_bytes(made) if out.suffix == ".png" else None
+    if data is None:
+        data = vector_bytes(made, "svg" if out.suffix == ".svg" else "pdf")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out, data)
+    except OSError as error:
+        raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+    for row in rows:
+        places = " ".join(f"--crops {','.join(map(str, crop))}" for crop in row.crops)
+        say(f"{row.title}: --frame {row.frame} {places}")
+    say(f"wrote {out}")
 
 
 def _crops(given: list[str]) -> list[Crop]:

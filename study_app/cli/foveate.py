@@ -14,7 +14,6 @@ from rich.table import Table
 
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
-from study_app.cli.error_messages import user_errors
 from study_app.cli.gaze_of_frames import is_of_frames, track_of
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
@@ -32,7 +31,6 @@ from study_app.cli.one_picture_options import (
     print_methods,
     renderer,
 )
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
@@ -213,7 +211,6 @@ class FoveatedLooks:
     ] = None
 
 
-@takes_settings
 def foveate(
     picture: Annotated[
         Path,
@@ -269,40 +266,37 @@ def foveate(
     from stimuli.foveated.foveate_files import Outputs, foveate_file
     from stimuli.foveated.gaze_and_display import StatedViewing
 
-    with user_errors():
-        sheet = looks.compare is not None or looks.score is not None
-        choices = _choices(condition.methods, condition.settings, sheet)
-        outputs = Outputs(out or Path("foveated.png"), **vars(looks))
-        moving = picture.is_dir() or is_video(picture)
-        each = seen.gaze if is_of_frames(seen.gaze) else None
-        if moving:
-            _check_clip(picture, out, outputs, clip.video)
-        else:
-            given = {"--video": clip.video, "--fps": clip.fps, f"--gaze {each}": each}
-            if wrong := [name for name, value in given.items() if value is not None]:
-                raise StudyError(
-                    f"{wrong[0]} is for a folder of frames or a video (PICTURE is neither)"
-                )
-            _check(picture, outputs, clip.flow)
-        console = PlainConsole(soft_wrap=True)
-        with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
-            reading = file.reading(seen.panorama)
-            viewing = StatedViewing(
-                None if each else seen.gaze, seen.display, seen.fov, seen.panorama
+    sheet = looks.compare is not None or looks.score is not None
+    choices = _choices(condition.methods, condition.settings, sheet)
+    outputs = Outputs(out or Path("foveated.png"), **vars(looks))
+    moving = picture.is_dir() or is_video(picture)
+    each = seen.gaze if is_of_frames(seen.gaze) else None
+    if moving:
+        _check_clip(picture, out, outputs, clip.video)
+    else:
+        given = {"--video": clip.video, "--fps": clip.fps, f"--gaze {each}": each}
+        if wrong := [name for name, value in given.items() if value is not None]:
+            raise StudyError(
+                f"{wrong[0]} is for a folder of frames or a video (PICTURE is neither)"
             )
-            if not moving:
-                foveate_file(
-                    picture, outputs, viewing=viewing, choices=choices, seed=condition.seed,
-                    reading=reading, ctx=ctx, reporter=teller.reporter,
-                )  # fmt: skip
-                return
-            with frames_of(picture, clip.fps, teller.say) as (frames, rate):
-                track = track_of(each, seen.display, rate, teller.say) if each else None
-                foveate_clip(
-                    frames, out or Path("foveated"), viewing=viewing, choice=choices[0],
-                    asked=ClipSettings(clip.flow, track, clip.video, rate, reading),
-                    seed=condition.seed, ctx=ctx, reporter=teller.reporter,
-                )  # fmt: skip
+        _check(picture, outputs, clip.flow)
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
+        reading = file.reading(seen.panorama)
+        viewing = StatedViewing(None if each else seen.gaze, seen.display, seen.fov, seen.panorama)
+        if not moving:
+            foveate_file(
+                picture, outputs, viewing=viewing, choices=choices, seed=condition.seed,
+                reading=reading, ctx=ctx, reporter=teller.reporter,
+            )  # fmt: skip
+            return
+        with frames_of(picture, clip.fps, teller.say) as (frames, rate):
+            track = track_of(each, seen.display, rate, teller.say) if each else None
+            foveate_clip(
+                frames, out or Path("foveated"), viewing=viewing, choice=choices[0],
+                asked=ClipSettings(clip.flow, track, clip.video, rate, reading),
+                seed=condition.seed, ctx=ctx, reporter=teller.reporter,
+            )  # fmt: skip
 
 
 @contextmanager

@@ -9,7 +9,6 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
@@ -32,14 +31,13 @@ def export_holes(
     from stimuli.export_holes import export_holes as write
     from stimuli.recipes.warped_checks import look_at_scenes
 
-    with user_errors():
-        study, screen = load_study(protocol, display)
-        orders = BuildPlan(study, screen, protocol.absolute().parent)
-        found = look_at_scenes(orders)
-        if found.wrong:
-            raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
-        say_notes(found.doubtful)
-        with progress_line("starting") as report:
-            frames = write(orders, out, report)
-        made = count_of(frames, "frame")
-        say(f"{out}: {made} with holes; {out / 'README.md'} says what to send back")
+    study, screen = load_study(protocol, display)
+    orders = BuildPlan(study, screen, protocol.absolute().parent)
+    found = look_at_scenes(orders)
+    if found.wrong:
+        raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
+    say_notes(found.doubtful)
+    with progress_line("starting") as report:
+        frames = write(orders, out, report)
+    made = count_of(frames, "frame")
+    say(f"{out}: {made} with holes; {out / 'README.md'} says what to send back")

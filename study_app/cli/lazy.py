@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from study_app.cli.complete import completing
+from study_app.cli.option_groups import CommandGroup
 
 if TYPE_CHECKING:
     from typer._click import Command, Context
@@ -36,7 +37,7 @@ class CommandSlot:
             group = typer.main.get_group(target)
             group.name = self.name
             return completing(group)
-        single = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        single = CommandGroup(add_completion=False)
         made_by = getattr(importlib.import_module(module), self.made_by) if self.made_by else None
         single.command(self.name, cls=made_by)(target)
         return completing(typer.main.get_command(single))

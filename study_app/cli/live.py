@@ -13,7 +13,6 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.load import load_display
-from study_app.cli.error_messages import user_errors
 from study_app.cli.foveate import DEFAULT_METHOD, frames_of
 from study_app.cli.one_picture_options import (
     DisplayOption,
@@ -24,7 +23,6 @@ from study_app.cli.one_picture_options import (
     named_methods,
     panel_option,
 )
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of
 from study_app.cli.terminal import say, say_notes
 
@@ -115,7 +113,6 @@ class LiveOptions:
     ] = False
 
 
-@takes_settings
 def live(
     source: Annotated[
         str,
@@ -142,24 +139,23 @@ def live(
     from protocols.recipes.base import Change
     from stimuli.foveated.any_picture import PictureReading
 
-    with user_errors():
-        if asked.verify is not None:
-            if replace(asked, verify=None) != LiveOptions():
-                raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
-            _verify(source, asked.verify)
-            return
-        exposed = asked.panorama and asked.stops is None and not asked.clip
-        reading = PictureReading(
-            clip=asked.clip, stops=asked.stops or 0.0, encoded=asked.encoded, exposed=exposed
-        )
-        change = one_of("--change", asked.change, get_args(Change))
-        show = _Show(source, asked, change, _choices(asked.methods, asked.settings), reading)
-        record = asked.record
-        if record is not None:
-            check_file(record, (".jsonl",))
-            if record.exists():
-                raise StudyError(f"{record}: must be a new file, and is there; name another one")
-        _run(show)
+    if asked.verify is not None:
+        if replace(asked, verify=None) != LiveOptions():
+            raise StudyError("--verify takes SOURCE and the log alone; leave other options out")
+        _verify(source, asked.verify)
+        return
+    exposed = asked.panorama and asked.stops is None and not asked.clip
+    reading = PictureReading(
+        clip=asked.clip, stops=asked.stops or 0.0, encoded=asked.encoded, exposed=exposed
+    )
+    change = one_of("--change", asked.change, get_args(Change))
+    show = _Show(source, asked, change, _choices(asked.methods, asked.settings), reading)
+    record = asked.record
+    if record is not None:
+        check_file(record, (".jsonl",))
+        if record.exists():
+            raise StudyError(f"{record}: must be a new file, and is there; name another one")
+    _run(show)
 
 
 @dataclass(frozen=True)

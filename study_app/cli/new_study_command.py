@@ -24,8 +24,6 @@ from protocols.own_stimuli import OwnScene, OwnStimuli
 from protocols.result_folder import whole_folder
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.assumed import pairs as pairs_of
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
@@ -194,7 +192,6 @@ class OwnOptions:
         return pairs
 
 
-@takes_settings
 def new_study(
     folder: Annotated[Path, typer.Argument(help="New folder.", metavar="DIR")],
     name: Annotated[
@@ -237,37 +234,36 @@ def new_study(
 
         metamerlab new-study shot --exr 'shot_####.exr'
     """
-    with user_errors():
-        named = slug(folder.absolute().name) if name is None else name
-        named = study_name(named, "--name", "give one with --name")
-        words = named.replace("-", " ").replace("_", " ").capitalize()
-        shown = (words if title is None else title).strip()
-        if not shown or re.search(r'["\\\x00-\x1f]', shown):
-            raise StudyError(
-                "--title: must hold no quotes, backslashes and line ends, and not be empty (got"
-                f" {shown!r})"
-            )
-        screen = load_display(display)
-        study_files(named, shown, screen, task)  # a mistake is told before anything is copied
-        pairs = own.pairs()
-        from stimuli.example_pictures import example_files
+    named = slug(folder.absolute().name) if name is None else name
+    named = study_name(named, "--name", "give one with --name")
+    words = named.replace("-", " ").replace("_", " ").capitalize()
+    shown = (words if title is None else title).strip()
+    if not shown or re.search(r'["\\\x00-\x1f]', shown):
+        raise StudyError(
+            "--title: must hold no quotes, backslashes and line ends, and not be empty (got"
+            f" {shown!r})"
+        )
+    screen = load_display(display)
+    study_files(named, shown, screen, task)  # a mistake is told before anything is copied
+    pairs = own.pairs()
+    from stimuli.example_pictures import example_files
 
-        with whole_folder(folder) as work:
-            given = _Given(
-                own.scene or [], pairs, _groups(own.photos), _groups(own.exr),
-                _channels(own.channel), own.methods,
-            )  # fmt: skip
-            taken, notes = _own(work, folder, given, screen)
-            secret = secrets.token_hex(32)
-            texts = study_files(named, shown, screen, task, secret=secret, own=taken)
-            made = {file: text.encode() for file, text in texts.items()} | example_files(task)
-            for file, data in made.items():
-                (work / file).parent.mkdir(exist_ok=True)
-                with open(work / file, "wb", opener=open_new) as written:
-                    written.write(data)
-            inputs = PARTS[task] if taken.stills_px is None else FOVEATED
-            for below in (*FOLDERS, inputs[1]):
-                (work / below).mkdir(exist_ok=True)
+    with whole_folder(folder) as work:
+        given = _Given(
+            own.scene or [], pairs, _groups(own.photos), _groups(own.exr),
+            _channels(own.channel), own.methods,
+        )  # fmt: skip
+        taken, notes = _own(work, folder, given, screen)
+        secret = secrets.token_hex(32)
+        texts = study_files(named, shown, screen, task, secret=secret, own=taken)
+        made = {file: text.encode() for file, text in texts.items()} | example_files(task)
+        for file, data in made.items():
+            (work / file).parent.mkdir(exist_ok=True)
+            with open(work / file, "wb", opener=open_new) as written:
+                written.write(data)
+        inputs = PARTS[task] if taken.stills_px is None else FOVEATED
+        for below in (*FOLDERS, inputs[1]):
+            (work / below).mkdir(exist_ok=True)
     say_notes(notes)
     say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
     say(f"  cd {shlex.quote(str(folder))}")

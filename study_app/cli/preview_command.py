@@ -10,7 +10,6 @@ import typer
 from protocols.errors import StudyError
 from protocols.load import load_study
 from protocols.manifest import read_manifest
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.terminal import say, say_notes
 
@@ -38,26 +37,24 @@ def preview(
     """
     from study_app.preview import MARK, preview_page
 
-    with user_errors():
-        if out.suffix != ".html":
-            raise StudyError(f"--out: must end in .html (got {out})")
-        if out.exists() and not (out.is_file() and MARK in out.read_text("utf-8", "replace")):
-            raise StudyError(
-                f"{out}: must be new, or an earlier preview (it is something else); choose another"
-                " name"
-            )
-        study, screen = load_study(protocol, display)
-        manifest = None if stimuli is None else read_manifest(stimuli)
-        made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
-        # Imported here: `stimuli` brings image libraries along.
-        from protocols.whole_file import write_whole
+    if out.suffix != ".html":
+        raise StudyError(f"--out: must end in .html (got {out})")
+    if out.exists() and not (out.is_file() and MARK in out.read_text("utf-8", "replace")):
+        raise StudyError(
+            f"{out}: must be new, or an earlier preview (it is something else); choose another name"
+        )
+    study, screen = load_study(protocol, display)
+    manifest = None if stimuli is None else read_manifest(stimuli)
+    made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
+    # Imported here: `stimuli` brings image libraries along.
+    from protocols.whole_file import write_whole
 
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(out, made.html.encode())
-        except OSError as error:
-            raise StudyError(f"{out}: must be writable ({error.strerror})") from None
-        say(f"{out}: {made.shown} of {made.conditions} conditions, {len(made.html) / 1e6:.1f} MB.")
-        say_notes(made.notes)
-        if made.shown < made.conditions:
-            say(f"note: --most {made.conditions} shows all")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out, made.html.encode())
+    except OSError as error:
+        raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+    say(f"{out}: {made.shown} of {made.conditions} conditions, {len(made.html) / 1e6:.1f} MB.")
+    say_notes(made.notes)
+    if made.shown < made.conditions:
+        say(f"note: --most {made.conditions} shows all")

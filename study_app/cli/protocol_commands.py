@@ -32,17 +32,15 @@ from protocols.read_file import decode_utf8, read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
 from protocols.whole_file import write_new
-from study_app.cli.error_messages import user_errors
 from study_app.cli.new_study_command import slug, study_name
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.script_command import script, trial_table
 from study_app.cli.terminal import PlainConsole, say, say_notes
 from study_app.gaze.open_source import check_choice
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Write, check and plan a study.
 
     A protocol is the TOML file of a study; `demo`, `inpainting-2afc` and `beyond-blur-task`,
@@ -85,44 +83,43 @@ def check(
 
     Example: metamerlab protocol check my-study.toml --stimuli clips
     """
-    with user_errors():
-        if protocol.suffix == ".toml" and is_display(read_toml(protocol)):
-            _check_display(protocol)
-            return
-        study, screen = load_study(protocol, display)
-        if gaze is not None:
-            check_choice(study.gaze, gaze, simulate=True)
-        manifest = read_manifest(stimuli) if stimuli else None
-        # Imported here: they bring the renderer and the statistics along.
-        from analysis.planning import look_problems, planning_notes
-        from study_app.cli.checked_study import require_buildable
+    if protocol.suffix == ".toml" and is_display(read_toml(protocol)):
+        _check_display(protocol)
+        return
+    study, screen = load_study(protocol, display)
+    if gaze is not None:
+        check_choice(study.gaze, gaze, simulate=True)
+    manifest = read_manifest(stimuli) if stimuli else None
+    # Imported here: they bring the renderer and the statistics along.
+    from analysis.planning import look_problems, planning_notes
+    from study_app.cli.checked_study import require_buildable
 
-        looks = look_problems(study)
-        builder, unwritten = require_buildable(protocol, study, screen, manifest, also=looks)
-        plan = _plan(study, screen, manifest)
-        say(
-            f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
-            f" {screen.name}, protocol {study.sha256[:12]}."
-        )
-        for line in (
-            *display_notes(screen),
-            *study_notes(study, screen, len(plan.trials)),
-            *study.stimuli.cut_away(),
-            *planning_notes(study),
-        ):
-            say(f"note: {line}")
-        for language, why in unwritten.items():
-            say(f"note: {language}: {why}")
-        # No mistake of the protocol: where sessions run, built clips are enough.
-        if stimuli is None and protocol.suffix == ".toml":
-            say_notes(study.stimuli.problems(protocol.absolute().parent))
-        say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
-        say_notes(_not_live_here(study))
-        if web:
-            from study_app.cli.web_commands import web_check
+    looks = look_problems(study)
+    builder, unwritten = require_buildable(protocol, study, screen, manifest, also=looks)
+    plan = _plan(study, screen, manifest)
+    say(
+        f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
+        f" {screen.name}, protocol {study.sha256[:12]}."
+    )
+    for line in (
+        *display_notes(screen),
+        *study_notes(study, screen, len(plan.trials)),
+        *study.stimuli.cut_away(),
+        *planning_notes(study),
+    ):
+        say(f"note: {line}")
+    for language, why in unwritten.items():
+        say(f"note: {language}: {why}")
+    # No mistake of the protocol: where sessions run, built clips are enough.
+    if stimuli is None and protocol.suffix == ".toml":
+        say_notes(study.stimuli.problems(protocol.absolute().parent))
+    say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
+    say_notes(_not_live_here(study))
+    if web:
+        from study_app.cli.web_commands import web_check
 
-            for line in web_check(study, screen, manifest):
-                say(line)
+        for line in web_check(study, screen, manifest):
+            say(line)
 
 
 def _not_live_here(study: StudyProtocol) -> list[str]:
@@ -160,14 +157,13 @@ def show(
 
     Example: metamerlab protocol show inpainting-2afc --slot 0
     """
-    with user_errors():
-        study, screen = load_study(protocol, display)
-        plan = _plan(study, screen, None, slot or 0)
-        console = PlainConsole()
-        console.print(_summary(study, screen, plan))
-        console.print(_feasibility_table(study, screen))
-        if slot is not None:
-            console.print(trial_table(plan))
+    study, screen = load_study(protocol, display)
+    plan = _plan(study, screen, None, slot or 0)
+    console = PlainConsole()
+    console.print(_summary(study, screen, plan))
+    console.print(_feasibility_table(study, screen))
+    if slot is not None:
+        console.print(trial_table(plan))
 
 
 @app.command()
@@ -181,17 +177,16 @@ def copy(
 
     Example: metamerlab protocol copy beyond-blur-preference my-study.toml
     """
-    with user_errors():
-        studies = shipped("studies")
-        if name not in studies:
-            raise StudyError(f"NAME: must be one of {', '.join(studies)} (got {name!r})")
-        own = study_name(slug(out.stem), "FILE", "choose another name for the file")
-        text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
-        text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
-        text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
-        _write_toml(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
-        say(f"{out}: {name}, as the study {own!r}. Change it, then:")
-        say(f"  metamerlab protocol check {shlex.quote(str(out))}")
+    studies = shipped("studies")
+    if name not in studies:
+        raise StudyError(f"NAME: must be one of {', '.join(studies)} (got {name!r})")
+    own = study_name(slug(out.stem), "FILE", "choose another name for the file")
+    text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
+    text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
+    text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
+    _write_toml(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
+    say(f"{out}: {name}, as the study {own!r}. Change it, then:")
+    say(f"  metamerlab protocol check {shlex.quote(str(out))}")
 
 
 def _write_toml(out: Path, text: str) -> None:
@@ -235,14 +230,13 @@ def schema(
 
         metamerlab protocol schema study --markdown
     """
-    with user_errors():
-        if write:
-            changed = publish()
-            say("\n".join(map(str, changed)) if changed else "nothing to change")
-            return
-        if name not in schema_names():
-            raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
-        say((reference_text(name) if markdown else schema_text(name)).removesuffix("\n"))
+    if write:
+        changed = publish()
+        say("\n".join(map(str, changed)) if changed else "nothing to change")
+        return
+    if name not in schema_names():
+        raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
+    say((reference_text(name) if markdown else schema_text(name)).removesuffix("\n"))
 
 
 @app.command()
@@ -269,25 +263,24 @@ def preregister(
 
         metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
-    with user_errors():
-        from analysis.planning import check_looks
+    from analysis.planning import check_looks
 
-        study, screen = load_study(protocol, display)
-        check_looks(protocol, study)
-        manifest = read_manifest(stimuli) if stimuli else None
-        _plan(study, screen, manifest)
-        revision = f"{package_version()}, revision {code_revision()}"
-        found = None if power is None else _read_power(power)
-        sections = preregistration(study, screen, revision, manifest, why=why, power=found)
-        title = f"Preregistration: {study.study.title}"
-        if out is None:
-            say(to_markdown(title, sections))
-            return
-        if out.suffix not in (".md", ".html"):
-            raise StudyError(f"--out: must end in .md or .html (got {out})")
-        text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
-        _write_new(out, text, "a preregistration is made once. Choose a new name")
-        say(out)
+    study, screen = load_study(protocol, display)
+    check_looks(protocol, study)
+    manifest = read_manifest(stimuli) if stimuli else None
+    _plan(study, screen, manifest)
+    revision = f"{package_version()}, revision {code_revision()}"
+    found = None if power is None else _read_power(power)
+    sections = preregistration(study, screen, revision, manifest, why=why, power=found)
+    title = f"Preregistration: {study.study.title}"
+    if out is None:
+        say(to_markdown(title, sections))
+        return
+    if out.suffix not in (".md", ".html"):
+        raise StudyError(f"--out: must end in .md or .html (got {out})")
+    text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
+    _write_new(out, text, "a preregistration is made once. Choose a new name")
+    say(out)
 
 
 def _read_power(folder: Path) -> dict[str, Any]:

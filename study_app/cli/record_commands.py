@@ -19,7 +19,6 @@ from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.load import load_protocol
 from protocols.prose import count_of
 from study_app.cli.archive_commands import IdentityOption, is_archive, verify_archive
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     DisplayOption,
@@ -47,13 +46,12 @@ def withdraw(
 
     Example: metamerlab session withdraw P01 --out sessions
     """
-    with user_errors():
-        folder = find_participant(out, participant, study).folder
-        if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
-            raise StudyError(f"{folder}: nothing was deleted")
-        count = withdraw_participant(out, participant, utc_now, study)
-        gone = count_of(count, "file")
-        say(f"{folder}: {gone} deleted; one line stays that says so, and the slot is free")
+    folder = find_participant(out, participant, study).folder
+    if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
+        raise StudyError(f"{folder}: nothing was deleted")
+    count = withdraw_participant(out, participant, utc_now, study)
+    gone = count_of(count, "file")
+    say(f"{folder}: {gone} deleted; one line stays that says so, and the slot is free")
 
 
 def watch(
@@ -66,20 +64,19 @@ def watch(
 
     Example: metamerlab session watch sessions/demo/P01
     """
-    with user_errors():
-        path = session / JOURNAL_NAME
-        if not path.is_file():
-            raise StudyError(f"{session}: must be the folder of one session (found no journal)")
-        if once:
-            print_rows(rows(read_journal(path, lenient=True).events))
-            return
-        try:
-            with Live(_table(path), refresh_per_second=2) as live:
-                while not _over(path):
-                    time.sleep(0.5)
-                    live.update(_table(path))
-        except KeyboardInterrupt:
-            return
+    path = session / JOURNAL_NAME
+    if not path.is_file():
+        raise StudyError(f"{session}: must be the folder of one session (found no journal)")
+    if once:
+        print_rows(rows(read_journal(path, lenient=True).events))
+        return
+    try:
+        with Live(_table(path), refresh_per_second=2) as live:
+            while not _over(path):
+                time.sleep(0.5)
+                live.update(_table(path))
+    except KeyboardInterrupt:
+        return
 
 
 def verify(
@@ -129,7 +126,7 @@ def verify(
 
         metamerlab session verify sessions --protocol live-detection --render --stimuli clips
     """
-    with user_errors(), ExitStack() as open_now:
+    with ExitStack() as open_now:
         if not render and (stimuli or display or captured):
             raise StudyError("--stimuli, --display and --captured are for --render; add it")
         if is_archive(sessions):

@@ -13,8 +13,6 @@ import typer
 from rich.console import Console
 
 from protocols.errors import StudyError
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say, table_of
 
@@ -104,7 +102,6 @@ class ScoreOptions:
     ] = None
 
 
-@takes_settings
 def score(
     *,
     options: ScoreOptions,
@@ -135,26 +132,23 @@ def score(
 
         metamerlab stimuli score --list
     """
-    with user_errors():
-        if list_metrics:
-            _print_metrics()
-            return
-        if options.first is None:
-            raise StudyError(
-                "give a folder of built clips, or two clips or pictures; 'metamerlab stimuli"
-                " score --help' has examples"
-            )
-        if options.panorama and (options.second is None or options.mask is not None):
-            raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
-        with ExitStack() as gone:
-            given = [
-                _as_folder(gone, path) for path in (options.first, options.second, options.mask)
-            ]
-            views = gone.enter_context(_views(options.panorama))
-            rate = next((rate for _, rate in given if rate is not None), options.fps)
-            first, second, mask = (path for path, _ in given)
-            assert first is not None
-            _score(replace(options, second=second, mask=mask, fps=rate), first, views)
+    if list_metrics:
+        _print_metrics()
+        return
+    if options.first is None:
+        raise StudyError(
+            "give a folder of built clips, or two clips or pictures; 'metamerlab stimuli"
+            " score --help' has examples"
+        )
+    if options.panorama and (options.second is None or options.mask is not None):
+        raise StudyError("--panorama is for TEST and REFERENCE, without --mask")
+    with ExitStack() as gone:
+        given = [_as_folder(gone, path) for path in (options.first, options.second, options.mask)]
+        views = gone.enter_context(_views(options.panorama))
+        rate = next((rate for _, rate in given if rate is not None), options.fps)
+        first, second, mask = (path for path, _ in given)
+        assert first is not None
+        _score(replace(options, second=second, mask=mask, fps=rate), first, views)
 
 
 def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:

@@ -30,8 +30,6 @@ from protocols.script import (
     Words,
 )
 from protocols.suggest import did_you_mean
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say
 from study_app.session_folders import session_folder
@@ -45,7 +43,6 @@ class PlaceOptions:
     slot: Annotated[int, typer.Option(min=0, max=2**53, help="The counterbalancing slot.")] = 0
 
 
-@takes_settings
 def script(
     protocol: ProtocolArgument,
     person: PlaceOptions,
@@ -80,47 +77,46 @@ def script(
     # Imported here: it brings fonts and image libraries along.
     from study_app.shown_texts import require_showable
 
-    with user_errors():
-        study, screen = load_study(protocol, display)
-        session_folder(Path(), study, person.code)
-        spoken = study.text.default_language if language is None else language
-        one_of("--language", spoken, study.text.languages)
-        manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
-        require_showable(study, screen, manifest if stimuli else None)
-        plan = make_plan(study, manifest, person.code, person.slot)
-        planned = [one for one in plan.trials if trial in (None, one.id)]
-        if not planned:
-            known = [one.id for one in plan.trials]
-            raise StudyError(
-                f"--trial: must be one of the plan, {known[0]} to {known[-1]} (got {trial!r})"
-                f"{did_you_mean(str(trial), known)}"
-            )
-        if trial is not None and not planned[0].stimuli:
-            raise StudyError(
-                f"--trial: {trial} is adaptive: what it shows follows from the answers before it,"
-                " so it has a script in the session only; name a planned trial"
-            )
-        compiler = Scripts(study, screen, spoken, manifest)
-        scripts = [compiler.of(one) for one in planned if one.stimuli]
-        if pictures is not None:
-            from study_app.paint import write_pictures
+    study, screen = load_study(protocol, display)
+    session_folder(Path(), study, person.code)
+    spoken = study.text.default_language if language is None else language
+    one_of("--language", spoken, study.text.languages)
+    manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
+    require_showable(study, screen, manifest if stimuli else None)
+    plan = make_plan(study, manifest, person.code, person.slot)
+    planned = [one for one in plan.trials if trial in (None, one.id)]
+    if not planned:
+        known = [one.id for one in plan.trials]
+        raise StudyError(
+            f"--trial: must be one of the plan, {known[0]} to {known[-1]} (got {trial!r})"
+            f"{did_you_mean(str(trial), known)}"
+        )
+    if trial is not None and not planned[0].stimuli:
+        raise StudyError(
+            f"--trial: {trial} is adaptive: what it shows follows from the answers before it,"
+            " so it has a script in the session only; name a planned trial"
+        )
+    compiler = Scripts(study, screen, spoken, manifest)
+    scripts = [compiler.of(one) for one in planned if one.stimuli]
+    if pictures is not None:
+        from study_app.paint import write_pictures
 
-            with whole_folder(pictures) as folder:
-                scripts = write_pictures(folder, scripts, study, screen)
-        if as_json:
-            whole = {
-                "plan": plan.model_dump(mode="json"),
-                "scripts": [one.model_dump(mode="json") for one in scripts],
-            }
-            typer.echo(json.dumps(whole, ensure_ascii=False))
-            return
-        console = PlainConsole()
-        console.print(trial_table(plan))
-        for alike in _alike(scripts):
-            console.print(_script_table(alike))
-        if trial is None and len(scripts) < len(plan.trials):
-            count = f"{len(plan.trials) - len(scripts)} of {len(plan.trials)} trials are adaptive"
-            say(f"note: {count}, and have a script in the session only")
+        with whole_folder(pictures) as folder:
+            scripts = write_pictures(folder, scripts, study, screen)
+    if as_json:
+        whole = {
+            "plan": plan.model_dump(mode="json"),
+            "scripts": [one.model_dump(mode="json") for one in scripts],
+        }
+        typer.echo(json.dumps(whole, ensure_ascii=False))
+        return
+    console = PlainConsole()
+    console.print(trial_table(plan))
+    for alike in _alike(scripts):
+        console.print(_script_table(alike))
+    if trial is None and len(scripts) < len(plan.trials):
+        count = f"{len(plan.trials) - len(scripts)} of {len(plan.trials)} trials are adaptive"
+        say(f"note: {count}, and have a script in the session only")
 
 
 def trial_table(plan: Plan) -> Table:

@@ -12,7 +12,6 @@ import typer
 from analysis.seed import SEED
 from protocols.errors import StudyError
 from study_app.cli.assumed import assumed_values, pairs
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import ProtocolArgument, ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.table_commands import OutOption, print_blocks
@@ -63,61 +62,60 @@ def sequential(
     from protocols.outside import json_bytes
     from protocols.result_folder import check_result, whole_folder
 
-    with user_errors():
-        if out is not None:
-            check_result(out, replace=replace)
-        study = load_protocol(protocol)
-        section = study.analysis.sequential
-        if section is None:
-            raise StudyError(
-                f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
-                f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
-            )
-        check_looks(protocol, study)
-        simulation = analysis_of(study.analysis.kind).simulation(study)
-        assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
-        plan = plan_of(section, study.analysis.alpha)
-        rng = np.random.default_rng(seed)
-        found = []
-        with one_line() as progress:
-            for name, null in (("without an effect", True), ("with an effect", False)):
-                p = planned_p_values(
-                    simulation,
-                    assumed,
-                    plan.looks,
-                    null=null,
-                    rng=rng,
-                    studies=studies or STUDIES,
-                    progress=lambda done, total, name=name: progress(  # type: ignore[misc]
-                        f"simulating studies {name}", done, total
-                    ),
-                )
-                found.append(sequential_error(plan, p))
-        nothing, something = found
-        taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
-        title = (
-            f"{plan.rule}, {len(plan.looks)} looks; {nothing.studies} simulated studies; {taken};"
-            f" alpha {plan.alpha:g}"
+    if out is not None:
+        check_result(out, replace=replace)
+    study = load_protocol(protocol)
+    section = study.analysis.sequential
+    if section is None:
+        raise StudyError(
+            f"{protocol}: must plan looks to be asked about them: add [analysis.sequential]"
+            f' with rule = "obrien-fleming" and looks = [..., {study.study.participants}]'
         )
-        sentences = [*_sentences(plan, nothing, something)]
-        notes = [*_notes(plan, nothing)]
-        if out is not None:
-            said = {
-                "title": title,
-                "sentences": sentences,
-                "notes": notes,
-                "result": {"plan": plan, "without_effect": nothing, "with_effect": something},
+    check_looks(protocol, study)
+    simulation = analysis_of(study.analysis.kind).simulation(study)
+    assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
+    plan = plan_of(section, study.analysis.alpha)
+    rng = np.random.default_rng(seed)
+    found = []
+    with one_line() as progress:
+        for name, null in (("without an effect", True), ("with an effect", False)):
+            p = planned_p_values(
+                simulation,
+                assumed,
+                plan.looks,
+                null=null,
+                rng=rng,
+                studies=studies or STUDIES,
+                progress=lambda done, total, name=name: progress(  # type: ignore[misc]
+                    f"simulating studies {name}", done, total
+                ),
+            )
+            found.append(sequential_error(plan, p))
+    nothing, something = found
+    taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
+    title = (
+        f"{plan.rule}, {len(plan.looks)} looks; {nothing.studies} simulated studies; {taken};"
+        f" alpha {plan.alpha:g}"
+    )
+    sentences = [*_sentences(plan, nothing, something)]
+    notes = [*_notes(plan, nothing)]
+    if out is not None:
+        said = {
+            "title": title,
+            "sentences": sentences,
+            "notes": notes,
+            "result": {"plan": plan, "without_effect": nothing, "with_effect": something},
+        }
+        with whole_folder(out, replace=replace) as work:
+            for name, width_in in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
+                save_figure(bounds_plot(plan, width_in=width_in), work, f"looks-{name}")
+            stops = {
+                "stops_without_effect": nothing.stops,
+                "stops_with_effect": something.stops,
             }
-            with whole_folder(out, replace=replace) as work:
-                for name, width_in in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
-                    save_figure(bounds_plot(plan, width_in=width_in), work, f"looks-{name}")
-                stops = {
-                    "stops_without_effect": nothing.stops,
-                    "stops_with_effect": something.stops,
-                }
-                write_table(looks_frame(plan).assign(**stops), work / "looks.csv")
-                text = json.dumps(as_json(said), indent=1, sort_keys=True, allow_nan=False)
-                (work / "results.json").write_bytes(json_bytes(text + "\n"))
+            write_table(looks_frame(plan).assign(**stops), work / "looks.csv")
+            text = json.dumps(as_json(said), indent=1, sort_keys=True, allow_nan=False)
+            (work / "results.json").write_bytes(json_bytes(text + "\n"))
     shares = {"Stops, no effect": nothing.stops, "Stops, effect": something.stops}
     print_blocks(title, [looks_table(plan, shares)], sentences, notes)
     if out is not None:

@@ -25,8 +25,7 @@ from protocols.schema import StudyProtocol
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Scalar
-from study_app.cli.error_messages import user_errors
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.progress import going_on
 from study_app.cli.session_run_commands import register
@@ -42,9 +41,7 @@ from study_app.verification import checksums_of
 GAZE_HZ = 250.0
 """Samples of a simulated eye."""
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Run sessions with participants or artificial observers.
 
     Examples:
@@ -169,7 +166,6 @@ class DeskOptions:
 
 
 @app.command()
-@takes_settings
 def simulate(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
@@ -200,78 +196,73 @@ def simulate(
 
         metamerlab session simulate my-study.toml --web web --stimuli clips --out sessions
     """
-    with user_errors():
-        study, screen = load_study(protocol, display)
-        if web is not None:
-            desk_only = {
-                "--late-per-1000": desk.late_per_1000, "--doubled-per-1000": desk.doubled_per_1000,
-                "--steady-gaze": desk.steady_gaze, "--gaze-hz": desk.gaze_hz != GAZE_HZ,
-            }  # fmt: skip
-            if given := [name for name, value in desk_only.items() if value]:
-                raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
-            if stimuli is None:
-                raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
-        simulation = SimulatedStudy(
-            study,
-            screen,
-            seed=crowd.seed,
-            model=observers.model(study),
-            gaze=STEADY if desk.steady_gaze else HUMAN,
-            gaze_rate_hz=desk.gaze_hz,
-            missed_per_flip=desk.missed_per_1000 / 1000,
-            late_per_flip=desk.late_per_1000 / 1000,
-            doubled_per_flip=desk.doubled_per_1000 / 1000,
-            manifest=read_manifest(stimuli) if stimuli else None,
-        )
-        plan = make_plan(
-            study,
-            simulation.manifest or virtual_manifest(study, simulation.display),
-            "S001",
-            0,
-        )
-        columns = (Description(), BarColumn(), MofNCompleteColumn())
-        terminal = PlainConsole(stderr=True)
-        with (
-            going_on(),
-            Progress(
-                *columns,
-                TimeRemainingColumn(),
-                console=terminal,
-                transient=True,
-                disable=not terminal.is_terminal,
-            ) as progress,
-        ):
-            task = progress.add_task("trials", total=crowd.participants * len(plan.trials))
+    study, screen = load_study(protocol, display)
+    if web is not None:
+        desk_only = {
+            "--late-per-1000": desk.late_per_1000, "--doubled-per-1000": desk.doubled_per_1000,
+            "--steady-gaze": desk.steady_gaze, "--gaze-hz": desk.gaze_hz != GAZE_HZ,
+        }  # fmt: skip
+        if given := [name for name, value in desk_only.items() if value]:
+            raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
+        if stimuli is None:
+            raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
+    simulation = SimulatedStudy(
+        study,
+        screen,
+        seed=crowd.seed,
+        model=observers.model(study),
+        gaze=STEADY if desk.steady_gaze else HUMAN,
+        gaze_rate_hz=desk.gaze_hz,
+        missed_per_flip=desk.missed_per_1000 / 1000,
+        late_per_flip=desk.late_per_1000 / 1000,
+        doubled_per_flip=desk.doubled_per_1000 / 1000,
+        manifest=read_manifest(stimuli) if stimuli else None,
+    )
+    plan = make_plan(
+        study,
+        simulation.manifest or virtual_manifest(study, simulation.display),
+        "S001",
+        0,
+    )
+    columns = (Description(), BarColumn(), MofNCompleteColumn())
+    terminal = PlainConsole(stderr=True)
+    with (
+        going_on(),
+        Progress(
+            *columns,
+            TimeRemainingColumn(),
+            console=terminal,
+            transient=True,
+            disable=not terminal.is_terminal,
+        ) as progress,
+    ):
+        task = progress.add_task("trials", total=crowd.participants * len(plan.trials))
 
-            def on_attempt(code: str, attempt: Attempt) -> None:
-                done = attempt.outcome == "completed"
-                progress.update(task, description=f"{code} trials", advance=float(done))
+        def on_attempt(code: str, attempt: Attempt) -> None:
+            done = attempt.outcome == "completed"
+            progress.update(task, description=f"{code} trials", advance=float(done))
 
-            gc.freeze()  # what is loaded by now stays: no session need search it for garbage
-            try:
-                if web is None:
-                    ended = simulate_study(
-                        simulation, out, crowd.participants, on_attempt=on_attempt
-                    )
-                    outcomes = {code: outcome.main_done for code, outcome in ended.items()}
-                else:
-                    from study_app.web.browser_observers import (
-                        simulate_in_browser,  # pictures and fonts
-                    )
+        gc.freeze()  # what is loaded by now stays: no session need search it for garbage
+        try:
+            if web is None:
+                ended = simulate_study(simulation, out, crowd.participants, on_attempt=on_attempt)
+                outcomes = {code: outcome.main_done for code, outcome in ended.items()}
+            else:
+                from study_app.web.browser_observers import (
+                    simulate_in_browser,  # pictures and fonts
+                )
 
-                    outcomes = simulate_in_browser(
-                        simulation, web, out, crowd.participants, on_attempt=on_attempt
-                    )
-            finally:
-                gc.unfreeze()
-        made = count_of(len(outcomes), "simulated session")
-        say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
-        codes = {*map(participant_code, range(crowd.participants)), *outcomes}
-        require_decisions(
-            session
-            for session in find_sessions(out, study.study.name)
-            if session.participant in codes
-        )
+                outcomes = simulate_in_browser(
+                    simulation, web, out, crowd.participants, on_attempt=on_attempt
+                )
+        finally:
+            gc.unfreeze()
+    made = count_of(len(outcomes), "simulated session")
+    say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
+    codes = {*map(participant_code, range(crowd.participants)), *outcomes}
+    require_decisions(
+        session for session in find_sessions(out, study.study.name) if session.participant in codes
+    )
 
 
 @app.command("list")
@@ -283,21 +274,19 @@ def list_(
 
     Example: metamerlab session list sessions --study demo
     """
-    with user_errors():
-        found = find_sessions(sessions, study)
-        if not found:
-            raise StudyError(
-                f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
-                " the folder that was given as --out"
-            )
-        heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
-        latencies = list(map(_latency, found))
-        heads += ["sample to flip"] * any(latencies)
-        rows = [
-            (*_row(one), *[told] * any(latencies))
-            for one, told in zip(found, latencies, strict=True)
-        ]
-        PlainConsole().print(table_of(heads, rows))
+    found = find_sessions(sessions, study)
+    if not found:
+        raise StudyError(
+            f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
+            " the folder that was given as --out"
+        )
+    heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
+    latencies = list(map(_latency, found))
+    heads += ["sample to flip"] * any(latencies)
+    rows = [
+        (*_row(one), *[told] * any(latencies)) for one, told in zip(found, latencies, strict=True)
+    ]
+    PlainConsole().print(table_of(heads, rows))
 
 
 @app.command()
@@ -308,16 +297,15 @@ def status(
 
     Example: metamerlab session status sessions/demo/S001
     """
-    with user_errors():
-        found = next(
-            (s for s in _sessions_above(session) if s.folder.resolve() == session.resolve()), None
+    found = next(
+        (s for s in _sessions_above(session) if s.folder.resolve() == session.resolve()), None
+    )
+    if found is None:
+        raise StudyError(
+            f"{session}: must be the folder of one session (found no journal there);"
+            " 'metamerlab session list' names them"
         )
-        if found is None:
-            raise StudyError(
-                f"{session}: must be the folder of one session (found no journal there);"
-                " 'metamerlab session list' names them"
-            )
-        PlainConsole().print(table_of((), _details(found)))
+    PlainConsole().print(table_of((), _details(found)))
 
 
 def _sessions_above(session: Path) -> list[SessionFolder]:

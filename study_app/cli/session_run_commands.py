@@ -16,8 +16,7 @@ from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study, shipped
 from protocols.prose import count_of
 from study_app.cli import archive_commands, web_commands
-from study_app.cli.error_messages import EXIT_USER_ERROR, user_errors
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.record_commands import print_rows, verify, watch, withdraw
 from study_app.cli.terminal import PlainConsole, say
@@ -122,7 +121,6 @@ class SessionArguments:
         )
 
 
-@takes_settings
 def run(
     language: Annotated[
         str | None,
@@ -143,13 +141,11 @@ def run(
     """
     from study_app.run import run_session
 
-    with user_errors():
-        options = session.options(language)
-        _say_gaze(options)
-        _tell(run_session(options, _listener()), options)
+    options = session.options(language)
+    _say_gaze(options)
+    _tell(run_session(options, _listener()), options)
 
 
-@takes_settings
 def resume(session: SessionArguments) -> None:
     """Resume a session that was quit or killed: same trials, same order, nothing twice.
 
@@ -157,10 +153,9 @@ def resume(session: SessionArguments) -> None:
     """
     from study_app.run import resume_session
 
-    with user_errors():
-        options = session.options()
-        _say_gaze(options)
-        _tell(resume_session(options, _listener()), options)
+    options = session.options()
+    _say_gaze(options)
+    _tell(resume_session(options, _listener()), options)
 
 
 def check_display_(
@@ -191,30 +186,29 @@ def check_display_(
     from study_app.recorder import utc_now
     from study_app.window import Window
 
-    with user_errors():
-        described = load_display(display)
-        if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
-            raise StudyError(
-                f"{display}: the readings are written into your own display file; copy"
-                f" {shipped('displays').get(display, display)} to my-display.toml, and give that"
-            )
-        with Window(described, pacing="software" if software_pacing else "vsync") as window:
-            # No progress bar: its thread would disturb what is measured.
-            say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
-            check = check_display(window, utc_now, flips)
-            check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
-            report = write_report(out, check)
-            readings = read_patches(window) if luminance and not shortfall(check) else {}
-        print_rows(verdict(check, described))
-        say(f"report: {out / report.file}")
-        if late := shortfall(check):
-            raise StudyError(late)
-        if readings is None:
-            raise StudyError("luminance: stopped before the last reading; nothing was stored")
-        if readings:
-            fit = fit_gamma(readings)
-            store_luminance(Path(display), fit)
-            _print_fit(fit, display)
+    described = load_display(display)
+    if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
+        raise StudyError(
+            f"{display}: the readings are written into your own display file; copy"
+            f" {shipped('displays').get(display, display)} to my-display.toml, and give that"
+        )
+    with Window(described, pacing="software" if software_pacing else "vsync") as window:
+        # No progress bar: its thread would disturb what is measured.
+        say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
+        check = check_display(window, utc_now, flips)
+        check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
+        report = write_report(out, check)
+        readings = read_patches(window) if luminance and not shortfall(check) else {}
+    print_rows(verdict(check, described))
+    say(f"report: {out / report.file}")
+    if late := shortfall(check):
+        raise StudyError(late)
+    if readings is None:
+        raise StudyError("luminance: stopped before the last reading; nothing was stored")
+    if readings:
+        fit = fit_gamma(readings)
+        store_luminance(Path(display), fit)
+        _print_fit(fit, display)
 
 
 def _own_latency(window: Window) -> LatencySummary:

@@ -12,9 +12,8 @@ import typer
 
 from protocols.errors import StudyError
 from study_app.cli.build_command import build
-from study_app.cli.error_messages import user_errors
 from study_app.cli.holes_command import export_holes
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import one_of
 from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
@@ -25,9 +24,7 @@ if TYPE_CHECKING:
 
     from stimuli.scene_views import ScenePreview
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Build and check a study's clips.
 
     Examples:
@@ -64,23 +61,22 @@ def check(folder: FolderArgument) -> None:
     """
     from stimuli.check import check_batch
 
-    with user_errors():
-        with progress_line("hashing") as report:
-            verdict = check_batch(folder, lambda done, total: report(done, total, "hashing"))
-        for kind in ("missing", "changed", "extra"):
-            for name in getattr(verdict, kind):
-                say(f"{kind}: {folder / name}")
-        if not verdict.in_order:
-            counts = ", ".join(
-                f"{len(getattr(verdict, kind))} {kind}" for kind in ("missing", "changed", "extra")
-            )
-            say(f"{folder}: not in order ({counts}); run 'metamerlab stimuli build' again")
-            raise typer.Exit(1)
-        clips = len(verdict.manifest.clips)
-        say(
-            f"{folder}: in order. {clips} clips, {verdict.frames} frames, manifest"
-            f" {verdict.manifest.sha256[:12]}."
+    with progress_line("hashing") as report:
+        verdict = check_batch(folder, lambda done, total: report(done, total, "hashing"))
+    for kind in ("missing", "changed", "extra"):
+        for name in getattr(verdict, kind):
+            say(f"{kind}: {folder / name}")
+    if not verdict.in_order:
+        counts = ", ".join(
+            f"{len(getattr(verdict, kind))} {kind}" for kind in ("missing", "changed", "extra")
         )
+        say(f"{folder}: not in order ({counts}); run 'metamerlab stimuli build' again")
+        raise typer.Exit(1)
+    clips = len(verdict.manifest.clips)
+    say(
+        f"{folder}: in order. {clips} clips, {verdict.frames} frames, manifest"
+        f" {verdict.manifest.sha256[:12]}."
+    )
 
 
 @app.command()
@@ -100,27 +96,26 @@ def probe(
     """
     from stimuli.probe import probe_batch
 
-    with user_errors():
-        with progress_line("reading frames") as report:
-            findings = probe_batch(
-                folder, clips, lambda done, total: report(done, total, "reading frames")
-            )
-        heads = ("clip", "change in holes", "of the reference's", "repeated", "black")
-        rows = [
-            (
-                found.name,
-                "-" if found.flicker is None else f"{255 * found.flicker:.2f}/255",
-                "-"
-                if found.flicker_ratio is None
-                else f"{found.flicker_ratio:.2f}" + (" flickers" if found.flickers else ""),
-                _frames(found.repeated),
-                _frames(found.black),
-            )
-            for found in findings
-        ]
-        PlainConsole().print(table_of(heads, rows, right=1, box=None))
-        if any(found.repeated or found.black for found in findings):
-            raise typer.Exit(1)
+    with progress_line("reading frames") as report:
+        findings = probe_batch(
+            folder, clips, lambda done, total: report(done, total, "reading frames")
+        )
+    heads = ("clip", "change in holes", "of the reference's", "repeated", "black")
+    rows = [
+        (
+            found.name,
+            "-" if found.flicker is None else f"{255 * found.flicker:.2f}/255",
+            "-"
+            if found.flicker_ratio is None
+            else f"{found.flicker_ratio:.2f}" + (" flickers" if found.flickers else ""),
+            _frames(found.repeated),
+            _frames(found.black),
+        )
+        for found in findings
+    ]
+    PlainConsole().print(table_of(heads, rows, right=1, box=None))
+    if any(found.repeated or found.black for found in findings):
+        raise typer.Exit(1)
 
 
 @dataclass(frozen=True)
@@ -144,7 +139,6 @@ class LightingOptions:
 
 
 @app.command()
-@takes_settings
 def look(
     scene: Annotated[
         str, typer.Argument(help="A .glb, .gltf or .obj file, or a built-in scene's name.")
@@ -190,25 +184,24 @@ def look(
     from protocols.load import parse_view
     from stimuli.scene_views import LIGHTINGS, ScenePreview, look_around
 
-    with user_errors():
-        kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
-        if out.suffix.lower() != ".png":
-            raise StudyError(f"{out}: must end in .png")
-        chosen = [parse_view(line) for line in view or ()]
-        preview = ScenePreview(scene, scale, seed, chosen, kind, light.sun_direction)
-        notes: list[str] = []
-        with lent_context() as ctx:
-            if interactive:
-                _look_interactively(ctx, preview)
-                return
-            with progress_line("trying views") as report:
-                lines = look_around(
-                    ctx, preview, out, views, note=notes.append,
-                    report=lambda done, total: report(done, total, "trying views"),
-                )  # fmt: skip
-        say_notes(notes)
-        say("\n".join(lines))
-        say(f"wrote {out}")
+    kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
+    if out.suffix.lower() != ".png":
+        raise StudyError(f"{out}: must end in .png")
+    chosen = [parse_view(line) for line in view or ()]
+    preview = ScenePreview(scene, scale, seed, chosen, kind, light.sun_direction)
+    notes: list[str] = []
+    with lent_context() as ctx:
+        if interactive:
+            _look_interactively(ctx, preview)
+            return
+        with progress_line("trying views") as report:
+            lines = look_around(
+                ctx, preview, out, views, note=notes.append,
+                report=lambda done, total: report(done, total, "trying views"),
+            )  # fmt: skip
+    say_notes(notes)
+    say("\n".join(lines))
+    say(f"wrote {out}")
 
 
 @app.command()
@@ -248,21 +241,20 @@ def panorama(
     from stimuli.render_panorama import panorama_of
     from stimuli.scene_views import ScenePreview
 
-    with user_errors():
-        if out.suffix.lower() != ".png":
-            raise StudyError(f"{out}: must end in .png")
-        world = ScenePreview(scene, scale, seed).world()
-        say_notes(world.notes)
-        if view is not None:
-            world = world.seen_from(viewpoint_of(parse_view(view), world))
-        with lent_context() as ctx, progress_line("looking around") as report:
-            colour = panorama_of(
-                ctx, world, height_px,
-                report=lambda done, total: report(done, total, "looking around"),
-            )  # fmt: skip
-        out.parent.mkdir(parents=True, exist_ok=True)
-        save_picture(out, of_colour(colour))
-        say(f"wrote {out}: {colour.shape[1]} x {colour.shape[0]} px")
+    if out.suffix.lower() != ".png":
+        raise StudyError(f"{out}: must end in .png")
+    world = ScenePreview(scene, scale, seed).world()
+    say_notes(world.notes)
+    if view is not None:
+        world = world.seen_from(viewpoint_of(parse_view(view), world))
+    with lent_context() as ctx, progress_line("looking around") as report:
+        colour = panorama_of(
+            ctx, world, height_px,
+            report=lambda done, total: report(done, total, "looking around"),
+        )  # fmt: skip
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_picture(out, of_colour(colour))
+    say(f"wrote {out}: {colour.shape[1]} x {colour.shape[0]} px")
 
 
 app.command()(score)

@@ -27,7 +27,6 @@ from protocols.errors import StudyError
 from protocols.key_docs import key_docs
 from protocols.tasks.base import Analysis
 from study_app.cli.assumed import pairs
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import ReplaceOption
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
@@ -116,16 +115,13 @@ def _question(
         other = next((key for key in instead if key in texts), "")
         model = instead.get(other, told)
         kind, how = str(model.model_fields["kind"].default), (columns, where, answer)
-        with user_errors():
-            for key in said:
-                if key not in keys_of(model):
-                    option = key.replace("_", "-")
-                    raise StudyError(
-                        f"--{option}: must be left out with --{other} (got {given[key]})"
-                    )
-            for key, named in several.items():
-                texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
-            ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
+        for key in said:
+            if key not in keys_of(model):
+                option = key.replace("_", "-")
+                raise StudyError(f"--{option}: must be left out with --{other} (got {given[key]})")
+        for key, named in several.items():
+            texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
+        ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     PictureViewing,
     SeedOption,
@@ -19,13 +18,11 @@ from study_app.cli.one_picture_options import (
     read_parameters,
     renderer,
 )
-from study_app.cli.option_groups import takes_settings
+from study_app.cli.option_groups import CommandGroup
 from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+app = CommandGroup(
     help="""Bake textures into statistics, and draw scenes with them.
 
     Examples:
@@ -61,10 +58,9 @@ def bake(
     from pipeline.textures.baked_file import ENDING
     from stimuli.textured.texture_files import bake_file
 
-    with user_errors():
-        check_file(out, (ENDING,))
-        with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-            bake_file(texture, out, wraps=wrap, reporter=teller.reporter)
+    check_file(out, (ENDING,))
+    with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
+        bake_file(texture, out, wraps=wrap, reporter=teller.reporter)
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,6 @@ class DrawingOptions:
 
 
 @app.command()
-@takes_settings
 def show(
     scene: Annotated[str, typer.Argument(help="planet or spheres.")],
     out: Annotated[Path, typer.Option(help="The sheet to write, .png or .jpg.")] = Path(
@@ -116,19 +111,16 @@ def show(
     from stimuli.foveated.moving import ENDINGS
     from stimuli.textured.texture_files import SceneSettings, metamer_settings, show_scene
 
-    with user_errors():
-        check_file(out, (".png", ".jpg"))
-        if drawing.animate is not None:
-            check_file(drawing.animate, ENDINGS)
-        asked = SceneSettings(baked, drawing.size_px, drawing.turn, drawing.animate)
-        chosen = metamer_settings(read_parameters(settings or []))
-        console = PlainConsole(soft_wrap=True)
-        with renderer(console, False) as ctx, ProgressLines(console) as teller:
-            if ctx is None:
-                raise GLUnavailableError(
-                    "scenes are drawn by OpenGL 4.3; 'metamerlab doctor' helps"
-                )
-            show_scene(
-                scene, out, ctx, asked=asked, viewing=seen.stated(gaze), settings=chosen,
-                seed=seed, reporter=teller.reporter,
-            )  # fmt: skip
+    check_file(out, (".png", ".jpg"))
+    if drawing.animate is not None:
+        check_file(drawing.animate, ENDINGS)
+    asked = SceneSettings(baked, drawing.size_px, drawing.turn, drawing.animate)
+    chosen = metamer_settings(read_parameters(settings or []))
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, False) as ctx, ProgressLines(console) as teller:
+        if ctx is None:
+            raise GLUnavailableError("scenes are drawn by OpenGL 4.3; 'metamerlab doctor' helps")
+        show_scene(
+            scene, out, ctx, asked=asked, viewing=seen.stated(gaze), settings=chosen,
+            seed=seed, reporter=teller.reporter,
+        )  # fmt: skip

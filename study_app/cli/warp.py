@@ -11,7 +11,6 @@ from rich.console import Console
 
 from protocols.errors import StudyError
 from protocols.result_folder import check_result
-from study_app.cli.error_messages import user_errors
 from study_app.cli.one_picture_options import (
     FILE_ENDINGS,
     SeedOption,
@@ -23,7 +22,6 @@ from study_app.cli.one_picture_options import (
     print_methods,
     renderer,
 )
-from study_app.cli.option_groups import takes_settings
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.cli.warp_options import EyeOptions, HoleOptions, SourceOptions, WarpLooks
 
@@ -59,7 +57,6 @@ class MethodOptions:
     seed: SeedOption = 0
 
 
-@takes_settings
 def warp(
     source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
     out: Annotated[
@@ -105,24 +102,23 @@ def warp(
     from pipeline.warp.settings import WarpSettings
     from study_app.cli.warp_source import load
 
-    with user_errors():
-        if given.mask is not None and holes != HoleOptions():
-            raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
-        WarpSettings(rim_px=holes.rim_px or 0)  # checks its range before anything is read
-        given = given.with_unknown()
-        choices = _choices(method.methods, method.settings, looks.compare is not None)
-        check_outputs(
-            {"OUT": (out, FILE_ENDINGS), "--compare": (looks.compare, (".png",))},
-            [looks.steps],
-            [Path(source), *given.files],
-        )
-        if looks.steps is not None:
-            check_result(looks.steps, replace=True)
-        loaded = load(source, given)
-        asked = {name: value for name, value in vars(holes).items() if value is not None}
-        loaded = replace(loaded, settings=replace(loaded.settings, **asked))
-        choices, seen = _look(choices, loaded, eye)
-        _run(loaded, choices, method.seed, out, looks, seen)
+    if given.mask is not None and holes != HoleOptions():
+        raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
+    WarpSettings(rim_px=holes.rim_px or 0)  # checks its range before anything is read
+    given = given.with_unknown()
+    choices = _choices(method.methods, method.settings, looks.compare is not None)
+    check_outputs(
+        {"OUT": (out, FILE_ENDINGS), "--compare": (looks.compare, (".png",))},
+        [looks.steps],
+        [Path(source), *given.files],
+    )
+    if looks.steps is not None:
+        check_result(looks.steps, replace=True)
+    loaded = load(source, given)
+    asked = {name: value for name, value in vars(holes).items() if value is not None}
+    loaded = replace(loaded, settings=replace(loaded.settings, **asked))
+    choices, seen = _look(choices, loaded, eye)
+    _run(loaded, choices, method.seed, out, looks, seen)
 
 
 def _run(

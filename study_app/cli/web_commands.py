@@ -19,7 +19,6 @@ from protocols.manifest import Manifest, read_manifest
 from protocols.prose import count_of
 from protocols.schema import StudyProtocol
 from protocols.web_study import BUDGET_MB, DECODED_MB, MB
-from study_app.cli.error_messages import user_errors
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say
 
@@ -59,35 +58,34 @@ def export_web(
 
         metamerlab session export-web my-study.toml --stimuli clips --out web --jatos my-study.jzip
     """
-    with user_errors():
-        from study_app.web.export import WebBuild
+    from study_app.web.export import WebBuild
 
-        study, screen = load_study(protocol, display)
-        if jatos is not None and (jatos.exists() or jatos.suffix not in (".jzip", ".zip")):
-            raise StudyError(
-                f"--jatos: must be a new file, NAME.jzip (got {jatos}"
-                f"{', which exists' if jatos.exists() else ''})"
-            )
-        folder = jatos.resolve().parent if jatos else Path()
-        if not folder.is_dir() or folder == out.resolve():
-            raise StudyError(
-                f"--jatos: must lie in a folder that exists, and not in --out (got {jatos})"
-            )
-        build = WebBuild(study, screen, read_manifest(stimuli))
-        needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
-        for line in needs_lines(needs):
-            say(line)
-        if jatos is not None:
-            from study_app.web import jzip
+    study, screen = load_study(protocol, display)
+    if jatos is not None and (jatos.exists() or jatos.suffix not in (".jzip", ".zip")):
+        raise StudyError(
+            f"--jatos: must be a new file, NAME.jzip (got {jatos}"
+            f"{', which exists' if jatos.exists() else ''})"
+        )
+    folder = jatos.resolve().parent if jatos else Path()
+    if not folder.is_dir() or folder == out.resolve():
+        raise StudyError(
+            f"--jatos: must lie in a folder that exists, and not in --out (got {jatos})"
+        )
+    build = WebBuild(study, screen, read_manifest(stimuli))
+    needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
+    for line in needs_lines(needs):
+        say(line)
+    if jatos is not None:
+        from study_app.web import jzip
 
-            identity = f"{study.sha256}:{sha256_file(out / 'study.json')}"
-            people = study.study.participants
-            name, title = study.study.name, study.study.title
-            jzip.write(out, jzip.describe(name, title, "index.html", identity, people), jatos)
-            say(f"{jatos}: import it into JATOS as a study.")
-        say(f"{out}: complete. Links for {count_of(study.study.participants, 'participant')}:")
-        for slot in range(study.study.participants):
-            say(f"  index.html?slot={slot}")
+        identity = f"{study.sha256}:{sha256_file(out / 'study.json')}"
+        people = study.study.participants
+        name, title = study.study.name, study.study.title
+        jzip.write(out, jzip.describe(name, title, "index.html", identity, people), jatos)
+        say(f"{jatos}: import it into JATOS as a study.")
+    say(f"{out}: complete. Links for {count_of(study.study.participants, 'participant')}:")
+    for slot in range(study.study.participants):
+        say(f"  index.html?slot={slot}")
 
 
 def import_web(
@@ -117,33 +115,30 @@ def import_web(
 
         metamerlab session import-web lines/ --protocol my-study.toml --stimuli clips --check
     """
-    with user_errors():
-        # Imported here: most commands of sessions need none of it.
-        from study_app.web.import_lines import import_results, read_results
+    # Imported here: most commands of sessions need none of it.
+    from study_app.web.import_lines import import_results, read_results
 
-        study, screen = load_study(protocol, display)
-        manifest = read_manifest(stimuli)
-        inbox = read_results(results)
-        for damaged in inbox.damaged[:20]:
-            say(f"note: {damaged}; left out", file=sys.stderr)
-        if len(inbox.damaged) > 20:
-            say(f"note: and {len(inbox.damaged) - 20} more", file=sys.stderr)
-        found = import_results(inbox, study, screen, manifest, sessions, write=not check)
-        table = Table("participant", "state", "attempts", "ended", "", box=None, header_style="")
-        for one in found:
-            table.add_row(
-                one.participant, one.state, str(one.attempts), one.reason or "-", one.message
-            )
-        PlainConsole().print(table)
-        others = sorted({name for name, _ in inbox.found} - {study.study.name})
-        if others:
-            say(f"note: lines of other studies were left out: {', '.join(others)}")
-        refused = [one for one in found if one.state == "refused"]
-        if refused:
-            raise StudyError(
-                f"{count_of(len(refused), 'participant')} left out:"
-                f" {', '.join(one.participant for one in refused)}; the table says why"
-            )
+    study, screen = load_study(protocol, display)
+    manifest = read_manifest(stimuli)
+    inbox = read_results(results)
+    for damaged in inbox.damaged[:20]:
+        say(f"note: {damaged}; left out", file=sys.stderr)
+    if len(inbox.damaged) > 20:
+        say(f"note: and {len(inbox.damaged) - 20} more", file=sys.stderr)
+    found = import_results(inbox, study, screen, manifest, sessions, write=not check)
+    table = Table("participant", "state", "attempts", "ended", "", box=None, header_style="")
+    for one in found:
+        table.add_row(one.participant, one.state, str(one.attempts), one.reason or "-", one.message)
+    PlainConsole().print(table)
+    others = sorted({name for name, _ in inbox.found} - {study.study.name})
+    if others:
+        say(f"note: lines of other studies were left out: {', '.join(others)}")
+    refused = [one for one in found if one.state == "refused"]
+    if refused:
+        raise StudyError(
+            f"{count_of(len(refused), 'participant')} left out:"
+            f" {', '.join(one.participant for one in refused)}; the table says why"
+        )
 
 
 def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) -> Iterator[str]:

@@ -9,7 +9,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from study_app.cli.option_groups import takes_settings
+from protocols.errors import StudyError
+from study_app.cli.option_groups import CommandGroup
 
 
 @dataclass(frozen=True)
@@ -26,11 +27,10 @@ class Frame:
 
 
 GIVEN: list[object] = []
-app = typer.Typer()
+app = CommandGroup()
 
 
 @app.command()
-@takes_settings
 def draw(
     name: Annotated[str, typer.Argument()],
     *,
@@ -42,9 +42,26 @@ def draw(
 
 
 @app.command()
-@takes_settings
 def hang(frame: Frame, *, high: Annotated[bool, typer.Option("--high")] = False) -> None:
     GIVEN[:] = [frame, high]
+
+
+@app.command()
+def fall() -> None:
+    raise StudyError("the nail must hold")
+
+
+def test_a_mistake_of_the_user_ends_any_command_of_a_group_with_status_2():
+    ended = CliRunner().invoke(app, ["fall"])
+
+    assert (ended.exit_code, ended.stderr) == (2, "error: the nail must hold\n")
+
+
+def test_every_group_of_commands_is_such_a_group(repository):
+    files = (repository / "study_app" / "cli").rglob("*.py")
+    made = [path.name for path in files if "typer.Typer(" in path.read_text(encoding="utf-8")]
+
+    assert made == ["__init__.py"]  # the front door, whose groups these are
 
 
 @pytest.mark.parametrize(

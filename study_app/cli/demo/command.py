@@ -9,7 +9,6 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.result_folder import remove_listed, stranger
-from study_app.cli.error_messages import user_errors
 from study_app.cli.progress import going_on
 from study_app.cli.terminal import PlainConsole
 
@@ -63,40 +62,39 @@ def demo(
 
         metamerlab demo --pictures-only --out out/pictures
     """
-    with user_errors():
-        if no_window and display is not None:
-            raise StudyError(
-                "--no-window and --display exclude each other: a display is where the window goes"
-            )
-        from study_app.cli.demo.demonstration import RECORD_NAME, run_demo
-        from study_app.cli.demo.steps import Options
-
-        if fresh and out.exists():
-            if not (out / RECORD_NAME).is_file():
-                raise StudyError(
-                    f"--fresh: {out} must be the folder of a demonstration (it holds no"
-                    f" {RECORD_NAME}); nothing was deleted"
-                )
-            if strange := stranger(out):
-                raise StudyError(
-                    f"--fresh: {out} must hold nothing but a demonstration (it holds {strange},"
-                    " which none listed as its own); nothing was deleted: move that away, or delete"
-                    " the folder yourself"
-                )
-            remove_listed(out)
-        console = PlainConsole(soft_wrap=True)
-        if not pictures_only:
-            console.print("The demonstration takes some minutes. Observers are simulated.")
-        options = Options(
-            out,
-            observers=participants,
-            window=not no_window,
-            # Commands run in the folder of the demonstration.
-            display=str(Path(display).resolve()) if display and Path(display).exists() else display,
-            seed=seed,
-            studies=not no_studies,
-            pictures_only=pictures_only,
+    if no_window and display is not None:
+        raise StudyError(
+            "--no-window and --display exclude each other: a display is where the window goes"
         )
-        with going_on():
-            page = run_demo(options, console)
-        console.print(f"Look at {page} (open it in a browser)", style="bold")
+    from study_app.cli.demo.demonstration import RECORD_NAME, run_demo
+    from study_app.cli.demo.steps import Options
+
+    if fresh and out.exists():
+        if not (out / RECORD_NAME).is_file():
+            raise StudyError(
+                f"--fresh: {out} must be the folder of a demonstration (it holds no"
+                f" {RECORD_NAME}); nothing was deleted"
+            )
+        if strange := stranger(out):
+            raise StudyError(
+                f"--fresh: {out} must hold nothing but a demonstration (it holds {strange},"
+                " which none listed as its own); nothing was deleted: move that away, or delete"
+                " the folder yourself"
+            )
+        remove_listed(out)
+    console = PlainConsole(soft_wrap=True)
+    if not pictures_only:
+        console.print("The demonstration takes some minutes. Observers are simulated.")
+    options = Options(
+        out,
+        observers=participants,
+        window=not no_window,
+        # Commands run in the folder of the demonstration.
+        display=str(Path(display).resolve()) if display and Path(display).exists() else display,
+        seed=seed,
+        studies=not no_studies,
+        pictures_only=pictures_only,
+    )
+    with going_on():
+        page = run_demo(options, console)
+    console.print(f"Look at {page} (open it in a browser)", style="bold")
