@@ -22,12 +22,8 @@ precision highp sampler2D;
 precision highp sampler2DArray;
 precision highp isampler2D;
 precision highp usampler2DArray;
-layout(location = 0) out KIND pixel_kept;
-uniform int layer_kept;
+OUTPUTS
 #define CALL uvec3(uvec2(gl_FragCoord.xy) / SHAREu, 0u)
-bool is_kept(ivec2 at) { return at == ivec2(gl_FragCoord.xy); }
-bool is_kept(ivec3 at) { return at == ivec3(ivec2(gl_FragCoord.xy), layer_kept); }
-#define KEEP(at, value) if (is_kept(at)) pixel_kept = (value)
 #define PASS_OVER(at, value)
 struct Four { ivec2 first, last; vec2 part; };
 Four four_at(vec2 at, ivec2 size) {
@@ -59,6 +55,22 @@ vec4 gathered(sampler2DArray image, vec3 at, int channel) {
 }
 """
 """Textures of floats are interpolated here: few telephones do it."""
+_ONE = """layout(location = 0) out KIND pixel_kept;
+void keep(ivec2 at, KIND value) { if (at == ivec2(gl_FragCoord.xy)) pixel_kept = value; }
+"""
+_LAYERS = """layout(location = 0) out KIND kept_0;
+layout(location = 1) out KIND kept_1;
+layout(location = 2) out KIND kept_2;
+layout(location = 3) out KIND kept_3;
+uniform int layer_kept;
+void keep(ivec3 at, KIND value) {
+    if (at.xy != ivec2(gl_FragCoord.xy)) return;
+    if (at.z == layer_kept) kept_0 = value;
+    if (at.z == layer_kept + 1) kept_1 = value;
+    if (at.z == layer_kept + 2) kept_2 = value;
+    if (at.z == layer_kept + 3) kept_3 = value;
+}
+"""
 
 
 def fragment_of(
@@ -75,19 +87,20 @@ def fragment_of(
     source : Source
         A compute shader that shares nothing between its calls.
     image : str
-        The picture, by its name there. A layer of an array is drawn at a time: `layer_kept`.
+        The picture, by its name there. Of an array four layers are drawn at a time, from
+        `layer_kept` on.
     shared : int
         Pixels along an axis that a call makes of it.
     known : mapping, optional
         Arrays of whole numbers that become constants: telephones have few uniforms.
     """
     text = source.text.split("\n", 1)[1]
-    kinds = {name: f"{sign}vec4" for sign, _, name in _IMAGE.findall(text)}
+    sign, array = next((sign, array) for sign, array, name in _IMAGE.findall(text) if name == image)
     text = _IMAGE.sub(lambda m: f"uniform ivec{3 if m[2] else 2} {m[3]}_size;", text)
     text = _LOCAL_SIZE.sub("", text)
     text = re.sub(r"\bimageSize\((\w+)\)", r"\1_size", text)
     text = re.sub(
-        r"\bimageStore\((\w+), ", lambda m: "KEEP(" if m[1] == image else "PASS_OVER(", text
+        r"\bimageStore\((\w+), ", lambda m: "keep(" if m[1] == image else "PASS_OVER(", text
     )
     for name, numbers in (known or {}).items():
         words = ", ".join(map(str, numbers))
@@ -98,5 +111,6 @@ def fragment_of(
         ("gl_GlobalInvocationID", "CALL"), ("textureLod", "LOD"), ("textureGather", "gathered"),
     ):  # fmt: skip
         text = re.sub(rf"\b{word}\b", mine, text)
-    prelude = _PRELUDE.replace("KIND", kinds[image]).replace("SHARE", str(shared))
+    prelude = _PRELUDE.replace("OUTPUTS", _LAYERS if array else _ONE)
+    prelude = prelude.replace("KIND", f"{sign}vec4").replace("SHARE", str(shared))
     return prelude + "#define LOD(image, at, level) between(image, at)\n" + text

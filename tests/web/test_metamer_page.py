@@ -185,5 +185,5 @@ def test_a_fragment_keeps_what_its_call_writes_to_its_own_pixel():
     made = fragment_of(ShaderSource(text, ()), "raised", shared=2)
     assert "out uvec4" in made
     assert "uniform ivec2 low_size;\nuniform ivec3 raised_size;" in made
-    assert "PASS_OVER(low_size, ivec4(0)); KEEP(a, b);" in made
+    assert "PASS_OVER(low_size, ivec4(0)); keep(a, b);" in made
     assert "local_size_x" not in made
