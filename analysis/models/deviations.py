@@ -156,7 +156,6 @@ def deviations_of(  # noqa: PLR0913  each is one of the model's
     level: float,
     names: Mapping[str, Sequence[str]],
     modes: Sequence[Floats],
-    slots: Sequence[NDArray[np.int64]],
     solve: Callable[[Floats], Floats],
     *,
     rest: float,
@@ -173,17 +172,17 @@ def deviations_of(  # noqa: PLR0913  each is one of the model's
         `best` where none is held.
     names : mapping of effect to names of its levels
         Whose levels are wanted.
-    modes, slots : sequences of ndarray (levels,)
-        Of each effect, its levels and their places in the curvature of all. Of more places than
-        `MOST_PROFILED` neither limits nor levels are had.
+    modes : sequence of ndarray (levels,)
+        Levels of each effect. Of more than `MOST_PROFILED` neither limits nor levels are had.
     solve : callable
-        Of that curvature, in units of the deviations, by a vector.
+        Inverse of the levels' curvature, in units of the deviations, times a vector (all levels,).
     rest : float
         Variance of one answer. `slopes` name the deviations that have no share of it: where what
         they multiply is at its middle they are 0.
     """
     total = rest + sum(own**2 for name, own in sd.items() if name not in slopes)
-    effects, found = sum(map(len, slots)), []
+    ends_at = np.cumsum([len(one) for one in modes])
+    effects, found = ends_at[-1], []
     for number, (name, own) in enumerate(sd.items()):
         ends: tuple[float, float] = math.nan, math.nan
         levels: tuple[EffectLevel, ...] = ()
@@ -191,7 +190,8 @@ def deviations_of(  # noqa: PLR0913  each is one of the model's
             held = partial(log_likelihood, number)
             ends = profile_limits(held, own, best, float(errors[number]), level)
             if name in names:
-                units = np.eye(effects)[slots[number]]
+                last = ends_at[number]
+                units = np.eye(effects)[last - len(modes[number]) : last]
                 spread = [float(unit @ solve(unit)) for unit in units]
                 apart = (own * np.sqrt(spread)).tolist()
                 levels = tuple(map(EffectLevel, names[name], modes[number].tolist(), apart))

@@ -211,7 +211,14 @@ def crossed_deviations(
     """
     model = _Laplace(design, fit.counted, response)
     point = np.concatenate([fit.beta, fit.sd, response.start()])
-    first = fit.beta.size
+    first, arrow = fit.beta.size, model._solve(point).arrow
+    kept = np.concatenate(model.effects.by_factor(np.arange(model.effects.size)))
+
+    def solve(levels: Floats) -> Floats:
+        slots = np.zeros(model.effects.size)
+        slots[kept] = levels
+        return arrow.solve(slots)[kept]
+
     return deviations_of(
         dict(zip(names, fit.sd.tolist(), strict=True)),
         np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
@@ -220,8 +227,7 @@ def crossed_deviations(
         level,
         levels,
         fit.random,
-        model.effects.by_factor(np.arange(model.effects.size)),
-        model._solve(point).arrow.solve,
+        solve,
         rest=LATENT_VARIANCE[response.link],
         slopes=slopes,
     )

@@ -180,7 +180,6 @@ class _Products:
             level,
             names,
             np.split(modes, ends),
-            np.split(np.arange(scale.size), ends),
             inner.solve,
             rest=residual**2,
             slopes=["residual"],

@@ -290,7 +290,6 @@ def fit_cumulative(
             level,
             names or {},
             np.split(np.repeat(sd, sizes) * mode, ends),
-            np.split(np.arange(z.shape[1]), ends),
             partial(np.linalg.solve, bowl),
             rest=LATENT_VARIANCE[link],
         )

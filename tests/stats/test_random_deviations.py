@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from analysis.models.deviations import profile_limits
+from analysis.models.glmm import crossed_deviations, fit_crossed
 from analysis.models.linear_mixed import fit_linear_mixed
 from analysis.models.logistic import ModelFit, glmm_logit, models_beside
 from analysis.models.ordinal import fit_cumulative, rating_model
@@ -68,6 +69,29 @@ def test_deviations_of_right_answers_have_glmmtmbs_profile_and_lme4s_levels(righ
     assert errors == pytest.approx(ORACLE["right_errors_participant"], abs=2e-3)
     own = ORACLE["right_sd"][0] ** 2
     assert people.icc == pytest.approx(own / (own + math.pi**2 / 3), abs=1e-3)
+
+
+def test_levels_of_people_who_lack_a_condition_have_the_errors_of_the_curvature(rng):
+    person, condition, scene = (one.ravel() for one in np.indices((7, 3, 5)))
+    keep = ~((person < 3) & (condition == 2))
+    person, condition, scene = person[keep], condition[keep], scene[keep]
+    y = (rng.random(person.size) < 1 / (1 + np.exp(-1.2 * rng.normal(size=7)[person]))) * 1.0
+    own = np.unique(3 * person + condition, return_inverse=True)[1]
+    groups, names = [person, own, scene], ["participant", "participant x condition", "scene"]
+    fit = fit_crossed(np.ones((y.size, 1)), y, groups)
+    sizes = [int(code.max()) + 1 for code in groups]
+    levels = {name: list(map(str, range(size))) for name, size in zip(names, sizes, strict=True)}
+
+    found = crossed_deviations(fit, np.ones((y.size, 1)), names, levels)
+
+    eta = fit.beta[0] + sum(fit.random[number][code] for number, code in enumerate(groups))
+    weight = np.exp(eta) / (1 + np.exp(eta)) ** 2
+    z = np.hstack(
+        [sd * np.eye(size)[code] for sd, size, code in zip(fit.sd, sizes, groups, strict=True)]
+    )
+    spread = np.sqrt(np.diag(np.linalg.inv(np.eye(sum(sizes)) + z.T @ (weight[:, None] * z))))
+    for one, sd, part in zip(found, fit.sd, np.split(spread, np.cumsum(sizes)[:-1]), strict=True):
+        assert [level.error for level in one.levels] == pytest.approx(sd * part, abs=1e-6)
 
 
 def test_the_deviation_of_ratings_has_the_profile_of_ordinals_clmm2(times):
