@@ -17,7 +17,7 @@ from protocols.hashing import canonical_json
 from protocols.latency import LiveFrames
 from protocols.units import (
     Count,
-    Grown,
+    ExtendedModel,
     Hertz,
     LanguageCode,
     Model,
@@ -139,7 +139,7 @@ class Remote(Model):
     """Value of the link's parameter that the study names."""
 
 
-class SessionStart(Event, Grown):
+class SessionStart(Event, ExtendedModel):
     """The first line: everything the session depends on."""
 
     added_later: ClassVar[tuple[str, ...]] = ("remote",)
@@ -203,7 +203,7 @@ class Consent(Event):
     text_sha256: Sha256
 
 
-class Calibration(Event, Grown):
+class Calibration(Event, ExtendedModel):
     """A validation of the gaze source before a block: means over its targets."""
 
     kind: Literal["calibration"] = "calibration"
@@ -309,7 +309,7 @@ class FurtherAnswer(Model):
     """Time from the onset of the question to the key press, s."""
 
 
-class Attempt(Event, Grown):
+class Attempt(Event, ExtendedModel):
     """One attempt at a trial, completed or void, written when it is over."""
 
     kind: Literal["attempt"] = "attempt"
@@ -417,7 +417,7 @@ class Answer(Event):
     """Text as typed or chosen. Escape it before use."""
 
 
-class Note(Event, Grown):
+class Note(Event, ExtendedModel):
     """A remark by the operator or the program."""
 
     kind: Literal["note"] = "note"

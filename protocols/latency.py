@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import AfterValidator
 
-from protocols.units import Count, Grown, Model, storable
+from protocols.units import Count, ExtendedModel, Model, storable
 
 EyeState: TypeAlias = Literal["found", "lost", "silent", "ahead", "none"]
 """Of the newest sample: it saw the eye; it did not; there was none for 100 ms; its stamp lies ahead
@@ -24,7 +24,7 @@ class SaccadeTimes(Model):
     """Session clock. The eye sees little from the onset to 50 ms behind this."""
 
 
-class LiveFrames(Grown):
+class LiveFrames(ExtendedModel):
     """The frames of an attempt that were drawn to the gaze."""
 
     ages_ms: tuple[Annotated[float, AfterValidator(storable)], ...]

@@ -33,7 +33,7 @@ from protocols.session_schema import (
 )
 from protocols.tasks.base import Analysis, Cell, Task
 from protocols.tasks.task_kinds import TASKS, check_returns
-from protocols.units import Grown
+from protocols.units import ExtendedModel
 
 if TYPE_CHECKING:
     AnyRecipe = Recipe
@@ -48,7 +48,7 @@ else:  # what is registered, plug-ins included: known when the program starts
     ]
 
 
-class StudyProtocol(Grown):
+class StudyProtocol(ExtendedModel):
     """A whole study. Two studies with equal hashes are the same study."""
 
     added_later: ClassVar[tuple[str, ...]] = ("web",)

@@ -35,7 +35,7 @@ from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
 from protocols.units import (
     Count,
-    Grown,
+    ExtendedModel,
     Hertz,
     LanguageCode,
     Model,
@@ -286,7 +286,7 @@ class ScriptPhase(Model):
     the reason why it is void, or `warned`."""
 
 
-class ScriptStimulus(Grown):
+class ScriptStimulus(ExtendedModel):
     """One of the trial's stimuli."""
 
     name: Text

@@ -9,8 +9,8 @@ from pydantic_core import SchemaError
 
 from protocols.units import (
     Degrees,
+    ExtendedModel,
     Few,
-    Grown,
     LanguageCode,
     Model,
     Name,
@@ -76,7 +76,7 @@ class Practice(Model):
         return self.feedback or self.criterion_share is not None
 
 
-class Design(Grown):
+class Design(ExtendedModel):
     """Design: repeats of each condition, and their order."""
 
     added_later: ClassVar[tuple[str, ...]] = ("places",)
@@ -178,7 +178,7 @@ POINTER = "pointer"
 """Name in a journal for the key of an answer that was clicked or touched."""
 
 
-class Response(Grown):
+class Response(ExtendedModel):
     """Keys, pointer and time-out."""
 
     added_later: ClassVar[tuple[str, ...]] = ("pointer",)
@@ -221,7 +221,7 @@ PLACEHOLDERS = ("left", "right", "continue", "quit", "done", "total")
 """Names in `{...}` that a text may hold: keys, and the numbers of blocks done and in all."""
 
 
-class Texts(Grown):
+class Texts(ExtendedModel):
     """Everything a participant reads, in one language.
 
     `{left}` and `{right}` stand for the leftmost and rightmost answer key, `{continue}` and

@@ -43,7 +43,7 @@ class Model(BaseModel):
         return schema
 
 
-class Grown(Model):
+class ExtendedModel(Model):
     """An entry with keys that were added later: at their defaults, its hash is what it was."""
 
     added_later: ClassVar[tuple[str, ...]] = ()

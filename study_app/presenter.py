@@ -43,7 +43,7 @@ from study_app.page_turner import NOTICE_S, PageTurner
 from study_app.pages import PageLayout
 from study_app.paint import bitmaps_of, drawn
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
-from study_app.strip import PATCH_PX, Extras, patch_place
+from study_app.strip import PATCH_PX, FlipMarks, patch_place
 from study_app.virtual import AskedQuestions, Observer
 from study_app.window import Window
 
@@ -74,7 +74,7 @@ class PresenterSettings:
     """
 
     refresh_hz: float
-    extras: Extras = field(default_factory=Extras)
+    extras: FlipMarks = field(default_factory=FlipMarks)
     observer: Observer | None = None
     studio: Studio | None = None
     on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None

@@ -47,7 +47,7 @@ from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
 from study_app.session_folders import is_stillborn, session_folder
 from study_app.shown_texts import require_showable
-from study_app.strip import Extras
+from study_app.strip import FlipMarks
 from study_app.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.window import Pacing, Window
 
@@ -72,7 +72,7 @@ class SessionOptions:
     gaze: str | None = None
     """``lsl:NAME``, ``mouse``, ``replay:FILE``; None: no source."""
     pacing: Pacing = "vsync"
-    extras: Extras = field(default_factory=Extras)
+    extras: FlipMarks = field(default_factory=FlipMarks)
     markers: bool = False
     validate: bool = True
     """Validate the gaze source before each block; left out, the journal says so."""

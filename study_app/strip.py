@@ -31,7 +31,7 @@ _CRC_POLYNOMIAL = 0x07  # x^8 + x^2 + x + 1
 
 
 @dataclass(frozen=True)
-class Extras:
+class FlipMarks:
     """Additions of a lab to the picture."""
 
     strip: bool = False

@@ -11,7 +11,7 @@ from protocols.blocks import Block
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.hashing import Json
-from protocols.units import Condition, Grown, Model, Number, Parameters, Scalar, Seed, Text
+from protocols.units import Condition, ExtendedModel, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"
 """The column of a condition that says what is to be seen: statistics cluster on it."""
@@ -57,7 +57,7 @@ Change: TypeAlias = Literal["always", "during-saccades"]
 """Times at which the gaze that is drawn for may change."""
 
 
-class LiveMethod(Grown):
+class LiveMethod(ExtendedModel):
     """Method that draws a stimulus to the gaze."""
 
     method: Text

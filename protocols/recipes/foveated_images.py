@@ -21,8 +21,8 @@ from protocols.prose import count_of
 from protocols.recipes.base import Change, Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (
     Degrees,
+    ExtendedModel,
     Few,
-    Grown,
     Model,
     Name,
     Parameters,
@@ -65,7 +65,7 @@ CROPS = {
 Crop = Literal["middle", "top", "bottom", "left", "right"] | tuple[Share, Share]
 
 
-class ScenePicture(Grown):
+class ScenePicture(ExtendedModel):
     """A picture, which is the scene."""
 
     name: Name
@@ -240,7 +240,7 @@ class FoveatedStimulus:
     """Direction of the line, counter-clockwise from the right; None: not cut."""
 
 
-class FoveatedImages(Grown, Recipe):
+class FoveatedImages(ExtendedModel, Recipe):
     """Stills prepared for a gaze by several methods, or drawn to it while they are shown."""
 
     added_later: ClassVar[tuple[str, ...]] = ("live", "change", "crop")

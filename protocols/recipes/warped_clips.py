@@ -25,9 +25,9 @@ from protocols.units import (
     Condition,
     Degrees,
     EvenPixels,
+    ExtendedModel,
     Factor,
     FocalPixels,
-    Grown,
     Hertz,
     Metres,
     Model,
@@ -118,7 +118,7 @@ class StereoPath(Model):
     """Place of the last frame, in baselines of the pair."""
 
 
-class UpsamplingPath(Grown):
+class UpsamplingPath(ExtendedModel):
     """Temporal up-sampling: every n-th frame is real, the others are warped ([MI] 5)."""
 
     kind: Literal["upsampling"]
@@ -239,7 +239,7 @@ class _PhotoScene(SceneBase):
         return self.camera.kind in {"stereo", "upsampling"}
 
 
-class StereoScene(Grown, _PhotoScene):
+class StereoScene(ExtendedModel, _PhotoScene):
     """A rectified stereo pair with disparity: z = focal_px baseline_m / (d + offset_px)."""
 
     is_pair: ClassVar[bool] = True
@@ -271,7 +271,7 @@ class StereoScene(Grown, _PhotoScene):
     added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown", "depth_speckle")
 
 
-class RgbdScene(Grown, _PhotoScene):
+class RgbdScene(ExtendedModel, _PhotoScene):
     """A picture, a depth image of the same size, and the camera's focal length."""
 
     kind: Literal["rgbd"]
@@ -296,7 +296,7 @@ class RgbdScene(Grown, _PhotoScene):
     added_later: ClassVar[tuple[str, ...]] = ("depth_is", "unknown", "depth_speckle")
 
 
-class ExrScene(Grown, _PhotoScene):
+class ExrScene(ExtendedModel, _PhotoScene):
     """An OpenEXR picture or sequence with colour, depth and optional motion."""
 
     kind: Literal["exr"]
@@ -405,7 +405,7 @@ class TrueView(Model):
     """Position of the target, below the clip's centre."""
 
 
-class Clips(Grown):
+class Clips(ExtendedModel):
     """Settings of every clip.
 
     Give its size in degrees or in pixels of the display.

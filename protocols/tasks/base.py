@@ -24,7 +24,7 @@ from protocols.pool import Pool
 from protocols.sequential import Sequential
 from protocols.session_schema import Exclusions
 from protocols.tasks.confidence_question import COLUMNS, Confidence
-from protocols.units import Condition, Grown, Model, Name, Positive, Scalar, Seconds
+from protocols.units import Condition, ExtendedModel, Model, Name, Positive, Scalar, Seconds
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Adaptive(Model):
         return len(self.slots(task, pool, Chance("count")))
 
 
-class Analysis(Grown):
+class Analysis(ExtendedModel):
     """Test that is fixed before the data: keys of every kind of analysis."""
 
     added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
@@ -150,7 +150,7 @@ class CatchTrials(Model):
     """Condition in which the answer is obvious, such as `{ eccentricity_deg = 5.0 }`."""
 
 
-class Task(Grown):
+class Task(ExtendedModel):
     """Task of a participant in a trial, and its conditions."""
 
     added_later: ClassVar[tuple[str, ...]] = ("confidence",)

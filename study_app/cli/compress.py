@@ -92,7 +92,7 @@ class CodingOptions:
 
 
 @dataclass(frozen=True)
-class CompressedLooks:
+class CompressionFigureOptions:
     """What is made to be looked at."""
 
     compare: Annotated[
@@ -120,7 +120,7 @@ def compress(
     *,
     coding: CodingOptions,
     seen: PictureViewing,
-    looks: CompressedLooks,
+    looks: CompressionFigureOptions,
 ) -> None:
     """Compress a picture for one gaze.
 

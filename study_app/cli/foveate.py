@@ -162,7 +162,7 @@ class LightOptions:
 
 
 @dataclass(frozen=True)
-class FoveatedLooks:
+class FoveationFigureOptions:
     """What is made to be looked at."""
 
     compare: Annotated[
@@ -232,7 +232,7 @@ def foveate(
     numpy_only: NumpyOption = False,
     clip: ClipOptions,
     file: LightOptions,
-    looks: FoveatedLooks,
+    looks: FoveationFigureOptions,
 ) -> None:
     """Make a metamer of a picture for one gaze, or a condition that it is compared with.
 

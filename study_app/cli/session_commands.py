@@ -147,7 +147,7 @@ class CrowdOptions:
 
 
 @dataclasses.dataclass(frozen=True)
-class DeskOptions:
+class VirtualDisplayOptions:
     """Faults of the virtual display, and the virtual eye."""
 
     missed_per_1000: Annotated[
@@ -172,7 +172,7 @@ def simulate(
     crowd: CrowdOptions,
     *,
     observers: ObserverOptions,
-    desk: DeskOptions,
+    desk: VirtualDisplayOptions,
     display: DisplayOption = None,
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")

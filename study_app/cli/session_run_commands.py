@@ -23,7 +23,7 @@ from study_app.cli.terminal import PlainConsole, say
 from study_app.cli.undecided import require_decisions
 from study_app.operator_view import attempt_line
 from study_app.session_folders import SessionFolder
-from study_app.strip import Extras
+from study_app.strip import FlipMarks
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.conduct import RunOutcome
@@ -112,7 +112,7 @@ class SessionArguments:
             language=language,
             gaze=self.gaze,
             pacing="software" if self.software_pacing else "vsync",
-            extras=Extras(self.strip, self.photodiode),
+            extras=FlipMarks(self.strip, self.photodiode),
             markers=self.markers,
             validate=not self.skip_validation,
             simulate=self.simulate,

@@ -23,7 +23,7 @@ from study_app.cli.one_picture_options import (
     renderer,
 )
 from study_app.cli.terminal import PlainConsole, say, table_of
-from study_app.cli.warp_options import EyeOptions, HoleOptions, SourceOptions, WarpLooks
+from study_app.cli.warp_options import EyeOptions, HoleOptions, SourceOptions, WarpFigureOptions
 
 if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
@@ -67,7 +67,7 @@ def warp(
     holes: HoleOptions,
     given: SourceOptions,
     eye: EyeOptions,
-    looks: WarpLooks,
+    looks: WarpFigureOptions,
 ) -> None:
     """Warp one picture and fill its holes.
 
@@ -126,7 +126,7 @@ def _run(
     choices: list[Choice],
     seed: int,
     out: Path,
-    looks: WarpLooks,
+    looks: WarpFigureOptions,
     eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe

@@ -233,7 +233,7 @@ class HoleOptions:
 
 
 @dataclass(frozen=True)
-class WarpLooks:
+class WarpFigureOptions:
     """What is made to be looked at."""
 
     steps: Annotated[

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Protocol, Typ
 from pydantic import Field
 
 from protocols.recipes.base import Cut
-from protocols.units import Grown, Pixels, Sha256
+from protocols.units import ExtendedModel, Pixels, Sha256
 
 if TYPE_CHECKING:  # who describes a picture needs no graphics
     import moderngl
@@ -45,7 +45,7 @@ class GazeState(NamedTuple):
     seed: int
 
 
-class RendererDescription(Grown):
+class RendererDescription(ExtendedModel):
     """All that decides pixels beside view and look."""
 
     source_sha256: Sha256

@@ -32,7 +32,7 @@ from study_app.simulate import SimulatedStudy, participant_code
 from study_app.virtual import AskedQuestions
 from study_app.web.chromium import Chromium, running_chromium
 from study_app.web.export import STUDY_FILE
-from study_app.web.import_lines import Inbox, RebuiltSession, import_results
+from study_app.web.import_lines import BrowserResults, RebuiltSession, import_results
 from study_app.web.serve import FolderHandler, served
 
 _SCRIPTS = files("study_app").joinpath("web/driven")
@@ -222,7 +222,7 @@ def simulate_in_browser(
                 scripts = CLOCK, OBSERVER, f"{{{chance}{_DRIVES}}}"
                 browser.open(f"{url}index.html?{link}", *scripts, size=window_px)
                 lines = _lines_of(browser, desk)
-            inbox = Inbox()
+            inbox = BrowserResults()
             inbox.read("the page", lines.encode())
             (one,) = import_results(inbox, study, simulation.display, simulation.shown, root)
             if one.state != "imported":

@@ -120,7 +120,7 @@ class ParticipantLines:
 
 
 @dataclass
-class Inbox:
+class BrowserResults:
     """Lines of results by study and participant, and what is no line."""
 
     found: dict[tuple[str, str], ParticipantLines] = field(
@@ -162,7 +162,7 @@ class ImportResult:
     """Reason for the end of the session; empty where it did not end."""
 
 
-def read_results(paths: Iterable[Path]) -> Inbox:
+def read_results(paths: Iterable[Path]) -> BrowserResults:
     """Read results: archives of JATOS, texts of lines, folders of such.
 
     Raises
@@ -170,7 +170,7 @@ def read_results(paths: Iterable[Path]) -> Inbox:
     StudyError
         If a file cannot be read, or an archive is damaged.
     """
-    inbox = Inbox()
+    inbox = BrowserResults()
     for path in paths:
         if path.is_dir():
             for inside in sorted(one for one in path.rglob("*") if one.is_file()):
@@ -181,7 +181,7 @@ def read_results(paths: Iterable[Path]) -> Inbox:
 
 
 def import_results(
-    inbox: Inbox,
+    inbox: BrowserResults,
     study: StudyProtocol,
     display: Display,
     manifest: Manifest,
@@ -632,7 +632,7 @@ def _named(step: Step) -> str:
             return "the end"
 
 
-def _read_file(path: Path, inbox: Inbox) -> None:
+def _read_file(path: Path, inbox: BrowserResults) -> None:
     data = read_bytes(path, "results of a browser study", "table")
     if data[:2] != b"PK":  # as every archive begins, and no line
         inbox.read(path.name, data)

@@ -23,7 +23,7 @@ from protocols.manifest import Manifest, write_manifest
 from protocols.schema import StudyProtocol
 from protocols.session_schema import Web
 from study_app.web.export import WebBuild
-from study_app.web.import_lines import ImportResult, Inbox, import_results
+from study_app.web.import_lines import BrowserResults, ImportResult, import_results
 
 SURE = '\n[task.confidence]\nsteps = 4\nquestion = { en = "How sure?" }\n'
 SCALE = ("bad", "poor", "fair", "good", "excellent")
@@ -122,7 +122,7 @@ def cases_in(folders: pytest.TempPathFactory) -> Callable[[str], BuiltWebStudy]:
 
 def brought_home(of: BuiltWebStudy, results: list[str], root: Path) -> list[ImportResult]:
     """Import lines, none of which may be damaged."""
-    inbox = Inbox()
+    inbox = BrowserResults()
     inbox.read("results", "".join(results).encode())
     assert not inbox.damaged
     return import_results(inbox, of.study, of.display, of.manifest, root)
