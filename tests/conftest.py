@@ -234,9 +234,11 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(20_000)
 
 
-def pytest_runtest_teardown() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Generator[None, None, None]:
     """Fail the test that reads JAX here: its threads and the forks of other tests hang together."""
-    if "jax" in sys.modules and not JAX_SEEN:
+    yield
+    if sys.modules.get("jax") and not JAX_SEEN:
         JAX_SEEN.append(True)
         pytest.fail("this test imported JAX, which has threads: run it in a process of its own")
 

@@ -79,11 +79,11 @@ def test_a_prior_that_rules_is_noted(fitted):
     assert fitted.better > 0.95
 
 
-SHORT_CHAINS = """
-from analysis.models import bayesian
+SHORT_CHAINS = f"""
+import {module.__name__} as module
 
-bayesian.WARM_UP = bayesian.DRAWS = 150
-bayesian.CHAINS, bayesian.LEAST_DRAWS, bayesian.WORST_R_HAT = 2, 20, 1.2
+module.WARM_UP = module.DRAWS = 150
+module.CHAINS, module.LEAST_DRAWS, module.WORST_R_HAT = 2, 20, 1.2
 """
 
 
