@@ -30,7 +30,7 @@ from protocols.preregister import _analysis, to_markdown
 from protocols.sequential import Sequential
 from study_app.cli import app
 
-ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle_sequential.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_sequential.json").read_text())
 
 
 @pytest.mark.parametrize("said", ORACLE, ids=lambda s: f"{s['rule']}-{len(s['t'])}-{s['alpha']}")
@@ -144,7 +144,7 @@ def with_looks(protocol, **section):
 
 
 def test_looks_are_planned_in_the_study_file(tmp_path, demo_protocol):
-    shipped = Path(__file__).parents[2] / "protocols" / "studies" / "demo.toml"
+    shipped = Path(__file__).parents[3] / "protocols" / "studies" / "demo.toml"
     people = demo_protocol.study.participants
 
     def written(looks: str):
@@ -280,7 +280,7 @@ def run(*arguments: object) -> Result:
 
 
 def test_the_command_prints_bounds_and_error(tmp_path):
-    shipped = Path(__file__).parents[2] / "protocols" / "studies" / "demo.toml"
+    shipped = Path(__file__).parents[3] / "protocols" / "studies" / "demo.toml"
     file = tmp_path / "study.toml"
     file.write_text(
         shipped.read_text().replace("\nparticipants = 4\n", "\nparticipants = 16\n")

@@ -19,7 +19,7 @@ from analysis.models.psychometric_posterior import (
     psychometric_posterior,
 )
 
-ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle_psignifit.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_psignifit.json").read_text())
 LEVELS = np.array(ORACLE["levels"])
 SHOWN = np.full(LEVELS.size, float(ORACLE["shown"]))
 OURS = {"threshold": "threshold", "width": "width", "lapse": "lambda", "spread": "eta"}

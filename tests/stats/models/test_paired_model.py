@@ -11,7 +11,7 @@ import pytest
 
 from analysis.models.bradley_terry_mixed import paired_model
 
-ORACLES = Path(__file__).parent / "oracles"
+ORACLES = Path(__file__).parents[1] / "oracles"
 LME4 = json.loads((ORACLES / "oracle_paired.json").read_text())
 METHODS = ("a", "b", "c")
 

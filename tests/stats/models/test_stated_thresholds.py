@@ -31,7 +31,7 @@ from analysis.tasks.note import options_from
 from protocols.errors import StudyError
 from study_app.cli import app
 
-ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle_stated.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_stated.json").read_text())
 HITS = {"a": (1, 3, 9, 16, 19), "b": (2, 4, 6, 12, 15)}
 ERROR_RTOL = {"probit": 1e-2, "logit": 2e-3}
 """Errors of R's probit invert the expected information, ours the observed one."""

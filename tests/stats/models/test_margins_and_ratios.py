@@ -20,7 +20,7 @@ from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
 
-ORACLES = Path(__file__).parent / "oracles"
+ORACLES = Path(__file__).parents[1] / "oracles"
 R = json.loads((ORACLES / "oracle_margins.json").read_text())
 WEIGHTS = {"a to others": {"a": 1.0, "b": -0.5, "c": -0.5}}
 

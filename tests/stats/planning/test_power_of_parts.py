@@ -29,7 +29,7 @@ from protocols.load import load_protocol
 from protocols.tasks.base import Arrangement, Cell
 from study_app.cli import app
 
-BEFORE = json.loads((Path(__file__).parent / "oracles" / "oracle_power.json").read_text())
+BEFORE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_power.json").read_text())
 """Power of shipped studies and documented examples, by the two simulators that this one replaced.
 
 10,000 studies of preferences, 1,000 of others, seed 1.

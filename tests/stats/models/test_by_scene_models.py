@@ -13,7 +13,7 @@ from analysis.models.logistic import models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.reaction_model import time_model
 
-ORACLES = Path(__file__).parent / "oracles"
+ORACLES = Path(__file__).parents[1] / "oracles"
 R = {
     name: np.array(value)
     for name, value in json.loads((ORACLES / "oracle_by_scene.json").read_text()).items()

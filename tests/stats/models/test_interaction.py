@@ -187,7 +187,7 @@ def test_few_people_and_many_values_are_said_to_show_no_change(rng):
 
 
 def test_a_study_plans_it_and_preregisters_it(tmp_path):
-    shipped = (Path(__file__).parents[2] / "protocols" / "studies" / "demo.toml").read_text()
+    shipped = (Path(__file__).parents[3] / "protocols" / "studies" / "demo.toml").read_text()
     file = tmp_path / "study.toml"
     file.write_text(shipped.replace('\nkind = "preference"\n',
                                     '\nkind = "preference"\ninteraction = "size"\n'))  # fmt: skip

@@ -25,7 +25,7 @@ from protocols.chance import Chance
 from protocols.errors import StudyError
 
 ORACLE = json.loads(
-    (Path(__file__).parent / "oracles" / "adaptive.json").read_text(encoding="utf-8")
+    (Path(__file__).parents[1] / "oracles" / "adaptive.json").read_text(encoding="utf-8")
 )["active_pairs"]
 
 

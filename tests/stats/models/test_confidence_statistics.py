@@ -31,7 +31,7 @@ from analysis.tables.table import Table
 from analysis.tasks import analysis_of
 from study_app.cli import app
 
-ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle_confidence.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_confidence.json").read_text())
 CASES = ("four", "two", "unequal")
 METADPY = {"four": 1.460669, "two": 1.103685, "unequal": 0.655898}
 """meta-d' by metadpy 0.1.2 (Legrand), a translation of Maniscalco & Lau's own program."""

@@ -28,7 +28,7 @@ from analysis.models.ideal_observer import (
     forced_choice_share,
 )
 
-R = json.loads((Path(__file__).parent / "oracles" / "oracle_tasks.json").read_text())
+R = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_tasks.json").read_text())
 SIGNAL = "inconsistent"
 SPREADS = ((0.0, 0.0, 0.0, 0.0), (0.4, 0.4, 0.0, 0.4), (0.4, 0.4, 0.4, 0.4), (0.6, 0.4, 0.6, 0.4))
 """Deviations of the criterion between participants and scenes, then of d'."""

@@ -25,7 +25,7 @@ from protocols.adaptive.quest_plus import (
 from protocols.errors import StudyError
 
 ORACLE = json.loads(
-    (Path(__file__).parent / "oracles" / "adaptive.json").read_text(encoding="utf-8")
+    (Path(__file__).parents[1] / "oracles" / "adaptive.json").read_text(encoding="utf-8")
 )["quest_plus"]
 
 # Two thresholds and a step: .75 correct at the threshold, all above it, half below it.

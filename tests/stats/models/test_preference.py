@@ -16,7 +16,7 @@ from analysis.models.clustered import holm, two_way
 from analysis.models.compared_methods import Comparisons, counts, pairing_rows
 from analysis.models.preference import cohens_h, preference, preferences
 
-ORACLE = json.loads((Path(__file__).parent / "oracles" / "oracle.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle.json").read_text())
 
 
 def cell_with(chosen: int, people: int = 11, scenes: int = 6, repeats: int = 2) -> pd.DataFrame:

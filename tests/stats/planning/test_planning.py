@@ -14,7 +14,7 @@ from protocols.load import load_protocol
 from protocols.sequential import Sequential
 from study_app.cli import app
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TEXTS = {name: (ROOT / "protocols" / "studies" / f"{name}.toml").read_text() for name in
          ("demo", "inpainting-2afc", "beyond-blur-task", "beyond-blur-detection")}  # fmt: skip
 

@@ -15,7 +15,7 @@ from protocols.adaptive.up_down import UpDown, next_level, performance, track
 from protocols.errors import StudyError
 
 ORACLE = json.loads(
-    (Path(__file__).parent / "oracles" / "adaptive.json").read_text(encoding="utf-8")
+    (Path(__file__).parents[1] / "oracles" / "adaptive.json").read_text(encoding="utf-8")
 )["up_down"]
 
 LEVELS = tuple(float(level) for level in range(11))

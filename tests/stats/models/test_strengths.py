@@ -14,7 +14,7 @@ from analysis.parts import computed
 from analysis.parts.strengths import StrengthsPart
 from analysis.plans.preference_plan import from_decisions
 
-R = json.loads((Path(__file__).parent / "oracles" / "oracle_strengths.json").read_text())
+R = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_strengths.json").read_text())
 
 
 def strengths_of(rows: pd.DataFrame):

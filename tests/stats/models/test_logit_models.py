@@ -32,7 +32,7 @@ from analysis.models.logit import (
 )
 from analysis.models.response import LOGIT, ResponseFunction
 
-ORACLES = Path(__file__).parent / "oracles"
+ORACLES = Path(__file__).parents[1] / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())
 R_PAIRED = json.loads((ORACLES / "oracle_paired.json").read_text())
 R_TASKS = json.loads((ORACLES / "oracle_tasks.json").read_text())

@@ -21,7 +21,7 @@ from analysis.tasks.note import write_note
 from protocols.errors import StudyError
 from study_app.cli import app
 
-FOLDER = Path(__file__).parent / "oracles"
+FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
 
 

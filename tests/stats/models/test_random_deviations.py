@@ -20,7 +20,7 @@ from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import apa_term
 from analysis.parts.shared import apa_test
 
-FOLDER = Path(__file__).parent / "oracles"
+FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
 
 

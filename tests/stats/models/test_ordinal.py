@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from analysis.models.ordinal import fit_cumulative, paired_ratings, rating_model, superiority
 from study_app.cli import app
 
-FOLDER = Path(__file__).parent / "oracles"
+FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
 
 
