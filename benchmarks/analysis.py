@@ -555,6 +555,7 @@ def times_power(scale_down: int) -> list[TimesPower]:
     rng, studies, rows = np.random.default_rng(11), max(10, 100 // scale_down), []
     for people, scenes, repeats, effect in ((11, 6, 2, 1.25), (6, 3, 2, 1.5), (30, 20, 1, 1.1)):
         simulation = chosen.resized(scenes, repeats)
+        assert simulation is not None, "pairs are shown in as many scenes as asked for"
         own = {one.name: one.value for one in simulation.assumptions}
         for ratio in (1.0, effect):
             answers = simulation.drawn(own | {"rt_ratio": ratio}, studies, people, rng)

@@ -226,8 +226,10 @@ def mean_differences_p(
 def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return p of mean differences (studies, participants, scenes), both of them random.
 
-    Variances as maximum likelihood has them, so as the mixed model, in closed form; degrees of
-    freedom as `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
+    Near the likelihood ratio that decides in a mixed model, in closed form: variances as maximum
+    likelihood has them; of the mean of n numbers the ratio is n log(1 + t^2 / n), where n is of
+    those, people or scenes, that are more. Its root is judged by t, with degrees of freedom as
+    `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
     """
     both = ~np.isnan(gap).any(axis=(0, 1))
     gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
@@ -244,4 +246,6 @@ def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
         [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
     )
     error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
-    return np.asarray(2.0 * stats.t.sf(np.abs(mean[:, 0, 0]) / error, df))
+    count = float(max(people, scenes))
+    ratio = count * np.log1p((mean[:, 0, 0] / error) ** 2 / count)
+    return np.asarray(2.0 * stats.t.sf(np.sqrt(ratio), df))
