@@ -433,7 +433,7 @@ def test_other_limits_are_named_on_the_figure(draw, kind):
 
 
 def test_levels_that_are_all_typical_lie_on_one_line():
-    """What is left of a search, 1e-11 of the unit, is not stretched over the axis."""
+    """Rounding of a search, 1e-11 of the unit, is not stretched over the axis."""
     levels = [EffectLevel(name, (-1) ** k * 1e-11, 1e-11) for k, name in enumerate("abc")]
     axes = caterpillar_plot({"participant": levels}, x_label="logits", level=0.95).axes[0]
 
