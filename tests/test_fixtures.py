@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -95,6 +96,39 @@ def test_long_proofs_run_whole_when_asked(run_pytest):
 
     assert "counts 500 3 True" in output
     assert "3 passed" in output
+
+
+def test_files_that_begin_first_are_there(repository):
+    text = (repository / "tests/conftest.py").read_text(encoding="utf-8")
+    first = re.findall(r'^    "(tests/.*\.py)",$', text, flags=re.MULTILINE)
+
+    assert len(first) > 20
+    assert [name for name in first if not (repository / name).is_file()] == []
+
+
+SCHEDULED = """
+def test_one(): pass
+def test_two(): pass
+def test_three(): pass
+"""
+
+
+@pytest.mark.slow
+def test_one_worker_at_a_time_runs_a_folder_of_tests_that_wait(run_pytest, tmp_path):
+    waiting = ("presenter/test_a", "presenter/test_b", "web/test_c", "web/test_d")
+    for path in (*waiting, *(f"test_{number}" for number in range(12))):
+        file = tmp_path / "tests" / f"{path}.py"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(SCHEDULED)
+
+    _, output = run_pytest("", "-v", "-n", "3", "tests")
+
+    workers = {
+        folder: {*re.findall(rf"\[(gw\d)\].* tests/{folder}/test_", output)}
+        for folder in ("presenter", "web")
+    }
+    assert [len(names) for names in workers.values()] == [1, 1]
+    assert not workers["presenter"] & workers["web"]
 
 
 def test_every_test_starts_from_the_same_random_numbers(run_pytest):

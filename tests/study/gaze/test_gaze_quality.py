@@ -18,7 +18,7 @@ from study_app.gaze_check import GazeCheck, Targets, TrackerCalibration
 from study_app.stage import PageResult
 from study_app.validation import PointQuality, point_quality, summarise
 
-ORACLE = json.loads(Path(__file__).parents[1].joinpath("oracles").joinpath("gaze_quality.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "gaze_quality.json").read_text())
 SCREEN = ORACLE["screen"]
 VIEWING = Viewing(
     SCREEN["width_px"],
