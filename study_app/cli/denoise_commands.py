@@ -107,7 +107,7 @@ def render(
     out: Annotated[Path, typer.Option(help="The noisy picture, .png or .exr.")] = Path("noisy.png"),
     gaze: GazeOption = None,
     view: Annotated[
-        int, typer.Option(min=0, help="Number of the camera: 0 is the scene's own.")
+        int, typer.Option(min=0, help="Index of the camera: 0 is the scene's own.")
     ] = 0,
     clean: Annotated[
         Path | None, typer.Option(help="Write the clean picture too.", show_default=False)

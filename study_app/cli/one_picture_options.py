@@ -42,7 +42,7 @@ def gaze_option(default: str, more: str = "") -> Any:
     """``--gaze``, in pixels or degrees; `more` says what else it may be."""
     return typer.Option(
         metavar="X,Y",
-        help="Gaze of the eye: pixels from the upper left corner (512,384), or degrees"
+        help="Gaze: pixels from the upper left corner (512,384), or degrees"
         rf" right of and below the middle (5deg,-3deg).{more} \[default: {default}]",
     )
 

@@ -50,8 +50,9 @@ MapOption = Annotated[
     typer.Option(
         "--map",
         metavar="OURS=THEIRS",
-        help="Column of ours and theirs; may be given more than once. Columns that already have our"
-        " names need no --map. A unit may follow: rt_s=rt:ms, correct=miss:errors.",
+        help="Names of a column, ours and the table's; may be given more than once. Columns that"
+        " already have our names need no --map. A unit may follow: rt_s=rt:ms,"
+        " correct=miss:errors.",
     ),
 ]
 WhereOption = Annotated[

@@ -73,7 +73,7 @@ class PictureOptions:
     depth_is: Annotated[
         str,
         _picture_option(
-            help="Kind of --depth: distance (along the optical axis), inverse (1 / distance) or"
+            help="Meaning of --depth: distance (along the optical axis), inverse (1 / distance) or"
             " ray (distance along each pixel's ray)."
         ),
     ] = "distance"
