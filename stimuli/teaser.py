@@ -69,7 +69,7 @@ class FigureRow:
 
 @dataclass(frozen=True)
 class RowSettings:
-    """What a figure shows.
+    """Methods, scenes, frame and crops of a figure.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class RunOutcome:
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Who is told of a run, and when it ends early.
+    """Listeners of a run, and the rule that ends it early.
 
     Parameters
     ----------

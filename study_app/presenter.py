@@ -57,7 +57,7 @@ CLIP_PATIENCE_S = 60.0
 
 @dataclass(frozen=True)
 class PresenterSettings:
-    """What a presenter measures, draws beside the trial, and asks.
+    """Settings of a presenter: its refresh rate, and what it draws beside the trial and asks.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
 
 @dataclass(frozen=True)
 class TableSettings:
-    """What a table of decisions is about.
+    """Settings of a report on a table of decisions.
 
     Parameters
     ----------

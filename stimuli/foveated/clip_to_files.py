@@ -33,7 +33,7 @@ their pixels, not a number where the eye was lost."""
 
 @dataclass(frozen=True)
 class ClipSettings:
-    """What is known of a clip besides its frames, and how it is written.
+    """Flow, gaze and frame rate of a clip, and the files that it is written to.
 
     Parameters
     ----------

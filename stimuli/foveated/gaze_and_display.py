@@ -27,7 +27,7 @@ ASSUMED_DEG = 40.0
 
 @dataclass(frozen=True)
 class StatedViewing:
-    """What people say of how a picture is looked at.
+    """Gaze, display and angle of a picture, as people state them.
 
     Parameters
     ----------

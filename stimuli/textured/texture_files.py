@@ -116,7 +116,7 @@ def metamer_settings(parameters: dict[str, Any]) -> MetamerSettings:
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What is drawn of a textured scene.
+    """Texture, size and turn of a scene that is drawn.
 
     Parameters
     ----------

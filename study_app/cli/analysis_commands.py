@@ -206,7 +206,7 @@ class DesignOptions:
 
 @dataclasses.dataclass(frozen=True)
 class AssumedOptions:
-    """What a simulation of power assumes."""
+    """Assumptions of a simulation of power."""
 
     rate: Annotated[
         float | None, typer.Option(help="Short for --set rate=..., of preferences.")

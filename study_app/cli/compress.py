@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CodingOptions:
-    """How large a file may be, and what it holds."""
+    """Size of a compressed file, and what it holds."""
 
     size_kb: Annotated[
         float | None,
@@ -93,7 +93,7 @@ class CodingOptions:
 
 @dataclass(frozen=True)
 class CompressionFigureOptions:
-    """What is made to be looked at."""
+    """Pictures that are made to be looked at."""
 
     compare: Annotated[
         Path | None,

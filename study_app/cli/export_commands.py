@@ -20,7 +20,7 @@ from study_app.cli.terminal import say, say_notes
 
 @dataclass(frozen=True)
 class ExportedOptions:
-    """What of the sessions is exported, and what is said of them."""
+    """Content of an export, and statements on the sessions."""
 
     public: Annotated[
         bool,

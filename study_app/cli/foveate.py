@@ -64,7 +64,7 @@ def _print_methods(console: Console) -> None:
 
 @dataclass(frozen=True)
 class ViewingOptions:
-    """Where the eye looks, and from how far."""
+    """Place that the eye looks at, and its distance."""
 
     gaze: Annotated[
         str | None,
@@ -126,7 +126,7 @@ class ClipOptions:
 
 @dataclass(frozen=True)
 class LightOptions:
-    """What is said about the file."""
+    """Statements on the file."""
 
     stops: Annotated[
         float | None,
@@ -163,7 +163,7 @@ class LightOptions:
 
 @dataclass(frozen=True)
 class FoveationFigureOptions:
-    """What is made to be looked at."""
+    """Pictures and scores that are made to be looked at."""
 
     compare: Annotated[
         Path | None,

@@ -51,7 +51,7 @@ _file_option = panel_option("The file")
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a picture follows the gaze, and what is kept of it."""
+    """Options of a picture that follows the gaze, and of its record."""
 
     gaze: Annotated[str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")] = (
         "mouse"

@@ -140,7 +140,7 @@ class ObserverOptions:
 
 @dataclasses.dataclass(frozen=True)
 class CrowdOptions:
-    """How many observers there are, and their seed."""
+    """Number of observers, and their seed."""
 
     participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0

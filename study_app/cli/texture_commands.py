@@ -65,7 +65,7 @@ def bake(
 
 @dataclass(frozen=True)
 class DrawingOptions:
-    """How large a scene is drawn, and how its globes turn."""
+    """Size of a drawn scene, and turn of its globes."""
 
     size_px: Annotated[int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")] = (
         768

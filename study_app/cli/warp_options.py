@@ -162,7 +162,7 @@ class PairOptions:
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What is said of SOURCE, of whatever kind it is."""
+    """Statements on SOURCE, of whatever kind it is."""
 
     file: FileOptions
     picture: PictureOptions
@@ -189,7 +189,7 @@ class SourceOptions:
 
     @property
     def files(self) -> list[Path | None]:
-        """What is read besides SOURCE."""
+        """Files that are read besides SOURCE."""
         pair, picture = self.pair, self.picture
         return [pair.disparity, pair.right, picture.flow, picture.depth, self.truth, self.mask]
 
@@ -209,7 +209,7 @@ class SourceOptions:
 
 @dataclass(frozen=True)
 class HoleOptions:
-    """How the warp treats silhouettes and depth."""
+    """Treatment of silhouettes and depth by the warp."""
 
     rim_px: Annotated[
         int | None,
@@ -234,7 +234,7 @@ class HoleOptions:
 
 @dataclass(frozen=True)
 class WarpFigureOptions:
-    """What is made to be looked at."""
+    """Pictures that are made to be looked at."""
 
     steps: Annotated[
         Path | None,
