@@ -1,6 +1,5 @@
 """Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say."""
 
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from pipeline.picture_limits import check_need, check_values
 from pipeline.statements.check_statements import check_statements, refusal
 from pipeline.statements.row import Use
 from protocols.outside import reading, visible_line
+from protocols.whole_file import whole_path
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
 """Types that OpenImageIO hands out as stored when asked for them; asked for another, it stretches
@@ -387,18 +387,13 @@ def write_pixels(
         If the format is unknown or cannot hold the data.
     """
     height, width, count = data.shape
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
-    target = oiio.ImageOutput.create(str(temporary))
-    if target is None:
-        oiio.geterror()  # it names the temporary file
-        raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
-    try:
-        try:  # what the system has against it, it says better than OpenImageIO
-            with temporary.open("wb") as room:
-                if target.format_name() in _NEEDS_ROOM:
-                    room.write(bytes(2 * data.nbytes + _HEAD))
-        except OSError as error:
-            raise type(error)(error.errno, error.strerror, str(path)) from None
+    with whole_path(path, path.suffix) as temporary:
+        target = oiio.ImageOutput.create(str(temporary))
+        if target is None:
+            oiio.geterror()  # it names the temporary file
+            raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
+        if target.format_name() in _NEEDS_ROOM:  # OpenImageIO would not say what stands against it
+            temporary.write_bytes(bytes(2 * data.nbytes + _HEAD))
         spec = oiio.ImageSpec(width, height, count, _oiio_type(data.dtype))
         spec.channelnames = tuple(channels)
         spec.attribute("oiio:UnassociatedAlpha", 1)
@@ -412,11 +407,6 @@ def write_pixels(
         if not (target.close() and done):
             raise write_error(path, visible_line(target.geterror()))
         _check_whole(path, temporary, data.shape)
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 
 from protocols.locks import held
+from protocols.whole_file import remove
 
 _WRITING = re.compile(
     r"\.(?P<name>.+)\.(?P<process>[0-9]+)\.part"
@@ -41,7 +42,7 @@ def clear_files(path: Path) -> None:
     for entry in list(path.parent.iterdir()) if path.parent.is_dir() else ():
         file, process = written(entry.name) or ("", 0)
         if file == path.name and entry.is_file() and not entry.is_symlink() and is_gone(process):
-            entry.unlink(missing_ok=True)
+            remove(entry)
 
 
 def clear_folders(folder: Path, endings: tuple[str, ...]) -> None:
@@ -58,6 +59,6 @@ def remove_files(folder: Path, endings: tuple[str, ...]) -> None:
     """Remove files with these endings from a folder, and the folder where it held no other."""
     for entry in list(folder.iterdir()):
         if entry.suffix in endings and entry.is_file() and not entry.is_symlink():
-            entry.unlink()
+            remove(entry)
     with suppress(OSError):  # not empty
         folder.rmdir()

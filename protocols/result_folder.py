@@ -14,6 +14,7 @@ from pathlib import Path
 from protocols.errors import StudyError
 from protocols.hashing import sha256_file
 from protocols.locks import held
+from protocols.whole_file import move, remove
 
 LISTING = ".metamerlab-files.json"
 """The files of a result and their hashes, so that a later command knows what it may replace."""
@@ -67,7 +68,7 @@ def whole_folder(
                 _swap(out, place, work, replace, keeps)
             else:
                 _remove_empty(place)  # Windows moves no folder over another
-                work.rename(place)
+                move(work, place)
         undo.pop_all()
     _clear(place, "old")  # a program killed between those two moves left the earlier result there
 
@@ -150,7 +151,7 @@ def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
     ours = [path for path in leaves(folder) if not path.is_symlink() and is_own(path)]
     for path in sorted(ours, key=lambda path: path.name == LISTING):  # it vouches for the others
         if not path.is_dir():
-            path.unlink()
+            remove(path)
         for emptied in (path, *path.parents):
             if emptied.is_relative_to(folder):
                 _remove_empty(emptied)
@@ -251,7 +252,7 @@ def _swap(out: Path, place: Path, work: Path, replace: bool | None, keeps: str |
     _check_held(out, place, replace, keeps)
     with _hidden(place, "old") as old:
         was = old / _WAS
-        place.rename(was)
+        move(place, was)
         try:
             if strange := stranger(was, keeps):
                 raise StudyError(
@@ -259,12 +260,12 @@ def _swap(out: Path, place: Path, work: Path, replace: bool | None, keeps: str |
                     " there); move that away, and run this again"
                 )
             if keeps and (was / keeps).exists():
-                (was / keeps).rename(work / keeps)
-            work.rename(place)
+                move(was / keeps, work / keeps)
+            move(work, place)
         except BaseException:
             if keeps and (work / keeps).exists():
-                (work / keeps).rename(was / keeps)
-            was.rename(place)
+                move(work / keeps, was / keeps)
+            move(was, place)
             raise
 
 

@@ -2,14 +2,62 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 PART = ".part"
 """Ending of a file while it is written; a killed program leaves it behind."""
+
+
+_WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Waits for another program that has a file open, one after another."""
+
+
+def move(source: Path, target: Path) -> None:
+    """Rename a file or folder; a file at `target` is replaced.
+
+    Windows refuses it while another program has the file, or one in the folder, open, as a virus
+    scanner or a synchronised folder does for moments. So it is tried again, for three seconds.
+
+    Raises
+    ------
+    OSError
+        If the system refuses; of number EBUSY if it does so all the time.
+    """
+    _patiently(lambda: source.replace(target), target)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if it is there, as patiently as `move` renames one.
+
+    Raises
+    ------
+    OSError
+        As `move`.
+    """
+    _patiently(lambda: path.unlink(missing_ok=True), path)
+
+
+def _patiently(act: Callable[[], object], path: Path) -> None:
+    for wait_s in _WAITS_S:
+        with suppress(PermissionError):
+            act()
+            return
+        if path.is_dir():
+            break  # a folder makes no room, however long one waits
+        time.sleep(wait_s)
+    try:
+        act()
+    except PermissionError as error:
+        if path.is_dir():
+            raise
+        reason = "another program has it open, or you may not change it"
+        raise OSError(errno.EBUSY, reason, str(path)) from error
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -81,9 +129,9 @@ def whole_path(path: Path, ending: str = "") -> Iterator[Path]:
         yield temporary
         with temporary.open("r+b") as file:
             os.fsync(file.fileno())
-        temporary.replace(path)
+        move(temporary, path)
     except BaseException as error:
-        temporary.unlink(missing_ok=True)
+        remove(temporary)
         if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise type(error)(error.errno, error.strerror, str(path)) from None
         raise

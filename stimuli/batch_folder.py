@@ -31,7 +31,7 @@ from protocols.left_behind import written
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
 from protocols.result_folder import leaves, remove_own
-from protocols.whole_file import PART, sync_folder, write_whole
+from protocols.whole_file import PART, move, remove, sync_folder, write_whole
 from stimuli.contact import SHEET_NAME
 from stimuli.preview_video import PREVIEW_FOLDER
 
@@ -118,7 +118,7 @@ def check_folder(out: Path, wanted: Iterable[str] = ()) -> None:
             )
     for path in found:
         if path.parent == out and written(path.name):
-            path.unlink()  # a build was killed while it wrote this file
+            remove(path)  # a build was killed while it wrote this file
 
 
 def remove_strangers(out: Path, clips: Sequence[str]) -> None:
@@ -324,14 +324,14 @@ def move_over(source: Path, target: Path, out: Path | None = None) -> None:
     for entry in list(source.iterdir()):
         file, _ = written(entry.name) or (entry.name, 0)
         if file != entry.name and (_FRAME.fullmatch(file) or _MASK.fullmatch(file)):
-            entry.unlink()
+            remove(entry)
     target.parent.mkdir(parents=True, exist_ok=True)
     _remove_own(out or target.parent, target)
     sync_folder(source)
     try:
         with suppress(OSError):
             target.rmdir()  # Windows moves no folder over another, empty or not
-        source.replace(target)
+        move(source, target)
     except OSError as error:
         if error.errno not in _OCCUPIED:
             raise

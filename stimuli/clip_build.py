@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
 from protocols.schema import StudyProtocol
-from protocols.whole_file import sync_folder
+from protocols.whole_file import remove, sync_folder
 from stimuli.batch_folder import (
     BuildOutcome,
     Report,
@@ -143,7 +143,7 @@ class ClipBuild(Generic[N]):
             claim(self.out, names, self.keys(missing), exr=self.exr)
             for record in self.records.values():
                 self.draft.store(record)  # what an old manifest says, before it goes
-            manifest_path.unlink(missing_ok=True)  # from here on nothing looks finished
+            remove(manifest_path)  # from here on nothing looks finished
             sync_folder(self.out)
         self._work(missing)
         self.check_all()

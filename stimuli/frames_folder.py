@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 from protocols.left_behind import clear_folders, remove_files
 from protocols.locks import held
-from protocols.whole_file import PART
+from protocols.whole_file import PART, move, remove
 
 READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 _UNREAD = (".heic", ".heif")
@@ -72,11 +72,12 @@ def frames_folder(out: Path) -> Iterator[Path]:
                         f"{out}: must be left alone while frames are written (somebody put"
                         f" {frame.name} there); choose another folder"
                     )
-                written.append(frame.rename(out / frame.name))
+                move(frame, out / frame.name)
+                written.append(out / frame.name)
             part.rmdir()
     except BaseException:
         for frame in written:
-            frame.unlink(missing_ok=True)
+            remove(frame)
         remove_files(part, _FRAMES)
         for folder in new:
             with suppress(OSError):  # somebody put something there

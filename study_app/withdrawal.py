@@ -11,7 +11,7 @@ from protocols.journal import SessionStart, Withdrawal
 from protocols.journal_checksums import first_link, sealed
 from protocols.journal_file import JOURNAL_NAME
 from protocols.locks import lock_name
-from protocols.whole_file import write_whole
+from protocols.whole_file import remove, write_whole
 from study_app.recorder import journal_held
 from study_app.session_folders import SessionFolder, claimed, find_sessions
 
@@ -72,7 +72,7 @@ def withdraw(root: Path, code: str, wall_clock: Callable[[], str], study: str | 
                     if entry.is_dir() and not entry.is_symlink():
                         shutil.rmtree(entry)
                     else:
-                        entry.unlink()
+                        remove(entry)
         except OSError as error:
             raise StudyError(
                 f"{session.folder}: the disk refused ({error.strerror}); withdraw again"

@@ -20,7 +20,6 @@ import hashlib
 import io
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,6 +41,7 @@ from pipeline.foveation.reference import blurred, finished
 from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
 from protocols.outside import reading
+from protocols.whole_file import whole_file
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]
@@ -362,16 +362,7 @@ def _write_state(
     square: NDArray[np.float32],
 ) -> None:
     """Write the state whole: under another name, flushed to the disk, then renamed."""
-    buffer = io.BytesIO()
-    np.savez(
-        buffer, key=np.array(key), done=np.array(done), pixels=pixels, mean=mean, square=square
-    )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("wb") as file:
-            file.write(buffer.getvalue())
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as file:
+        np.savez(
+            file, key=np.array(key), done=np.array(done), pixels=pixels, mean=mean, square=square
+        )

@@ -35,6 +35,7 @@ from protocols.recipes.foveated_images import (
     ScenePicture,
     ShownMethod,
 )
+from protocols.whole_file import remove
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
 from stimuli.foveated.gaze_and_display import read_gaze
@@ -228,7 +229,7 @@ class StillMaker:
             look = PictureFixation(self.order.geometry, gaze_px, entry.seed)
             made = condition.descend(picture, look, state=state)
             if state is not None:
-                state.unlink(missing_ok=True)
+                remove(state)
             return made
         return foveator(picture, gaze_px, seed=entry.seed, frame=self.order.number(entry))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +20,7 @@ from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
 from protocols.schema import StudyProtocol
+from protocols.whole_file import move, remove
 from study_app.archive.encryption import seal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
 from study_app.archive.read_archive import ArchiveFindings, check
@@ -188,7 +188,7 @@ def _appearing(out: Path) -> Iterator[IO[bytes]]:
     except OSError as error:
         raise StudyError(f"{out}: the disk refused ({error.strerror}); choose another") from None
     finally:
-        part.unlink(missing_ok=True)
+        remove(part)
 
 
 def _name(part: Path, out: Path) -> None:
@@ -200,7 +200,7 @@ def _name(part: Path, out: Path) -> None:
     except OSError:  # no hard links on this disk
         if out.exists():
             raise StudyError(f"{out}: must not exist yet; another program wrote it") from None
-        shutil.move(part, out)
+        move(part, out)
 
 
 @contextmanager

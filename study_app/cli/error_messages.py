@@ -23,6 +23,7 @@ _CURES = {
     errno.EISDIR: "a file is needed here, not a folder",
     errno.EACCES: "change its permissions, or choose another place",
     errno.EPERM: "change its permissions, or choose another place",
+    errno.EBUSY: "close it there, or change its permissions, and run this again",
     errno.EROFS: "choose a place that can be written to",
     errno.EEXIST: "choose another name, or remove it first",
     errno.ENOTEMPTY: "choose another folder, or empty it first",

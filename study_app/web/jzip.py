@@ -16,6 +16,7 @@ from typing import Any
 
 from protocols.errors import StudyError
 from protocols.limits import FIXED
+from protocols.whole_file import whole_path
 
 VERSION = "3"
 MOST_BYTES = FIXED["jatos"].most
@@ -108,8 +109,7 @@ def write(folder: Path, description: dict[str, Any], out: Path) -> None:
     if out.exists():
         raise StudyError(f"{out}: must not exist yet; name a new file, or remove it")
     name = description["data"]["dirName"]
-    part = out.with_name(f".{out.name}.unfinished")
-    try:
+    with whole_path(out) as part:
         with zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
             text = json.dumps(description, ensure_ascii=False).encode()
             archive.writestr(zipfile.ZipInfo(f"{name}.jas"), text)
@@ -117,12 +117,8 @@ def write(folder: Path, description: dict[str, Any], out: Path) -> None:
                 if path.is_file() and not path.name.startswith("."):
                     place = zipfile.ZipInfo(f"{name}/{path.relative_to(folder).as_posix()}")
                     archive.writestr(place, path.read_bytes())
-        wrong = list(problems(part))
-        if wrong:
+        if wrong := list(problems(part)):
             raise StudyError(f"{out}: JATOS would refuse the archive: " + "; ".join(wrong))
-        part.rename(out)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def problems(path: Path) -> Iterator[str]:
