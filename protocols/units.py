@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
@@ -63,6 +64,8 @@ NAME_PATTERN = r"^[a-z0-9]+([-_][a-z0-9]+)*$"
 """Lower-case words joined by single dashes or underscores: `__` stays free to join names."""
 
 NAME_LENGTH = 48
+DEVICE = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)
+"""Names that Windows keeps for devices: it holds no file or folder that is called so."""
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=NAME_LENGTH)]
 
 

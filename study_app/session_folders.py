@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import glob
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -22,9 +21,7 @@ from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journa
 from protocols.locks import lock
 from protocols.read_file import read_bytes
 from protocols.schema import StudyProtocol
-from protocols.units import ParticipantCode
-
-_DEVICE = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)
+from protocols.units import DEVICE, ParticipantCode
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ def require_portable(folder: Path) -> None:
         If study or code is a name of a device on Windows, or another code differs by case alone.
     """
     for what, name in (("study.name", folder.parent.name), ("participant", folder.name)):
-        if _DEVICE.fullmatch(name):
+        if DEVICE.fullmatch(name):
             raise StudyError(
                 f"{what}: must not be a name that Windows keeps for a device (got {name!r}), as a"
                 " folder is called so; choose another"

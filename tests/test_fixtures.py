@@ -202,7 +202,10 @@ print("wrong", file=sys.stderr)
 """
 
 
-def test_a_forked_process_is_one_of_its_own(tmp_path):
+@pytest.mark.parametrize("kind", [forked.Forked, forked.Started])
+def test_a_forked_process_is_one_of_its_own(tmp_path, monkeypatch, kind):
+    """So is one that is started anew, where Python cannot fork so."""
+    monkeypatch.setattr(forked, "Forked", kind)
     env = {**os.environ, "SAID": "so"}
     for last, status, told in (
         ("", 0, ""), ("sys.exit(3)", 3, ""), ("sys.exit('no')", 1, "no\n"), ("1 / 0", 1, "Division")

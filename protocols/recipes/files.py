@@ -18,7 +18,7 @@ from protocols.limits import check_cells, check_within
 from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import SCENE, Recipe, Stimulus
 from protocols.suggest import did_you_mean
-from protocols.units import NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
+from protocols.units import DEVICE, NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
 
 COLUMNS = ("stimulus", "file")
 """Columns that the table must have; every other column is one of the condition."""
@@ -229,7 +229,13 @@ def _check_row(
         value = row[column]
         if not isinstance(value, str) or not value.strip():
             raise StudyError(f"{path}: line {number}: column {column!r} must not be empty")
-    _check_name(str(row["stimulus"]).strip(), f"{path}: line {number}: stimulus")
+    name, what = str(row["stimulus"]).strip(), f"{path}: line {number}: stimulus"
+    _check_name(name, what)
+    if DEVICE.fullmatch(name):
+        raise StudyError(
+            f"{what} must not be a name that Windows keeps for a device (got {name!r}), as a folder"
+            " is called so; choose another"
+        )
 
 
 def _check_name(name: str, what: str) -> None:

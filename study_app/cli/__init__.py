@@ -8,6 +8,7 @@ add one line to `SLOTS`.
 from __future__ import annotations
 
 import sys
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -122,6 +123,9 @@ def metamerlab(
 
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
+    for stream in (sys.stdout, sys.stderr):  # a console of Windows may know 256 characters
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         with user_errors():  # what is found while commands are imported: plug-ins that do not load
             try:

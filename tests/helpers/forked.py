@@ -200,6 +200,27 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
+class Started(subprocess.Popen[str]):
+    """A process as `Forked` gives it, started by itself: elsewhere than on Linux."""
+
+    def __init__(
+        self,
+        *arguments: object,
+        code: str = METAMERLAB,
+        env: Mapping[str, str] = os.environ,
+        folder: Path = Path(),
+    ) -> None:
+        super().__init__(
+            [sys.executable, "-P", "-c", code, *map(str, arguments)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env=dict(env), cwd=folder, encoding="utf-8",
+        )  # fmt: skip
+
+
+if sys.platform != "linux":
+    Forked = Started  # type: ignore[misc]
+
+
 def run(
     *arguments: object, timeout: float | None = None, **kwargs: object
 ) -> subprocess.CompletedProcess[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import re
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from typer.testing import CliRunner
 
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.errors import StudyError
-from study_app.cli import SLOTS, app, user_errors
+from study_app.cli import SLOTS, app, main, user_errors
 from study_app.cli.lazy import CommandSlot, LazyGroup
 
 HEAVY = ("numpy", "pandas", "scipy", "moderngl", "glfw", "pydantic", "matplotlib", "PIL", "cv2")
@@ -118,6 +119,38 @@ def test_a_number_that_is_none_is_named_with_what_it_must_be(value, said):
     done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     assert done.exit_code == 2
     assert f"Invalid value for '--participants': {said}" in done.stderr
+
+
+@pytest.mark.slow
+def test_help_of_every_command_is_shown_by_a_console_that_knows_few_characters(monkeypatch):
+    calls = [[], *([slot.name] for slot in SLOTS), *(name.split() for name, _ in every_command())]
+    for words in calls:
+        shown = io.BytesIO()
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii"))
+        monkeypatch.setattr(sys, "argv", ["metamerlab", *words, "--help"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        sys.stdout.flush()
+        assert ended.value.code == 0, words
+        assert b"Usage: metamerlab" in shown.getvalue()
+
+
+def test_a_message_about_any_name_is_shown_by_a_console_that_knows_few_characters(
+    monkeypatch, tmp_path
+):
+    said = io.BytesIO()
+    stream = io.TextIOWrapper(said, encoding="cp1252", errors="strict")
+    monkeypatch.setattr(sys, "stderr", stream)
+    missing = str(tmp_path / "画像 ←.toml")
+    for words in (["protocol", "check", missing], ["stimuli", "check", missing], ["→"]):
+        monkeypatch.setattr(sys, "argv", ["metamerlab", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2, words
+    stream.flush()
+
+    assert said.getvalue().count(b"\\u753b") >= 2
+    assert b"\\u2192" in said.getvalue()
 
 
 def test_version_names_version_and_git_revision():

@@ -116,8 +116,8 @@ def test_a_result_killed_between_its_two_moves_is_cleared_once_there_is_a_new_on
     out = earlier(tmp_path / "out")
     child = os.fork()
     if not child:
-        rename = Path.rename
-        Path.rename = lambda self, to: os._exit(9) if self.name == "new" else rename(self, to)
+        replace = Path.replace
+        Path.replace = lambda self, to: os._exit(9) if self.name == "new" else replace(self, to)
         again(out)
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
@@ -148,14 +148,14 @@ def test_a_folder_that_is_only_called_like_a_killed_programs_stays(tmp_path, kin
 def test_a_replacement_that_cannot_be_moved_puts_the_earlier_result_back(tmp_path, monkeypatch):
     out = earlier(tmp_path / "out")
     before = snapshot(tmp_path)
-    rename = Path.rename
+    replace = Path.replace
 
     def fail(self, target):
         if self.name == "new":
             raise OSError(errno.EIO, "Input/output error", str(self))
-        return rename(self, target)
+        return replace(self, target)
 
-    monkeypatch.setattr(Path, "rename", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="Input/output"):
         again(out)
 

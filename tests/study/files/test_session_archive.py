@@ -458,7 +458,7 @@ def test_restoring_onto_a_full_disk_says_so_and_leaves_nothing(backup, monkeypat
     elif at == "sync":
         monkeypatch.setattr("study_app.archive.read_archive.os.fsync", full)
     else:
-        monkeypatch.setattr(Path, "rename", full)
+        monkeypatch.setattr(Path, "replace", full)
     done = session("restore", "backup.zip", "--out", "back")
 
     assert done.exit_code == 2

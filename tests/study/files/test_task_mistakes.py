@@ -176,6 +176,8 @@ def test_two_mistakes_at_one_place_are_told_once_each(mistakes):
         (lambda t: t.replace(",0.04\n", ",0.04,5\n", 1), "line 2: must have 6 values (got more)"),
         (lambda t: t.replace("one-fine-grating-04,", "One Fine,", 1),
          "line 2: stimulus must be lower-case words and numbers joined by single dashes"),
+        (lambda t: t.replace("one-fine-grating-04,", "nul,", 1),
+         "line 2: stimulus must not be a name that Windows keeps for a device (got 'nul')"),
         (lambda t: t.replace("one-fine-grating-08,", "one-fine-grating-04,", 1),
          "line 3: every stimulus must be given once (got 'one-fine-grating-04', which line 2 has)"),
         (lambda t: t.replace("noise", "scene", 1), "every column must come once (got 'scene' 2x)"),
