@@ -17,8 +17,11 @@ PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 ALLOWED = {
     "protocols": (),
     "pipeline": (
-        "protocols.outside", "protocols.whole_file", "protocols.errors", "protocols.limits",
-    ),  # fmt: skip
+        "protocols.outside",
+        "protocols.whole_file",
+        "protocols.errors",
+        "protocols.limits",
+    ),
     "stimuli": ("pipeline", "protocols"),
     "study_app": ("protocols", "pipeline.gl", "pipeline.errors"),
     "study_app.cli": PACKAGES,  # the front door
