@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from study_app.cli.errors import user_errors
+from study_app.cli.error_messages import user_errors
 
 from pipeline.image_file import write_pixels
 from protocols import whole_file
