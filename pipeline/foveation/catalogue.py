@@ -50,7 +50,7 @@ class Plain:
 class Reference(Plain):
     """The picture itself."""
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:  # noqa: ARG002
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:  # noqa: ARG002
         return picture.copy()
 
 
@@ -87,8 +87,8 @@ class Blur(PooledCondition):
 
         return BlurPass(ctx, geometry, self.pooling)
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
-        return reference.blur(picture, look.pools(self.pooling))
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+        return reference.blur(picture, fixation.pools(self.pooling))
 
 
 class Metamer(PooledCondition):
@@ -115,13 +115,13 @@ class Metamer(PooledCondition):
             return None
         return MetamerPass(ctx, geometry, self.settings, seed=seed)
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         return reference.metamer(
             picture,
-            look.pools(self.pooling),
+            fixation.pools(self.pooling),
             self.settings,
-            look.seed,
-            noise_shift_px=look.noise_shift_px,
+            fixation.seed,
+            noise_shift_px=fixation.noise_shift_px,
         )
 
 
@@ -144,9 +144,9 @@ class NoiseEnhanced(_Enhanced):
 
     most_strength = 16
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         return enhancement.noise_enhanced(
-            picture, look.pools(self.pooling), look.seed, strength=self.strength
+            picture, fixation.pools(self.pooling), fixation.seed, strength=self.strength
         )
 
 
@@ -155,9 +155,9 @@ class ContrastEnhanced(_Enhanced):
 
     most_strength = 2
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         return enhancement.contrast_enhanced(
-            picture, look.pools(self.pooling), strength=self.strength
+            picture, fixation.pools(self.pooling), strength=self.strength
         )
 
 
@@ -174,15 +174,15 @@ class _Displaced(PooledCondition):
 
         return DisplacementPass(ctx, geometry, self.settings, match=self.match, seed=seed)
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         show = displacement.warped_metamer if self.match else displacement.eidolon
         return show(
             picture,
-            look.pools(self.pooling),
+            fixation.pools(self.pooling),
             self.settings,
-            look.seed,
-            field_pools=look.field_pools(self.pooling),
-            shift_px=look.noise_shift_px,
+            fixation.seed,
+            field_pools=fixation.field_pools(self.pooling),
+            shift_px=fixation.noise_shift_px,
         )
 
 
@@ -255,11 +255,11 @@ class FilesOnDisk(Plain):
                 f"{path}: must hold pictures named 000000.png, 000001.png, ... (has none)"
             )
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
-        file = self._files.get(look.frame)
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+        file = self._files.get(fixation.frame)
         if file is None:
             raise InputError(
-                f"{self.path}: must hold picture {look.frame:06d}"
+                f"{self.path}: must hold picture {fixation.frame:06d}"
                 f" (has {len(self._files)}, from {min(self._files)} to {max(self._files)})"
             )
         pixels = read_pixels(file)

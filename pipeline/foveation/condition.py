@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Condition(Protocol):
     """A configured way to change a picture for a gaze.
 
-    A pure function of picture, look and parameters: any state is only a cache.
+    A pure function of picture, fixation and parameters: any state is only a cache.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Condition(Protocol):
         """Width of the eye's pools; None where it plays no part."""
         ...
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         """Return what is shown: (H, W, 3), float32 in [0, 1]."""
         ...
 

@@ -206,7 +206,7 @@ class Foveator:
     viewing, method, ctx, parameters
         See `foveate`.
     seed : int, optional
-        Of the first look: its noise is made before the passes take their memory.
+        Of the first fixation: its noise is made before the passes take their memory.
 
     Attributes
     ----------
@@ -291,17 +291,19 @@ class Foveator:
         """
         if not self._holds:
             raise InputError("a foveator must hold a picture before it shows one: hold(picture)")
-        look = PictureFixation(self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px)
+        fixation = PictureFixation(
+            self.geometry, gaze_px, seed, frame, noise_shift_px, field_gaze_px
+        )
         if self.passes is not None and (self.passes.carries_noise or noise_shift_px is None):
             passes = self.passes
             if last:
                 self.passes, self._holds = None, False
-            return passes.shown(look, last=last)
+            return passes.shown(fixation, last=last)
         assert self._image is not None
         image = as_floats(self._image)
         if self.geometry.wraps and self.condition.on_charts:
-            return by_charts(self.condition, image, look)
-        return self.condition.apply(image, look)
+            return by_charts(self.condition, image, fixation)
+        return self.condition.apply(image, fixation)
 
     def _hold(self, image: Picture | NDArray[np.uint8]) -> None:
         size = (self.geometry.height_px, self.geometry.width_px)

@@ -94,18 +94,18 @@ class EnergyMetamer(PooledCondition):
                 f"energy-metamer needs torch, which is not installed here; {INSTALL}"
             )
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
-        return self.descend(picture, look)
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+        return self.descend(picture, fixation)
 
     def descend(
         self,
         picture: Picture,
-        look: PictureFixation,
+        fixation: PictureFixation,
         *,
         state: Path | None = None,
         progress: Progress | None = None,
     ) -> Picture:
-        """Find the metamer of one look, or go on where `state` ends.
+        """Find the metamer of one fixation, or go on where `state` ends.
 
         Parameters
         ----------
@@ -120,8 +120,8 @@ class EnergyMetamer(PooledCondition):
         """
         import torch
 
-        pools = look.pools(self.pooling)
-        key = self._key(picture, look)
+        pools = fixation.pools(self.pooling)
+        key = self._key(picture, fixation)
         model = PooledEnergies(pools, self.levels)
         wanted = model(_tensor(picture))
         weights = [1 / (float((value**2).mean()) + LEAST_ENERGY) for value in wanted]
@@ -138,7 +138,7 @@ class EnergyMetamer(PooledCondition):
             scale = max(1e-12, float(loss_of(_tensor(base))))
         kept = None if state is None else _read_state(state, key, picture.shape, self.steps)
         done = 0 if kept is None else int(kept["done"])
-        first = self._first(picture, look, base) if kept is None else kept["pixels"]
+        first = self._first(picture, fixation, base) if kept is None else kept["pixels"]
         pixels = _tensor(first).clone().requires_grad_(True)
         descent = torch.optim.Adam([pixels], lr=RATE)
         if kept is not None and done > 0:
@@ -166,11 +166,11 @@ class EnergyMetamer(PooledCondition):
                 progress(step + 1, self.steps, float(loss.detach()) / scale)
         return finished(picture, _array(pixels).astype(np.float64), pools)
 
-    def loss(self, picture: Picture, shown: Picture, look: PictureFixation) -> float:
+    def loss(self, picture: Picture, shown: Picture, fixation: PictureFixation) -> float:
         """Distance of `shown` from `picture`, over the distance of the blur of equal pooling."""
         import torch
 
-        pools = look.pools(self.pooling)
+        pools = fixation.pools(self.pooling)
         model = PooledEnergies(pools, self.levels)
         with torch.no_grad():
             wanted = model(_tensor(picture))
@@ -185,24 +185,26 @@ class EnergyMetamer(PooledCondition):
         return ours / max(1e-12, base)
 
     def _first(
-        self, picture: Picture, look: PictureFixation, base: NDArray[np.float32]
+        self, picture: Picture, fixation: PictureFixation, base: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
             law = self.pooling.law
             constant: Any = {LAWS[law][0]: self.pooling.constant}
             ours = Metamer(law=law, fovea_deg=self.pooling.fovea_deg, **constant)
-            return (by_charts if look.geometry.wraps else Metamer.apply)(ours, picture, look)
-        noise = white_noise(look.seed, picture.shape[:2], 1, Stream.START)
+            return (by_charts if fixation.geometry.wraps else Metamer.apply)(
+                ours, picture, fixation
+            )
+        noise = white_noise(fixation.seed, picture.shape[:2], 1, Stream.START)
         return np.clip(base + START_NOISE * noise.astype(np.float32), 0, 1)
 
-    def _key(self, picture: Picture, look: PictureFixation) -> str:
+    def _key(self, picture: Picture, fixation: PictureFixation) -> str:
         """Hash all that decides the result."""
         parts = {
             "picture": hashlib.sha256(np.ascontiguousarray(picture).tobytes()).hexdigest(),
             "shape": list(picture.shape),
-            "geometry": repr(look.geometry),
-            "gaze": list(look.gaze_px),
-            "seed": look.seed,
+            "geometry": repr(fixation.geometry),
+            "gaze": list(fixation.gaze_px),
+            "seed": fixation.seed,
             "pooling": str(self.pooling),
             "start": self.start,
             "steps": self.steps,

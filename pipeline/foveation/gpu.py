@@ -150,11 +150,11 @@ class FoveationPass(PicturePass):
         source: moderngl.Texture,
         target: moderngl.Texture,
         gaze_px: tuple[float, float],
-        **look: Any,
+        **fixation: Any,
     ) -> None:
         """Hold `source`, and show it; see there."""
         self.hold(source)
-        self.show(target, gaze_px, **look)
+        self.show(target, gaze_px, **fixation)
 
     def upload(self, picture: Picture | NDArray[np.uint8]) -> None:
         """Hold a picture (H, W, 3) without a texture of the caller's."""
@@ -165,13 +165,15 @@ class FoveationPass(PicturePass):
         upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE[name]))
         self.hold(source)
 
-    def shown(self, look: PictureFixation, *, last: bool = False) -> Picture:
+    def shown(self, fixation: PictureFixation, *, last: bool = False) -> Picture:
         """Show what is held, and read it back; the `last` time, all is freed as soon as it can."""
-        self.set_seed(look.seed, carried=look.noise_shift_px is not None)
+        self.set_seed(fixation.seed, carried=fixation.noise_shift_px is not None)
         shift = None
-        if look.noise_shift_px is not None:
-            shift = texture_from(self._ctx, look.noise_shift_px.astype(np.float32), "rg32f")
-        call = Call(look.gaze_px, look.seed, shift, look.field_gaze_px or look.gaze_px)
+        if fixation.noise_shift_px is not None:
+            shift = texture_from(self._ctx, fixation.noise_shift_px.astype(np.float32), "rg32f")
+        call = Call(
+            fixation.gaze_px, fixation.seed, shift, fixation.field_gaze_px or fixation.gaze_px
+        )
         source = self._look(call)
         if last:
             self._spare()
@@ -197,10 +199,10 @@ class FoveationPass(PicturePass):
             let_go(self._ctx)
         return found
 
-    def apply(self, picture: Picture, look: PictureFixation) -> Picture:
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
         """Upload, work, read back: for callers without textures."""
         self.upload(picture)
-        return self.shown(look)
+        return self.shown(fixation)
 
     def _release_reader(self) -> None:
         if self._reader is not None:

@@ -46,21 +46,21 @@ def capped_rows(geometry: Geometry, *, upper: bool) -> slice:
     return slice(0, count) if upper else slice(geometry.height_px - count, geometry.height_px)
 
 
-def by_charts(condition: Condition, picture: Picture, look: PictureFixation) -> Picture:
+def by_charts(condition: Condition, picture: Picture, fixation: PictureFixation) -> Picture:
     """Show a whole panorama to a gaze, by a condition that pools."""
-    geometry = look.geometry
+    geometry = fixation.geometry
     x, y = pixel_centres(geometry)
-    whole = condition.apply(picture, look).astype(np.float64)
+    whole = condition.apply(picture, fixation).astype(np.float64)
     for upper in (True, False):
         cap = cap_of(geometry, upper=upper)
-        cap_shown = condition.apply(cap_picture(picture, cap), cap_look(look, cap))
+        cap_shown = condition.apply(cap_picture(picture, cap), cap_look(fixation, cap))
         rows = capped_rows(geometry, upper=upper)
         rays = geometry.directions(x, y[rows])
         share = cap_shares(rays)[..., None]
         found = look_up(cap_shown.astype(np.float64), *cap.positions(rays), wraps=False)
         whole[rows] += share * (found - whole[rows])
     assert condition.pooling is not None
-    fade = look.pools(condition.pooling).fade()[..., None]
+    fade = fixation.pools(condition.pooling).fade()[..., None]
     return np.where(fade > 0, np.clip(whole, 0, 1).astype(np.float32), picture)
 
 
@@ -86,15 +86,15 @@ def over_poles(panorama: NDArray[np.floating], rows: int) -> NDArray[np.floating
     return np.concatenate([np.roll(above, half, axis=1), panorama, np.roll(below, half, axis=1)])
 
 
-def cap_look(look: PictureFixation, cap: CapGeometry) -> PictureFixation:
-    """The same look at the picture of a pole."""
+def cap_look(fixation: PictureFixation, cap: CapGeometry) -> PictureFixation:
+    """The same fixation of the picture of a pole."""
     return PictureFixation(
         cap,
-        cap_gaze_px(look.geometry, cap, look.gaze_px),
-        look.seed,
-        look.frame,
-        None if look.noise_shift_px is None else _cap_shift_px(look, cap),
-        look.field_gaze_px and cap_gaze_px(look.geometry, cap, look.field_gaze_px),
+        cap_gaze_px(fixation.geometry, cap, fixation.gaze_px),
+        fixation.seed,
+        fixation.frame,
+        None if fixation.noise_shift_px is None else _cap_shift_px(fixation, cap),
+        fixation.field_gaze_px and cap_gaze_px(fixation.geometry, cap, fixation.field_gaze_px),
     )
 
 
@@ -106,9 +106,9 @@ def cap_gaze_px(
     return float(x), float(y)
 
 
-def _cap_shift_px(look: PictureFixation, cap: CapGeometry) -> NDArray[np.float64]:
+def _cap_shift_px(fixation: PictureFixation, cap: CapGeometry) -> NDArray[np.float64]:
     """Motion of surfaces in the picture of a pole: (edge, edge, 2), x first, pixels."""
-    geometry, shift = look.geometry, look.noise_shift_px
+    geometry, shift = fixation.geometry, fixation.noise_shift_px
     assert shift is not None
     here_x, here_y = np.broadcast_arrays(*pixel_centres(cap))
     x, y = geometry.positions(cap.directions(here_x, here_y))

@@ -1,4 +1,4 @@
-"""One look at one picture, and what pictures must be."""
+"""One fixation of one picture, and what pictures must be."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Picture = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class PictureFixation:
-    """One look at one picture.
+    """One fixation of one picture.
 
     Parameters
     ----------

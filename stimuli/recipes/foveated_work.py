@@ -226,8 +226,8 @@ class StillMaker:
         gaze_px = self.order.gaze_px(entry)
         condition = foveator.condition
         if isinstance(condition, EnergyMetamer):
-            look = PictureFixation(self.order.geometry, gaze_px, entry.seed)
-            made = condition.descend(picture, look, state=state)
+            fixation = PictureFixation(self.order.geometry, gaze_px, entry.seed)
+            made = condition.descend(picture, fixation, state=state)
             if state is not None:
                 remove(state)
             return made

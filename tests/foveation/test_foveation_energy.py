@@ -41,7 +41,7 @@ def picture(rng):
 
 
 @pytest.fixture
-def look():
+def fixation():
     return PictureFixation(Flat(width_deg=40).of(WIDTH, HEIGHT), (WIDTH / 2, HEIGHT / 2), seed=5)
 
 
@@ -96,15 +96,15 @@ def test_halving_and_doubling_agree_with_numpy(torch, rng, size, viewing):
 
 @pytest.mark.usefixtures("torch")
 @pytest.mark.parametrize("start", energy.STARTS)
-def test_descent_brings_the_energies_near(picture, look, start):
+def test_descent_brings_the_energies_near(picture, fixation, start):
     condition = EnergyMetamer(start=start, steps=25)
     losses = []
 
-    shown = condition.descend(picture, look, progress=lambda *step: losses.append(step))
+    shown = condition.descend(picture, fixation, progress=lambda *step: losses.append(step))
 
     assert [step[:2] for step in losses] == [(k + 1, 25) for k in range(25)]
     assert losses[-1][2] < 0.4 * losses[0][2]
-    assert condition.loss(picture, shown, look) < 0.5
+    assert condition.loss(picture, shown, fixation) < 0.5
     assert np.abs(shown - picture).mean() > 0.03
     assert shown.dtype == np.float32
     assert shown.min() >= 0
@@ -112,13 +112,15 @@ def test_descent_brings_the_energies_near(picture, look, start):
 
 
 @pytest.mark.usefixtures("torch")
-def test_the_fovea_is_copied_and_seeds_differ(picture, look):
+def test_the_fovea_is_copied_and_seeds_differ(picture, fixation):
     a, again, b = (
-        foveate(picture, look.gaze_px, method="energy-metamer", seed=seed, steps=2, fovea_deg=6.0)
+        foveate(
+            picture, fixation.gaze_px, method="energy-metamer", seed=seed, steps=2, fovea_deg=6.0
+        )
         for seed in (1, 1, 2)
     )
 
-    fovea = look.pools(Pooling(fovea_deg=6.0)).fade() == 0
+    fovea = fixation.pools(Pooling(fovea_deg=6.0)).fade() == 0
     assert fovea.sum() > 50
     np.testing.assert_array_equal(a[fovea], picture[fovea])
     np.testing.assert_array_equal(a, again)
@@ -126,20 +128,20 @@ def test_the_fovea_is_copied_and_seeds_differ(picture, look):
 
 
 @pytest.mark.usefixtures("torch")
-def test_an_interrupted_descent_goes_on_to_the_same_picture(picture, look, tmp_path):
+def test_an_interrupted_descent_goes_on_to_the_same_picture(picture, fixation, tmp_path):
     state = tmp_path / "state.npz"
     condition = EnergyMetamer(start="noise", steps=12)
-    whole = condition.descend(picture, look)
+    whole = condition.descend(picture, fixation)
 
     def stop(done, _total, _loss):
         if done == 7:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        condition.descend(picture, look, state=state, progress=stop)
+        condition.descend(picture, fixation, state=state, progress=stop)
     steps = []
     resumed = condition.descend(
-        picture, look, state=state, progress=lambda done, *_: steps.append(done)
+        picture, fixation, state=state, progress=lambda done, *_: steps.append(done)
     )
 
     assert steps == list(range(6, 13))  # 5 were kept
@@ -148,10 +150,10 @@ def test_an_interrupted_descent_goes_on_to_the_same_picture(picture, look, tmp_p
 
 
 @pytest.mark.usefixtures("torch")
-def test_a_state_of_something_else_is_refused(picture, look, tmp_path):
+def test_a_state_of_something_else_is_refused(picture, fixation, tmp_path):
     state = tmp_path / "state.npz"
-    EnergyMetamer(steps=1).descend(picture, look, state=state)
-    other = PictureFixation(look.geometry, look.gaze_px, seed=6)
+    EnergyMetamer(steps=1).descend(picture, fixation, state=state)
+    other = PictureFixation(fixation.geometry, fixation.gaze_px, seed=6)
 
     with pytest.raises(InputError, match="it is another's"):
         EnergyMetamer(steps=1).descend(picture, other, state=state)
@@ -171,14 +173,14 @@ def test_a_state_of_something_else_is_refused(picture, look, tmp_path):
     for data in files:
         state.write_bytes(data)
         with pytest.raises(InputError, match=r"must be a state of energy-metamer.*delete it"):
-            EnergyMetamer(steps=1).descend(picture, look, state=state)
+            EnergyMetamer(steps=1).descend(picture, fixation, state=state)
 
 
 @pytest.mark.usefixtures("torch")
-def test_a_flat_picture_stays_flat(look):
+def test_a_flat_picture_stays_flat(fixation):
     grey = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
 
-    shown = EnergyMetamer(steps=3).descend(grey, look)
+    shown = EnergyMetamer(steps=3).descend(grey, fixation)
 
     np.testing.assert_allclose(shown, grey, atol=0.02)
 

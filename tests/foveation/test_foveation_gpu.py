@@ -58,9 +58,9 @@ def photograph(size):
 def run(gl_context):
     """Give a function that runs a pass once, and frees it."""
 
-    def apply(make, geometry, picture, gaze_px, **look):
+    def apply(make, geometry, picture, gaze_px, **fixation):
         made = make(gl_context, geometry)
-        result = made.apply(picture, PictureFixation(geometry, gaze_px, **look))
+        result = made.apply(picture, PictureFixation(geometry, gaze_px, **fixation))
         made.release()
         return result
 
@@ -80,9 +80,9 @@ def test_blur_on_gpu_matches_reference(run, size, viewing, gaze_px):
 def test_metamer_on_gpu_matches_reference(run, size, viewing, gaze_px):
     geometry, settings = viewing.of(size[1], size[0]), MetamerSettings()
     picture = photograph(size)
-    look = PictureFixation(geometry, gaze_px, seed=4)
+    fixation = PictureFixation(geometry, gaze_px, seed=4)
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=4)
-    wanted = metamer(picture, look.pools(settings.pooling), settings, 4)
+    wanted = metamer(picture, fixation.pools(settings.pooling), settings, 4)
     np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
 
 
@@ -101,9 +101,9 @@ def test_every_switch_on_gpu_matches_reference(run, switches):
     size, gaze_px = (150, 170), (20.0, 140.0)
     geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings(**switches)
     picture = photograph(size)
-    look = PictureFixation(geometry, gaze_px, seed=1)
+    fixation = PictureFixation(geometry, gaze_px, seed=1)
     found = run(lambda ctx, g: MetamerPass(ctx, g, settings), geometry, picture, gaze_px, seed=1)
-    wanted = metamer(picture, look.pools(settings.pooling), settings, 1)
+    wanted = metamer(picture, fixation.pools(settings.pooling), settings, 1)
     np.testing.assert_allclose(found, wanted, atol=TOLERANCE)
 
 
@@ -113,7 +113,7 @@ def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, matc
     geometry, settings = viewing.of(size[1], size[0]), DisplacementSettings()
     picture = photograph(size)
     field_gaze_px = (gaze_px[0] + 3, gaze_px[1])
-    look = PictureFixation(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
+    fixation = PictureFixation(geometry, gaze_px, seed=4, field_gaze_px=field_gaze_px)
     found = run(
         lambda ctx, g: DisplacementPass(ctx, g, settings, match=match),
         geometry,
@@ -124,10 +124,10 @@ def test_displacement_on_gpu_matches_reference(run, size, viewing, gaze_px, matc
     )
     wanted = (warped_metamer if match else eidolon)(
         picture,
-        look.pools(settings.pooling),
+        fixation.pools(settings.pooling),
         settings,
         4,
-        field_pools=look.field_pools(settings.pooling),
+        field_pools=fixation.field_pools(settings.pooling),
     )
     # Places are known to some 1e-5 px, and a picture's edge is one step of it a pixel.
     np.testing.assert_allclose(found, wanted, atol=0.5 / 255)
@@ -168,7 +168,7 @@ def test_carried_noise_on_gpu_matches_reference(run, rng):
     geometry, settings = Flat(60).of(size[1], size[0]), MetamerSettings()
     shift = rng.uniform(-300, 300, (*size, 2)).astype(np.float32)
     picture = photograph(size)
-    look = PictureFixation(geometry, gaze_px, seed=1, noise_shift_px=shift)
+    fixation = PictureFixation(geometry, gaze_px, seed=1, noise_shift_px=shift)
     found = run(
         lambda ctx, g: MetamerPass(ctx, g, settings),
         geometry,
@@ -177,7 +177,7 @@ def test_carried_noise_on_gpu_matches_reference(run, rng):
         seed=1,
         noise_shift_px=shift,
     )
-    wanted = metamer(picture, look.pools(settings.pooling), settings, 1, noise_shift_px=shift)
+    wanted = metamer(picture, fixation.pools(settings.pooling), settings, 1, noise_shift_px=shift)
     # Interpolated at places that float32 knows to 3e-5 px.
     np.testing.assert_allclose(found, wanted, atol=1 / 255)
 
@@ -275,9 +275,9 @@ def test_a_picture_that_is_held_is_shown_bit_for_bit_as_it_would_be_anew(
         {"gaze_px": (20.0, 10.0), "seed": 1},
     ]
     foveator = Foveator((50, 100), viewing=viewing, method=method, ctx=gl_context)
-    anew = [foveator(picture, **look) for look in looks]
+    anew = [foveator(picture, **fixation) for fixation in looks]
     foveator.hold(picture)
-    held = [foveator.show(**look) for look in looks]
+    held = [foveator.show(**fixation) for fixation in looks]
     foveator.release()
     for one, other in zip(held, anew, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -142,11 +142,11 @@ def test_noise_of_a_blur_is_made_stronger_there_too(geometry, texture, monkeypat
     """Of the finest octave; a real panorama of so few pixels gets no noise."""
     finest = lambda _, count: [np.full((256, 512), float(k == 0)) for k in range(count)]  # noqa: E731
     monkeypatch.setattr(enhancement, "octave_shares", finest)
-    look, made = PictureFixation(geometry, (0, 128), seed=1), NoiseEnhanced()
-    blur = Blur(rate=1.4).apply(texture, look)
-    strong = made.apply(texture, look) - blur
+    fixation, made = PictureFixation(geometry, (0, 128), seed=1), NoiseEnhanced()
+    blur = Blur(rate=1.4).apply(texture, fixation)
+    strong = made.apply(texture, fixation) - blur
     monkeypatch.setattr(enhancement, "noise_strength", lambda rays: np.ones(rays.shape[:2]))
-    plain = made.apply(texture, look) - blur
+    plain = made.apply(texture, fixation) - blur
     row = round(256 * (90 - 50) / 180)  # half of each
     wide = np.abs(plain[row]) > 1e-3
     assert wide.sum() > 100
@@ -157,10 +157,10 @@ def test_noise_of_a_blur_is_made_stronger_there_too(geometry, texture, monkeypat
 
 def test_belt_and_cap_displace_alike(geometry, texture):
     """Mixed places show nothing twice: both charts show the same picture."""
-    look, made = PictureFixation(geometry, (100, 120), seed=2), Eidolon()
-    belt = made.apply(texture, look)
+    fixation, made = PictureFixation(geometry, (100, 120), seed=2), Eidolon()
+    belt = made.apply(texture, fixation)
     cap = cap_of(geometry, upper=True)
-    shown = made.apply(cap_picture(texture, cap), cap_look(look, cap))
+    shown = made.apply(cap_picture(texture, cap), cap_look(fixation, cap))
     rows = slice(46, 62)  # 58 to 47 degrees
     x, y = pixel_centres(geometry)
     at_x, at_y = cap.positions(geometry.directions(x, y[rows]))
@@ -208,8 +208,8 @@ def test_noise_of_directions_is_as_smooth_as_noise_pooled_so(rng, smooth):
 def test_a_fovea_at_the_pole_is_copied_bit_for_bit(texture, method):
     small = np.ascontiguousarray(texture[::2, ::2])
     shown = foveate(small, (40, 2), viewing=Equirectangular(), method=method, fovea_deg=8)
-    look = PictureFixation(Equirectangular().of(256, 128), (40, 2))
-    away = look.pools(Blur(fovea_deg=8).pooling).eccentricity_deg()
+    fixation = PictureFixation(Equirectangular().of(256, 128), (40, 2))
+    away = fixation.pools(Blur(fovea_deg=8).pooling).eccentricity_deg()
     assert (shown[away <= 8] == small[away <= 8]).all()
     assert (shown[away > 20] != small[away > 20]).mean() > 0.9
 
