@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections import Counter
 
 import forked
 import pytest
@@ -104,6 +105,12 @@ def test_files_that_begin_first_are_there(repository):
 
     assert len(first) > 20
     assert [name for name in first if not (repository / name).is_file()] == []
+
+
+def test_names_of_test_files_are_unique(repository):
+    """pytest and people find a file by its name alone."""
+    names = Counter(path.name for path in (repository / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 SCHEDULED = """
