@@ -37,7 +37,7 @@ def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str],
 
     Parameters
     ----------
-    orders : Orders
+    orders : BuildPlan
         The study; methods that are not here yet do not matter.
     out : Path
         A new or empty folder.

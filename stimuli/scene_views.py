@@ -46,7 +46,7 @@ class ScenePreview:
         Metres per unit of a file.
     seed : int
         Of a built-in scene.
-    chosen : sequence of View
+    chosen : sequence of CameraView
         Views that are asked for; empty: the best are looked for.
     lighting, sun_direction : optional
         Light of a file.

@@ -95,7 +95,7 @@ def upsampled_sheet(
 
     Parameters
     ----------
-    fills : sequence of Filled
+    fills : sequence of FillResult
         As `upsampled` returns them.
     """
     shown = [pictures.of_colour(truth), *(pictures.of_colour(one.colour) for one in fills)]

@@ -110,7 +110,7 @@ class LookServer:
 
     Parameters
     ----------
-    renderer : Renderer
+    renderer : WorldRenderer
         Of the scene; used in the thread that calls `run` alone.
     scene : str
         What the page is called.

@@ -228,7 +228,7 @@ class World:
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of MeshPart
     viewpoint : Viewpoint
     light : Light, optional
         Left out: every surface is unlit.

@@ -152,7 +152,7 @@ def run_attempt(
         What it shows must be prepared.
     stage : Stage
         Display, clock and keys.
-    watcher : Watcher or None
+    watcher : GazeWatcher or None
         None in mode `none`.
     on_outcome : callable
         Called once, after the first flip of the inter-trial interval: the time to write.

@@ -23,7 +23,7 @@ class PageTurner:
 
     Parameters
     ----------
-    window, painter, pages : Window, Painter, Pages
+    window, painter, pages : Window, Painter, PageLayout
         Where and how.
     quit_keys : sequence of str
         Keys that leave a question; those that write a character do so where one is typed.

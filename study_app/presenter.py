@@ -63,7 +63,7 @@ class PresenterSettings:
     ----------
     refresh_hz : float
         As measured.
-    extras : Extras
+    extras : FlipMarks
         Strip and patch.
     observer : Observer, optional
         Answers and turns pages in place of a person; real keys work as well.

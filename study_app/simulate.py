@@ -96,7 +96,7 @@ def simulate_study(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedStudy
         The study and its observers.
     root : Path
         Folder of sessions: ``root/STUDY/S001/journal.jsonl`` and so on.

@@ -160,7 +160,7 @@ def compare(
     ----------
     logged : mapping
         Number of each flip -> the name of the clip frame it showed; None: no clip.
-    captured : sequence of Seen
+    captured : sequence of CapturedPicture
         In the order in which the pictures appeared, each once.
     names : mapping
         Hash of the pixels -> name of the clip frame.
@@ -171,7 +171,7 @@ def compare(
 
     Returns
     -------
-    list of Difference
+    list of FlipMismatch
         In the order of the log: flips that are missing, out of order, or show something else. Then,
         in the order of the capture, flips that were shown again and flips that are not in the
         log. Empty where all flips appeared once, in order, with the right content.

@@ -33,7 +33,7 @@ def verify(session: SessionFolder, protocol: StudyProtocol | None = None) -> Ses
 
     Parameters
     ----------
-    session : Session
+    session : SessionFolder
         As it stands on the disk.
     protocol : StudyProtocol, optional
         Compares every attempt with the plan and, one after the other, with what the session had

@@ -141,7 +141,7 @@ def public_tables(tidy: TidyTables, protocol: StudyProtocol, codes: dict[str, st
 
     Parameters
     ----------
-    tidy : Tidy
+    tidy : TidyTables
         Tables of everyone who is exported.
     protocol : StudyProtocol
         Says which answers were offered, not typed.

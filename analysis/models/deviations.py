@@ -45,7 +45,7 @@ class Deviation:
     icc : float
         Share of the variance of one answer on the model's scale (intraclass correlation); NaN of
         slopes.
-    levels : tuple of Level
+    levels : tuple of EffectLevel
         Of participants and scenes.
     """
 

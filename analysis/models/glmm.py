@@ -125,7 +125,7 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
     groups : sequence of ndarray (trials,) or (trials, members)
         Level of each random factor, counted from 0; several where a trial has several effects
         of one factor, such as those of the two methods it compares.
-    response : Response
+    response : ResponseFunction
         How eta becomes the chance of a 1; a fitted lapse or guess rate is one more parameter.
     slopes : sequence of ndarray like `groups`, or None
         What each factor's effect is multiplied by; None, or left out: 1, a random intercept.

@@ -82,7 +82,7 @@ class Population:
         Names of the deviations: of participants, of these in one condition, and both of scenes.
     centre, spread : float
         eta is linear in (x - centre) / spread; x is the level, or its logarithm.
-    response : Response
+    response : ResponseFunction
     own : mapping of condition to (mapping of participant to deviation of eta)
     levels : tuple of float
         Shown.

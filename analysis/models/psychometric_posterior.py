@@ -102,12 +102,12 @@ class PsychometricPosterior:
 
     Attributes
     ----------
-    threshold, width, guess, lapse, spread : Estimate
+    threshold, width, guess, lapse, spread : PosteriorEstimate
         As `psychometric.Psychometric` defines the first four: the width is negative where
         performance falls. On logarithmic levels it is a ratio. `spread` in [0, 1) is how far the
         true share at a level strays: n trials there have 1 + (n - 1) spread^2 times the binomial
         variance.
-    stated : Estimate or None
+    stated : PosteriorEstimate or None
         Where the share of right answers is the one that was stated; None where none was, or these
         levels do not place it.
     marginals : mapping of name to Marginal

@@ -106,7 +106,7 @@ def fit_people(
         0 or 1.
     person, condition : ndarray (trials,)
         Counted from 0.
-    response : Response
+    response : ResponseFunction
         A fitted lapse rate is each participant's own: its logit is normal over participants, its
         median drawn towards `response.RATE_PRIOR`.
     start, steepest : ndarray (coefficients,)

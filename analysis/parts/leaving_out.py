@@ -46,7 +46,7 @@ class LeavingOut:
         Of all decisions.
     jod, jod_lower, jod_upper : float
         The share and its limits as a distance of the two methods; infinite where all agree.
-    without : tuple of Without
+    without : tuple of LeftOutResult
     power : float
         Chance to find the smallest effect of interest with the standard error that was reached.
     planned_power : float or None

@@ -32,12 +32,12 @@ class MomentChainPass(PicturePass):
 
     Attributes
     ----------
-    pulled, chosen : Resolutions
+    pulled, chosen : ResolutionTextures
         What is never chosen is one texture in both.
 
     Parameters
     ----------
-    pooled : Pooled
+    pooled : PoolUniforms
         Geometry, law and gaze.
     levels : int
         Pyramid levels whose moments are made; 0 for a blur.

@@ -84,7 +84,7 @@ def fragment_of(
 
     Parameters
     ----------
-    source : Source
+    source : ShaderSource
         A compute shader that shares nothing between its calls.
     image : str
         The picture, by its name there. Of an array four layers are drawn at a time, from

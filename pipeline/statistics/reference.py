@@ -87,7 +87,7 @@ def band_statistics(
 
     Returns
     -------
-    Level
+    GuidedLevel
         Of (ceil(H / 2), ceil(W / 2)) texels; its values are as those of `moments`.
     """
     level = GuidedLevel(moments(bands, cross=cross), valid.astype(np.float64), guide)

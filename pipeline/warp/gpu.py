@@ -41,7 +41,7 @@ class WarpPass(Pass):
     ----------
     source_size : (width, height)
         Any size from 1x1.
-    window : Window, optional
+    window : TargetWindow, optional
         What is shown, in the source's pixel grid; all of it by default.
     settings : WarpSettings
         Variant and thresholds.
@@ -198,7 +198,7 @@ def warp_frame(
     target_depth_m : ndarray of float32, shape (H, W), optional
         Depth of each source pixel as the target camera sees it, where the camera moves along
         its axis; not positive behind it. By default the source's depth.
-    window : Window, optional
+    window : TargetWindow, optional
         What is shown, in the source's pixel grid; all of it by default.
     settings : WarpSettings
         Variant and thresholds.

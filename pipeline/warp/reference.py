@@ -51,7 +51,7 @@ def warp(
     target_depth_m : ndarray of float32, shape (H, W), optional
         Depth of each source pixel as the target camera sees it; not positive behind it. By
         default the source's depth.
-    window : Window, optional
+    window : TargetWindow, optional
         What is shown, in the source's pixel grid; all of it by default.
     settings : WarpSettings
         Variant and thresholds.

@@ -43,7 +43,7 @@ class FoveatedScores:
         By metric's name, what it does not see.
     band_ratios : mapping
         By level of the pyramid: (eccentricity in degrees, deviation over the reference's).
-    missing : tuple of Missing
+    missing : tuple of MissingMetrics
         Metrics that this machine cannot compute, with the cure.
     """
 
@@ -70,7 +70,7 @@ def score_foveated(
         Encoded R'G'B' in [0, 1]; one frame is a picture.
     gaze_px : sequence of (x, y)
         One for all frames, or one per frame; on the picture.
-    viewing : Viewing, optional
+    viewing : ViewingConditions, optional
         By default FovVideoVDP's `standard_fhd`; see `seen_wide` for a visual angle.
     fps : float
         Of several frames.
@@ -158,7 +158,7 @@ def subjects_of_panoramas(
     ----------
     subjects : Subjects
         Pictures or clips that are equirectangular, 2:1.
-    gaze : Gaze
+    gaze : ViewerGaze
         In pixels of the panorama; on it.
     folder : Path
         Where the views are written, in 16 bits; it must be there.
@@ -212,7 +212,7 @@ def subjects_of_stills(
 
     Parameters
     ----------
-    gaze : Gaze
+    gaze : ViewerGaze
         Which of the batch's; may be left empty where there is one.
 
     Raises

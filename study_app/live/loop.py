@@ -89,7 +89,7 @@ class LiveLoop:
     Parameters
     ----------
     screen : Screen
-    gaze : Gaze
+    gaze : GazeSamples
         In pixels of the screen.
     corner_px : (x, y)
         Of the picture on the screen, upper left.

@@ -91,7 +91,7 @@ class TrialDrawer:
 
         Returns
         -------
-        Redrawn, int
+        RedrawResult, int
             What came of it, and how many captures were compared.
 
         Raises

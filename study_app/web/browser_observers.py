@@ -64,7 +64,7 @@ class BrowserObserver:
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedStudy
         The study and its observers.
     number : int
         Of the observer, from 0.
@@ -170,7 +170,7 @@ def simulate_in_browser(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedStudy
         The study that was exported, with its stimuli, and its observers.
     folder : Path
         As ``session export-web`` wrote it.

@@ -198,7 +198,7 @@ class WebBuild:
 
         Returns
         -------
-        Needs
+        BrowserNeeds
             With the true sizes.
 
         Raises

@@ -193,7 +193,7 @@ def import_results(
 
     Parameters
     ----------
-    inbox : Inbox
+    inbox : BrowserResults
         As `read_results` returns it.
     study, display, manifest : StudyProtocol, Display, Manifest
         Those of the export.

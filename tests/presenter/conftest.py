@@ -418,7 +418,7 @@ class Screen:
 
         Returns
         -------
-        list of Seen
+        list of CapturedPicture
             Every picture that the other process saw where stimuli stand.
         """
         read = study.folder / "read"  # how far the other process has read
