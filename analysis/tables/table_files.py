@@ -155,7 +155,7 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
         found.notes.append(f"left out, the header again: {counted_lines(again)}")
     if separator != ",":
         found.notes += _decimal_points(found)
-    if counted is not None and is_square(found.header, found.rows):
+    if counted is not None and is_square(path, found.header, found.rows):
         lines = [line for _, line in found.lines]
         each = list(decisions_of(path, found.header, found.rows, lines, counted))
         what = (
