@@ -22,6 +22,10 @@ from pipeline.errors import GLUnavailableError
 from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
 
+# Shell scripts, and kills by the signals of POSIX.
+POSIX_ONLY = ["test_attack.py", "test_prove_gpu.py", "test_release.py", "test_scripts.py"]
+collect_ignore = POSIX_ONLY if sys.platform == "win32" else []
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 # Files that take longest, as `script/test --costs` tells: they begin first.

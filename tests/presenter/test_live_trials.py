@@ -49,10 +49,24 @@ def verify(screen, study, *more):
     )  # fmt: skip
 
 
+def check_refused_without_compute_shaders(screen, study):
+    """Refuse a live study in a window of OpenGL 3.3, before anything is written."""
+    with pytest.MonkeyPatch.context() as older:
+        older.setenv("MESA_GL_VERSION_OVERRIDE", "3.3FC")
+        older.setenv("MESA_GLSL_VERSION_OVERRIDE", "330")
+        done = screen.run(*screen.session("run", study, "--simulate", "--skip-validation"))
+    assert done.returncode == 2
+    (message,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert "what is drawn at this moment needs OpenGL 4.3 (found: " in message
+    assert "3.3 (Core Profile)" in message
+    assert not (study.sessions / study.name).exists()
+
+
 def test_a_killed_session_is_drawn_again_with_captures_and_a_changed_capture_is_found(
     live, screen, wait
 ):
     study = live("live-detection")
+    check_refused_without_compute_shaders(screen, study)
     captures = study.folder / "captures"
     captures.mkdir()
     command = ("--simulate", "--strip", "--skip-validation")
