@@ -207,6 +207,35 @@ def test_another_process_sees_every_logged_flip_with_the_hashed_frames(screen, m
         levels = [a.condition["level"] for a in completed]
         assert levels[0] == 2
         assert set(levels) == {1, 2}
+    assert study.journal().start.versions["opengl"].startswith("3.3 ")
+    if name in REPORTED:
+        check_report(study, len(completed))
+
+
+REPORTED = (
+    "two-interval clips", "two-alternative stills", "yes-no", "identification", "abx",
+    "which-half", "rating", "adaptive",
+)  # fmt: skip
+
+
+def check_report(study, decisions):
+    """Make a report of a session and a second one without a window, which some models need."""
+    metamerlab(
+        "session", "simulate", study.path, "--stimuli", study.stimuli, "--out", study.sessions,
+        "--participants", 1,
+    )  # fmt: skip
+    out = study.folder / "report"
+    metamerlab(
+        "analysis", "report", study.sessions, "--protocol", study.path, "--no-figures",
+        "--out", out,
+    )  # fmt: skip
+    results = json.loads((out / "results.json").read_text())
+    with (out / "tables" / "decisions.csv").open() as file:
+        people = [row["participant"] for row in csv.DictReader(file)]
+    assert results["simulated"] is True
+    assert results["participants"]["analysed"] == 2
+    assert people.count("P01") == decisions > 0
+    assert (out / "report.html").exists()
 
 
 SHOTS = """
