@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from protocols.columns import IDENTITY_COLUMNS, Column, attempted, decided
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 SESSION_COLUMNS = (
     *IDENTITY_COLUMNS,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from protocols.session_schema import Exclusions
+from protocols.study_file.session_schema import Exclusions
 
 
 @dataclass(frozen=True)

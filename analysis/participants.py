@@ -11,7 +11,7 @@ import pandas as pd
 
 from analysis.journals import StudyReadings
 from protocols.journal import Consent
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 EACH_TRIAL = "no answer remained that the rules for single trials keep"
 

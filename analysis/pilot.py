@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from analysis.answers import codes_of
 from analysis.models.compared_methods import as_numbers
 from analysis.models.contrasts import IN_CONDITION
-from analysis.models.glmm import CrossedFit, fit_crossed
-from analysis.models.reaction_model import time_model
-from analysis.models.response import LOGIT, ResponseFunction
+from analysis.models.curves.response import LOGIT, ResponseFunction
+from analysis.models.mixed.glmm import CrossedFit, fit_crossed
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.thresholds import fit_thresholds
 from analysis.parts import AnalysisPlan
 from analysis.parts.ratings import RatingsPart

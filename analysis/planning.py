@@ -11,8 +11,8 @@ from analysis.showable import MOST_PEOPLE, hopeless, two_scenes
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from protocols.schema import StudyProtocol
-from protocols.sequential import Sequential
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.sequential import Sequential
 
 
 def look_problems(study: StudyProtocol) -> list[str]:

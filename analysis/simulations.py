@@ -29,7 +29,7 @@ from analysis.plans.rating_plan import RatingPlan
 from analysis.power import COMMON, Assumption, PowerSimulation, default_participants
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 Floats = NDArray[np.float64]
 C = TypeVar("C", bound=RatePlan | RatingPlan)

@@ -22,7 +22,7 @@ from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.participants import ParticipantFlow, demographics, participant_flow
 from analysis.tables.write_table import write_table
-from protocols.hashing import sha256_file
+from protocols.disk.hashing import sha256_file
 from protocols.journal import (
     Answer,
     Attempt,
@@ -34,7 +34,7 @@ from protocols.journal import (
 )
 from protocols.journal_file import Journal
 from protocols.latency import LiveFrames
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 
 @dataclass(frozen=True)

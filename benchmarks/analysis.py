@@ -28,7 +28,6 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
-from analysis.models.bradley_terry_mixed import paired_model
 from analysis.models.clustered import two_way
 from analysis.models.metacognition import (
     UNBIASED_PADDING,
@@ -38,9 +37,10 @@ from analysis.models.metacognition import (
     mean_over_people,
     ratio_of_means,
 )
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.observers import check_observers
-from analysis.models.paired_counts import Model, pair_index, probability
-from analysis.models.reaction_model import time_model
+from analysis.models.paired.bradley_terry_mixed import paired_model
+from analysis.models.paired.paired_counts import Model, pair_index, probability
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
 from analysis.parts.preferences import PreferencesPart

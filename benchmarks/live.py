@@ -25,7 +25,7 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
 from protocols.revision import code_revision
 from stimuli.choice import Choice
-from study_app.cli.live_renderer import FoveatingRenderer, LiveSource
+from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import LiveLoop
 from study_app.live.renderer import GazeState, LiveView

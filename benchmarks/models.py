@@ -26,12 +26,12 @@ from scipy.special import expit, ndtr, ndtri
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way
-from analysis.models.goodness_of_fit import misfits
-from analysis.models.joint_tests import joint_tests
+from analysis.models.curves.goodness_of_fit import misfits
 from analysis.models.logistic import glmm_logit, models_beside
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
+from analysis.models.paired.joint_tests import joint_tests
 from analysis.models.psychometric import sigmoid
-from analysis.models.reaction_model import time_model
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
 from benchmarks.output import file_to_write, write_record

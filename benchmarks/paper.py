@@ -35,10 +35,10 @@ from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import TargetWindow
 from protocols.revision import code_revision, package_version
 from stimuli import pictures
-from stimuli.paths import STILL, Pose
 from stimuli.read_stimulus import read_picture
-from stimuli.render import WorldRenderer
-from stimuli.scenery import RenderedScenery
+from stimuli.rendering.paths import STILL, Pose
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.stereo import PAIR_WARP
 

@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.output import PagePart, file_to_write
 from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from stimuli.build import build
 from stimuli.build_plan import BuildPlan
 from stimuli.executors import cores, local_processes

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
     from stimuli.build_plan import BuildPlan
     from stimuli.clip import Survey
-    from stimuli.scenery import Scenery
+    from stimuli.rendering.scenery import Scenery
     from stimuli.worker import SceneContext
 
 PART = PagePart("stimuli table")
@@ -81,7 +81,7 @@ def _speed(options: argparse.Namespace, method: str) -> Speed:
     from concurrent.futures import ThreadPoolExecutor
 
     from stimuli.clip import ENCODERS, _frames, make_frames
-    from stimuli.png import encode_frame
+    from stimuli.media.png import encode_frame
 
     bench, scenery, orders, clip, survey = _ready(options, method, options.frames)
     wanted = list(range(options.frames))

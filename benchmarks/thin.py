@@ -24,9 +24,9 @@ from pipeline.methods.registry import create_method
 from pipeline.warp import reference
 from pipeline.warp.settings import TargetWindow, WarpSettings
 from protocols.revision import code_revision, package_version
-from stimuli.paths import STILL, Pose
-from stimuli.render import WorldRenderer
-from stimuli.scenery import RenderedScenery
+from stimuli.rendering.paths import STILL, Pose
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 
 PART = PagePart("thin table")

@@ -18,8 +18,8 @@ from pipeline.netpbm import read_netpbm
 from pipeline.picture_limits import check_need, check_values
 from pipeline.statements.check_statements import check_statements, refusal
 from pipeline.statements.row import Use
+from protocols.disk.whole_file import whole_path
 from protocols.outside import reading, visible_line
-from protocols.whole_file import whole_path
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
 """Types that OpenImageIO hands out as stored when asked for them; asked for another, it stretches

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from protocols.errors import StudyError
 from protocols.journal import Attempt, SessionStart
 from protocols.plan import Plan, PlannedTrial, planned_trials
-from protocols.schema import StudyProtocol
-from protocols.session_schema import POINTER
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import POINTER
 from protocols.tasks.confidence_question import CONFIDENCE
 
 _ROUND_S = 2e-6

@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Iterable
 from typing import TypeVar
 
-from protocols.hashing import Json, canonical_json
+from protocols.disk.hashing import Json, canonical_json
 
 T = TypeVar("T")
 

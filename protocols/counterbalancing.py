@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import lcm
 
 from protocols.chance import Chance
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 _MOST = 2**32
 """A longer round is cut here: no study has as many participants."""

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from functools import partial
 from itertools import combinations
 
+from protocols.disk.hashing import sha256_json
 from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError
-from protocols.hashing import sha256_json
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
 from protocols.prose import shortest
-from protocols.schema import StudyProtocol
 from protocols.script import Picture, Ring, Stored, example_scripts
+from protocols.study_file.schema import StudyProtocol
 
 TRIALS_IN_MEMORY = 2
 """The one that is shown, and the next one."""

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field, StringConstraints, TypeAdapter, model_validator
 
-from protocols.hashing import canonical_json
+from protocols.disk.hashing import canonical_json
 from protocols.latency import LiveFrames
 from protocols.units import (
     Count,

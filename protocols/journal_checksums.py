@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
 from protocols.journal import AnyEvent, event_line
 
 _NONE = b'"chain":null'

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError, refuse_format_1
 from protocols.journal import (
     EVENT,
@@ -21,7 +22,6 @@ from protocols.journal import (
 )
 from protocols.journal_checksums import due, first_link, stated
 from protocols.limits import check_within
-from protocols.read_file import read_bytes
 
 JOURNAL_NAME = "journal.jsonl"
 

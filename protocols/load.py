@@ -13,16 +13,16 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, refuse_format_1
-from protocols.hashing import sha256_bytes
 from protocols.limits import FIXED
 from protocols.outside import CONTROL, reading
-from protocols.problems import problems_of
-from protocols.read_file import decode_utf8, read_bytes
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import CameraView
-from protocols.schema import AnyRecipe, StudyProtocol, problems_between
+from protocols.study_file.problems import problems_of
+from protocols.study_file.schema import AnyRecipe, StudyProtocol, problems_between
 from protocols.suggest import did_you_mean
 from protocols.tasks.task_kinds import TASKS
 

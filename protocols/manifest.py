@@ -15,13 +15,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
+from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_json
+from protocols.disk.read_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError, refuse_format_1
-from protocols.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.load import control_characters
 from protocols.outside import parsed_json
-from protocols.problems import problems_of
-from protocols.read_file import decode_utf8, read_bytes
-from protocols.schema import StudyProtocol
+from protocols.study_file.problems import problems_of
+from protocols.study_file.schema import StudyProtocol
 from protocols.units import (
     Hertz,
     Model,
@@ -33,7 +34,6 @@ from protocols.units import (
     Sha256,
     Share,
 )
-from protocols.whole_file import write_whole
 
 MANIFEST_NAME = "manifest.json"
 

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 
 from protocols.chance import Chance
 from protocols.counterbalancing import place_of
+from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.journal import Attempt, Role, TrialId
 from protocols.limits import check_trials
 from protocols.manifest import Manifest, check_manifest
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Cell, Turn
 from protocols.units import Count, Model, Name, ParticipantCode, Scalar, Seed, Sha256
 

@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from protocols.blocks import Block, Section, TableBlock
+from protocols.browser.web_study import rates_of
+from protocols.disk.hashing import sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
-from protocols.hashing import sha256_json
 from protocols.html_page import html_page
 from protocols.manifest import Manifest
 from protocols.outside import markdown
 from protocols.plan import make_plan
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Gaze
-from protocols.web_study import rates_of
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Gaze
 
 
 def preregistration(

@@ -26,12 +26,12 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import TrialId
 from protocols.manifest import Manifest
-from protocols.participant_texts import fill, key_label, unknown_placeholders
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
 from protocols.recipes.base import LiveMethod
-from protocols.schema import StudyProtocol
-from protocols.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
+from protocols.study_file.participant_texts import fill, key_label, unknown_placeholders
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
 from protocols.units import (
     Count,

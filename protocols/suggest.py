@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-from protocols.session_schema import KEY_PATTERN
+from protocols.study_file.session_schema import KEY_PATTERN
 from protocols.units import CONVERSIONS, UNIT_OF_SUFFIX
 
 _KEYS = ("left", "right", "up", "down", "space", "enter", "escape", "tab", "backspace")

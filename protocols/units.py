@@ -20,7 +20,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from protocols.key_docs import key_docs
+from protocols.formats.key_docs import key_docs
 from protocols.limits import FIXED
 
 

@@ -25,13 +25,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeAlias, TypeVar
 
+from protocols.disk.hashing import sha256_file
+from protocols.disk.left_behind import written
+from protocols.disk.result_folder import leaves, remove_own
+from protocols.disk.whole_file import PART, move, remove, sync_folder, write_whole
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
-from protocols.left_behind import written
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
-from protocols.result_folder import leaves, remove_own
-from protocols.whole_file import PART, move, remove, sync_folder, write_whole
 from stimuli.contact import SHEET_NAME
 from stimuli.preview_video import PREVIEW_FOLDER
 

@@ -21,7 +21,8 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import check_condition_name, condition_names
 from pipeline.methods.registry import check_method_name, method_names
 from protocols.display import Display
-from protocols.own_stimuli import (
+from protocols.recipes.warped_clips import ExrScene
+from protocols.study_file.own_stimuli import (
     REFERENCE,
     OwnClips,
     OwnMethod,
@@ -30,10 +31,9 @@ from protocols.own_stimuli import (
     quoted,
     unused_name,
 )
-from protocols.recipes.warped_clips import ExrScene
 from stimuli.exr import Transfer, stored_transfer
-from stimuli.exr_parts import display_size, frame_files, read_parts
 from stimuli.foveated.any_picture import read_any
+from stimuli.media.exr_parts import display_size, frame_files, read_parts
 from stimuli.scene_views import ScenePreview, look_around
 from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.mesh_file import load_world

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pipeline.errors import InputError
-from protocols.locks import only_build
+from protocols.disk.locks import only_build
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import (

@@ -9,14 +9,14 @@ from typing import Any
 
 from pipeline.foveation.geometry import Flat
 from pipeline.methods.registry import check_method_name, method_files, method_parameters
+from protocols.disk.hashing import Json, sha256_file, sha256_json
 from protocols.display import Display
 from protocols.feasibility import clip_size_px
-from protocols.hashing import Json, sha256_file, sha256_json
 from protocols.manifest import cache_key
 from protocols.recipes.warped_clips import ClipName, FillMethod, Scene, Size
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from stimuli.foveated.gaze_and_display import width_deg
-from stimuli.open_scene import BASE_MODULES, scene_inputs, scene_modules
+from stimuli.rendering.open_scene import BASE_MODULES, scene_inputs, scene_modules
 from stimuli.sources import source_sha256
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from protocols.hashing import sha256_bytes, sha256_file
+from protocols.disk.hashing import sha256_bytes, sha256_file
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.contact import SHEET_NAME
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.preview_video import preview_path
 
 _ENDS = ("least", "most")

@@ -22,19 +22,19 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from pipeline.methods.registry import create_method
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.whole_file import write_whole
 from protocols.recipes.warped_clips import ClipName
-from protocols.whole_file import write_whole
 from stimuli.batch_folder import SURVEY_NAME
 from stimuli.build_plan import BuildPlan
 from stimuli.exr import save_colour
 from stimuli.fills import Fills
-from stimuli.footage import CameraShot, Footage
-from stimuli.paths import make_path
-from stimuli.png import decode, encode_frame, encode_mask, is_whole
-from stimuli.scenery import Scenery
-from stimuli.solve import solve_extent
-from stimuli.true_view import true_share, with_true_view
+from stimuli.media.footage import CameraShot, Footage
+from stimuli.media.png import decode, encode_frame, encode_mask, is_whole
+from stimuli.rendering.paths import make_path
+from stimuli.rendering.scenery import Scenery
+from stimuli.rendering.solve import solve_extent
+from stimuli.single.true_view import true_share, with_true_view
 
 ENCODERS = 2
 IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip

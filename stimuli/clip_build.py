@@ -12,10 +12,10 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+from protocols.disk.whole_file import remove, sync_folder
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, write_manifest
-from protocols.schema import StudyProtocol
-from protocols.whole_file import remove, sync_folder
+from protocols.study_file.schema import StudyProtocol
 from stimuli.batch_folder import (
     BuildOutcome,
     Report,

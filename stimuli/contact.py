@@ -10,14 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from protocols.disk.whole_file import write_whole
 from protocols.html_page import html_page
 from protocols.manifest import Clip
 from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
 from protocols.recipes.warped_clips import WarpedClips
-from protocols.schema import StudyProtocol
-from protocols.whole_file import write_whole
-from stimuli.png import decode
+from protocols.study_file.schema import StudyProtocol
+from stimuli.media.png import decode
 
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12

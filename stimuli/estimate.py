@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 from stimuli.build_plan import BuildPlan
 from stimuli.clip import ENCODERS
-from stimuli.footage import CameraShot, Footage
-from stimuli.paths import make_path
-from stimuli.png import encode_frame
+from stimuli.media.footage import CameraShot, Footage
+from stimuli.media.png import encode_frame
+from stimuli.rendering.paths import make_path
 
 if TYPE_CHECKING:
-    from stimuli.scenery import Scenery
+    from stimuli.rendering.scenery import Scenery
 
 T = TypeVar("T")
 TRIED_PX = 512  # longer side of the frame that software draws to be timed

@@ -15,15 +15,15 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.gl.context import lent_context
 from pipeline.image_file import write_pixels
+from protocols.disk.result_folder import whole_folder
+from protocols.disk.whole_file import write_whole
 from protocols.outside import page_bytes
-from protocols.result_folder import whole_folder
-from protocols.whole_file import write_whole
 from stimuli.batch_folder import survey_name
 from stimuli.build_plan import BuildPlan
 from stimuli.clip import shot_of, take_survey
-from stimuli.footage import Footage
-from stimuli.open_scene import open_scenery
-from stimuli.png import encode_frame
+from stimuli.media.footage import Footage
+from stimuli.media.png import encode_frame
+from stimuli.rendering.open_scene import open_scenery
 
 NAMES_FILE = "frames.csv"
 README_FILE = "README.md"

@@ -6,7 +6,7 @@ import and decoded on export, unless told that the file holds encoded values.
 
 RGBZ + flow in one OpenEXR file, of one part or several: this project writes ``R`` ``G`` ``B``,
 ``Z``, ``flow.x``, ``flow.y`` and, where the camera moves along its axis, ``target.Z``;
-`stimuli.channels` says what each means and which other programs' names are known, and
+`stimuli.media.channels` says what each means and which other programs' names are known, and
 `Channels` tells further ones.
 """
 
@@ -33,7 +33,7 @@ from pipeline.image_file import (
     three_channels,
     write_pixels,
 )
-from stimuli.channels import (
+from stimuli.media.channels import (
     OPTIONS,
     Layer,
     Planes,
@@ -44,7 +44,7 @@ from stimuli.channels import (
     need,
     need_motion,
 )
-from stimuli.exr_parts import read_parts
+from stimuli.media.exr_parts import read_parts
 
 _DEPTH_UNIT = "metamerlab:depth_unit"
 _TRANSFER = "metamerlab:transfer"
@@ -204,7 +204,7 @@ def load_warp_input(
     transfer: Transfer | None = None,
     clip: bool = False,
 ) -> WarpInput:
-    """Read RGBZ and flow from one OpenEXR file; `stimuli.channels` lists the channels.
+    """Read RGBZ and flow from one OpenEXR file; `stimuli.media.channels` lists the channels.
 
     Where the file's motion leads to the previous frame, as Unreal's does, so does the flow.
 

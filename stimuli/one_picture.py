@@ -16,8 +16,8 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_file_size
 from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
-from stimuli.flow_file import read_flo
-from stimuli.plane_file import DepthIs, Unknown
+from stimuli.media.flow_file import read_flo
+from stimuli.media.plane_file import DepthIs, Unknown
 from stimuli.scenes.photo import centred, load_depth
 
 Nearer = Literal["fast", "none"]

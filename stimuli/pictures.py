@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import nearest_depth_m
-from protocols.result_folder import whole_folder
+from protocols.disk.result_folder import whole_folder
 
 Picture: TypeAlias = NDArray[np.uint8]
 Step = tuple[str, str, Picture]  # file name without number and ending, label, picture

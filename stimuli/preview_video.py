@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from protocols.manifest import Clip
-from stimuli.png import decode
-from stimuli.video import whole_video
+from stimuli.media.png import decode
+from stimuli.media.video import whole_video
 
 PREVIEW_FOLDER = "previews"
 LARGEST_PX = 480

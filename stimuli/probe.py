@@ -15,7 +15,7 @@ from protocols.recipes.warped_clips import ClipName
 from protocols.suggest import did_you_mean
 from stimuli.batch_folder import HOLES_FOLDER, survey_name
 from stimuli.clip import read_mask
-from stimuli.png import decode
+from stimuli.media.png import decode
 
 BLACK = 2 / 255  # mean above which a frame is not black
 FLICKERS = 2.0  # of the reference's change: a fill that changes more than this is pointed out

@@ -9,20 +9,20 @@ from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
+from protocols.disk.hashing import sha256_file
+from protocols.disk.whole_file import write_whole
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.manifest import Clip, Manifest, read_manifest
 from protocols.manifest import Renderer as RendererEntry
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, MeshScene
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.units import Scalar
-from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, survey_name
 from stimuli.build_plan import BuildPlan
 from stimuli.clip import Survey, read_survey
-from stimuli.open_scene import open_world
+from stimuli.rendering.open_scene import open_world
 from stimuli.worker import RendererInfo
 
 VERSIONED = (

@@ -23,10 +23,10 @@ import cv2
 import numpy as np
 
 from protocols.html_page import html_page
-from stimuli.open_scene import view_line
 from stimuli.pictures import of_colour
-from stimuli.render import WorldRenderer
-from stimuli.world import Viewpoint
+from stimuli.rendering.open_scene import view_line
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.world import Viewpoint
 
 VIEW_PX = (640, 480)
 HOST = "127.0.0.1"

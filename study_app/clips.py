@@ -21,11 +21,11 @@ import psutil
 from numpy.typing import NDArray
 from PIL import Image
 
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
 from protocols.manifest import Clip, Manifest
 from protocols.outside import reading
-from protocols.read_file import read_bytes
 
 Names: TypeAlias = tuple[str, ...]
 """The stimuli of one trial, as its task counts them."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from protocols.disk.hashing import sha256_bytes
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
 from protocols.journal import (
     Answer,
     Attempt,
@@ -21,9 +21,9 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
-from protocols.participant_texts import consent_text
 from protocols.plan import Plan
 from protocols.script import Scripts
+from protocols.study_file.participant_texts import consent_text
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event

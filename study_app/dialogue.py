@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from protocols.participant_texts import fill
-from protocols.session_schema import ClosingQuestion, Response, Texts
+from protocols.study_file.participant_texts import fill
+from protocols.study_file.session_schema import ClosingQuestion, Response, Texts
 from study_app.stage import Page, PageResult, Stage
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from protocols.errors import StudyError
 from protocols.journal import Calibration, Note
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Gaze
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
 from study_app.recorder import Recorder

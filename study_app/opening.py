@@ -10,10 +10,10 @@ from importlib import metadata
 from pathlib import Path
 
 from protocols.against_plan import contradictions
+from protocols.disk.hashing import sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
-from protocols.hashing import sha256_json
 from protocols.journal import (
     Attempt,
     DisplayReport,
@@ -26,8 +26,8 @@ from protocols.journal_file import JOURNAL_NAME
 from protocols.manifest import Manifest, check_manifest
 from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Texts
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Texts
 from study_app.gaze.saccades import check_saccade_rate
 from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import StudyError
-from protocols.participant_texts import key_label
 from protocols.script import Words
+from protocols.study_file.participant_texts import key_label
 from study_app.stage import Page
 from study_app.text_image import (
     Align,

@@ -16,7 +16,6 @@ from PIL import Image
 
 from protocols.display import Display
 from protocols.phases import Bitmap, rgba_sha256
-from protocols.schema import StudyProtocol
 from protocols.script import (
     Dot,
     Drawn,
@@ -31,6 +30,7 @@ from protocols.script import (
     TrialScript,
     Words,
 )
+from protocols.study_file.schema import StudyProtocol
 from study_app.pages import words_image
 
 Pixels: TypeAlias = NDArray[np.uint8]

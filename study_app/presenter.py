@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from protocols.manifest import Manifest
 from protocols.phases import ITI
 from protocols.plan import PlannedTrial
-from protocols.schema import StudyProtocol
 from protocols.script import (
     Drawn,
     Entry,
@@ -33,19 +32,20 @@ from protocols.script import (
     text_picture,
 )
 from protocols.script import Picture as Drawing
-from protocols.session_schema import Texts
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Texts
 from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
-from study_app.draw import Painter
+from study_app.desktop.draw import Painter
+from study_app.desktop.page_turner import NOTICE_S, PageTurner
+from study_app.desktop.strip import PATCH_PX, FlipMarks, patch_place
+from study_app.desktop.window import Window
 from study_app.live.in_trials import KeptPixels, LiveShow, SessionGaze, live_entries, live_entry
 from study_app.live.renderer import GazeState, Studio
-from study_app.page_turner import NOTICE_S, PageTurner
 from study_app.pages import PageLayout
 from study_app.paint import bitmaps_of, drawn
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
-from study_app.strip import PATCH_PX, FlipMarks, patch_place
 from study_app.virtual import AskedQuestions, Observer
-from study_app.window import Window
 
 _POLL_SHARE = 0.6
 """Share of a refresh in which keys are taken as they come while an answer is awaited."""

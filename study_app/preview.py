@@ -20,10 +20,8 @@ from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.html_page import html_page
 from protocols.manifest import Manifest
-from protocols.participant_texts import key_label
 from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.base import SCENE
-from protocols.schema import StudyProtocol
 from protocols.script import (
     Drawn,
     Entry,
@@ -37,6 +35,8 @@ from protocols.script import (
     TrialScript,
     Words,
 )
+from protocols.study_file.participant_texts import key_label
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.clips import read_frame
 from study_app.paint import Pixels, bitmaps_of, drawn

@@ -14,13 +14,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypedDict
 
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.locks import held
+from protocols.disk.whole_file import sync_folder
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
 from protocols.journal import AnyEvent, SideFile
 from protocols.journal_checksums import first_link, sealed
 from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
-from protocols.locks import held
-from protocols.whole_file import sync_folder
 
 _APPENDING = (
     os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)

@@ -14,19 +14,19 @@ from typing import Any, TypeAlias
 import moderngl
 
 from pipeline.gl.context import describe
+from protocols.disk.locks import kept_for_session
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
-from protocols.locks import kept_for_session
 from protocols.manifest import check_manifest, read_manifest
 from protocols.plan import PlannedTrial
-from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import RunOutcome, RunSettings, conduct
-from study_app.display_check import (
+from study_app.desktop.display_check import (
     REHEARSAL_FLIPS,
     SESSION_FLIPS,
     DisplayCheck,
@@ -34,6 +34,8 @@ from study_app.display_check import (
     shortfall,
     write_report,
 )
+from study_app.desktop.strip import FlipMarks
+from study_app.desktop.window import Pacing, Window
 from study_app.gaze.open_source import check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
@@ -47,9 +49,7 @@ from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
 from study_app.session_folders import is_stillborn, session_folder
 from study_app.shown_texts import require_showable
-from study_app.strip import FlipMarks
 from study_app.validation import PointQuality, summarise, unfit_gaze, validate
-from study_app.window import Pacing, Window
 
 RecordedEvents = list[AnyEvent]
 if sys.platform == "win32":

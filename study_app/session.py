@@ -22,8 +22,8 @@ from protocols.journal import (
     VoidReason,
 )
 from protocols.plan import Plan, PlannedTrial, chosen
-from protocols.schema import StudyProtocol
-from protocols.session_schema import ClosingQuestion
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import ClosingQuestion
 
 NOT_THE_PARTICIPANTS: frozenset[VoidReason] = frozenset({"paused", "quit", "focus-lost"})
 """Voids that do not count towards `max_attempts`: nothing was wrong with the attempt itself."""

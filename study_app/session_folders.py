@@ -15,12 +15,12 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
+from protocols.disk.locks import lock
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart
 from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal
-from protocols.locks import lock
-from protocols.read_file import read_bytes
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.units import DEVICE, ParticipantCode
 
 

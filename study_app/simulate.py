@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from protocols.disk.hashing import Json, sha256_json
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import Json, sha256_json
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import Plan, PlannedTrial
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import RunOutcome, RunSettings, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze

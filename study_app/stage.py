@@ -20,7 +20,7 @@ class KeyPress(NamedTuple):
     """One key that went down."""
 
     key: str
-    """Named as in `protocols.session_schema`: a `KeyName`, or `POINTER`."""
+    """Named as in `protocols.study_file.session_schema`: a `KeyName`, or `POINTER`."""
     t_s: float
     """On the stage's clock."""
     at: float = 0.0

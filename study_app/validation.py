@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from protocols.errors import StudyError
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing, angle_between_deg
 from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource
 

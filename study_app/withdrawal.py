@@ -6,12 +6,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from protocols.disk.locks import lock_name
+from protocols.disk.whole_file import remove, write_whole
 from protocols.errors import StudyError
 from protocols.journal import SessionStart, Withdrawal
 from protocols.journal_checksums import first_link, sealed
 from protocols.journal_file import JOURNAL_NAME
-from protocols.locks import lock_name
-from protocols.whole_file import remove, write_whole
 from study_app.recorder import journal_held
 from study_app.session_folders import SessionFolder, claimed, find_sessions
 

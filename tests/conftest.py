@@ -368,7 +368,7 @@ def with_packages(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[s
 @pytest.fixture(scope="session")
 def reseal() -> Callable[[Path], None]:
     """Give a function that computes a journal's checksums anew, after a test has changed it."""
-    from protocols.hashing import canonical_json
+    from protocols.disk.hashing import canonical_json
     from protocols.journal_checksums import due, first_link
 
     def resealed(path: Path) -> None:

@@ -18,8 +18,8 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from benchmarks.pictures import most_holes
+from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.manifest import read_manifest
 from study_app.cli import app
 from study_app.cli.demo import demonstration

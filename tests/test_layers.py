@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +19,7 @@ ALLOWED = {
     "protocols": (),
     "pipeline": (
         "protocols.outside",
-        "protocols.whole_file",
+        "protocols.disk.whole_file",
         "protocols.errors",
         "protocols.limits",
     ),
@@ -217,6 +218,12 @@ def test_a_circle_is_caught(source):
     assert not in_circles(modules_above(sources | {"protocols.counterbalancing": ("", False)}))
 
 
+def test_no_folder_holds_more_modules_than_a_reader_can_take_in(repository):
+    held = Counter(path.parent for path, _, _ in our_modules(repository))
+
+    assert not {folder: count for folder, count in held.items() if count > 31}  # __init__.py, too
+
+
 def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):
     found = [
         line
@@ -247,9 +254,9 @@ def test_every_package_is_examined(repository):
         ("analysis.tidy", "import importlib\nimportlib.import_module('pipeline.quality')"),
         ("analysis.tidy", "from study_app.recorder import Recorder"),
         ("stimuli.build", "from study_app import cli"),
-        ("study_app.draw", "import pipeline"),
-        ("study_app.draw", "from pipeline import quality"),
-        ("study_app.draw", "from pipeline.warp import reference"),
+        ("study_app.desktop.draw", "import pipeline"),
+        ("study_app.desktop.draw", "from pipeline import quality"),
+        ("study_app.desktop.draw", "from pipeline.warp import reference"),
         ("study_app.session", "from . import cli"),
         ("study_app.gaze.lsl", "from ..cli import errors"),
         ("study_app.session", "import analysis"),
@@ -265,7 +272,10 @@ def test_a_forbidden_import_is_caught(module, source):
         ("pipeline.warp.gpu", "from pipeline.frame import Frame\nimport numpy"),
         ("pipeline.warp.gpu", "from ..gl import context"),
         ("stimuli.build", "import protocols.manifest, pipeline.quality"),
-        ("study_app.draw", "from pipeline.gl.texture import upload\nfrom pipeline import gl"),
+        (
+            "study_app.desktop.draw",
+            "from pipeline.gl.texture import upload\nfrom pipeline import gl",
+        ),
         ("study_app.cli.demo", "from stimuli import exr\nimport analysis, study_app.trial"),
         ("study_app.cli", "from study_app.cli.lazy import Slot"),
         ("analysis.tidy", "from protocols import journal"),

@@ -16,7 +16,7 @@ from pipeline.methods.registry import METHODS
 from stimuli.choice import Choice
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
 from stimuli.one_frame import warp_and_fill
-from stimuli.warp_steps import metameric_steps
+from stimuli.single.warp_steps import metameric_steps
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64

@@ -15,9 +15,9 @@ from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
 from analysis.export.export_content import ExportedStudy, generated_by, label, write_json
 from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source, scrub, system
+from protocols.disk.hashing import Json, sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import Json, sha256_json
 from protocols.journal import SessionStart
 from protocols.outside import markdown, page_bytes
 

@@ -13,12 +13,12 @@ from analysis.export.bids_tables import NOTHING
 from analysis.export.export_content import ExportedStudy, write_json
 from analysis.export.exported_people import Person, Run
 from analysis.export.public import gaze_source
+from protocols.disk.hashing import Json, sha256_bytes
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
-from protocols.hashing import Json, sha256_bytes
 from protocols.journal import Attempt, Calibration, GazeInfo, SessionResume, SessionStart, SideFile
 from protocols.limits import check_cells
 from protocols.outside import lines_of
-from protocols.read_file import read_bytes
 
 _COLUMNS = ("timestamp", "x_coordinate", "y_coordinate")
 HEADER = ["t_s", "raw_t", "x_px", "y_px"]

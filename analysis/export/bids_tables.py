@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from protocols.columns import Column
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
 from protocols.outside import page_bytes
 
 NOTHING = "n/a"

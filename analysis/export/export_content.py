@@ -10,11 +10,11 @@ from analysis.export.exported_people import Person
 from analysis.export.public import scrub
 from analysis.journals import Progress
 from analysis.tidy import TidyTables
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
 from protocols.outside import json_bytes, markdown
 from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 
 @dataclass(frozen=True)

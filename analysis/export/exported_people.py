@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from analysis.journals import JournalReading, StudyReadings
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
 from protocols.journal import (
     AnyEvent,
     Attempt,
@@ -11,7 +11,7 @@ from protocols.journal import (
     SessionResume,
     SessionStart,
 )
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from analysis.export.exported_people import drawn
 from analysis.journals import JournalReading, StudyReadings
 from analysis.tidy import TidyTables
 from protocols.counterbalancing import arrival_shows
+from protocols.disk.hashing import sha256_bytes
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
 from protocols.journal import (
     AnyEvent,
     Attempt,
@@ -28,7 +28,7 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.units import Condition
 
 BETWEEN_S = 1.0

@@ -16,7 +16,7 @@ from analysis.data_dictionary import (
 from analysis.export.export_content import ExportedStudy, label, write_json
 from analysis.tables.write_table import write_table
 from protocols.columns import IDENTITY_COLUMNS, Column
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
 from protocols.outside import page_bytes
 
 _ROW = Column("row_id", "text", "", "Names this row; each occurs once in this file")

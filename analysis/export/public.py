@@ -17,7 +17,7 @@ from analysis.tidy import TidyTables
 from protocols.chance import Chance
 from protocols.errors import StudyError
 from protocols.journal import Attempt
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 OTHER = "other"
 """Stands for a word that only its lab knows."""

@@ -22,9 +22,9 @@ from analysis.export.public import public_readings, public_tables, refuse_privat
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.tidy import tidy_tables
+from protocols.disk.result_folder import check_result, whole_folder
 from protocols.errors import StudyError
-from protocols.result_folder import check_result, whole_folder
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 _WRITERS: dict[Format, Callable[[ExportedStudy, Path], tuple[str, ...]]] = {
     "bids": write_bids,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis.models.clustered import holm, least_p
-from analysis.models.paired_counts import Floats, Model, fit_scores, pair_index
+from analysis.models.paired.paired_counts import Floats, Model, fit_scores, pair_index
 from protocols.prose import count_of
 
 FEW_CLUSTERS = 5

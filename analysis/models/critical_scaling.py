@@ -12,9 +12,9 @@ from scipy.special import expit, log_expit, logsumexp
 
 from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
+from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.numeric import numeric_hessian
-from analysis.models.response import RATE_PRIOR
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]

@@ -12,24 +12,24 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.models.contrasts import Effect, between_df
-from analysis.models.deviations import Deviation
-from analysis.models.formula import aliased, group_codes, matrices, well_scaled
-from analysis.models.glmm import (
+from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
+from analysis.models.mixed.deviations import Deviation
+from analysis.models.mixed.formula import aliased, group_codes, matrices, well_scaled
+from analysis.models.mixed.glmm import (
     SINGULAR_SD,
     CrossedFit,
     crossed_deviations,
     fit_crossed,
     reduced_ratio,
 )
-from analysis.models.logit import (
+from analysis.models.mixed.logit import (
     cluster_covariance,
     fit_logit,
     likelihood_ratio_p,
     profile_limits,
     separated,
 )
-from analysis.models.parametric_bootstrap import Draws
-from analysis.models.response import LOGIT, PROBIT, ResponseFunction
+from analysis.models.mixed.parametric_bootstrap import Draws
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10

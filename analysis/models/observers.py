@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.models.paired_counts import (
+from analysis.models.paired.paired_counts import (
     JOD_SIGMA,
     Floats,
     Model,

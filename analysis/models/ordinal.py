@@ -25,10 +25,10 @@ from analysis.models.contrasts import (
     wald,
     with_holm,
 )
-from analysis.models.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
-from analysis.models.marginal_means import NO_MARGINS, Asked, Margins, margins
+from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
+from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
+from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.models.numeric import numeric_hessian
-from analysis.models.parametric_bootstrap import Draws
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]

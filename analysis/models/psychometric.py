@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.models.response import Link
+from analysis.models.curves.response import Link
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.paired_counts import (
+from analysis.models.paired.paired_counts import (
     PSEUDO_VOTES,
     Floats,
     Model,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.models.bayes_factor import t_bayes_factor
-from protocols.sequential import Sequential, SequentialRule
+from protocols.study_file.sequential import Sequential, SequentialRule
 
 Floats = NDArray[np.float64]
 

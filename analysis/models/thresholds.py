@@ -11,11 +11,11 @@ from scipy.special import logit
 
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
-from analysis.models.glmm import fit_crossed
-from analysis.models.population import Population, Threshold, span
+from analysis.models.curves.population import Population, Threshold, span
+from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
+from analysis.models.curves.response import ResponseFunction, axis_of
+from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.psychometric import LINKS, SKEWED
-from analysis.models.quadrature import STARTS, PeopleFit, fit_people
-from analysis.models.response import ResponseFunction, axis_of
 from protocols.adaptive.answer_history import Shape
 from protocols.prose import count_of
 

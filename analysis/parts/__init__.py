@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.answers import SimulatedAnswers
-from analysis.models.parametric_bootstrap import Draws
+from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.seed import SEED
 from protocols.blocks import Block, Section
 from protocols.errors import StudyError

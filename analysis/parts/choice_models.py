@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models.bradley_terry_mixed import PairedModel, paired_model
 from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
+from analysis.models.paired.bradley_terry_mixed import PairedModel, paired_model
 from analysis.models.preference import Preference
 from analysis.parts import Part, Shown, tried
 from analysis.parts.preferences import PreferenceResults

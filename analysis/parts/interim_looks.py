@@ -13,7 +13,7 @@ from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Sh
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
 from protocols.blocks import Block, Box, FigurePlace, Paragraph, TableBlock
-from protocols.sequential import Sequential
+from protocols.study_file.sequential import Sequential
 
 LEAST = 1e-9
 """Of a bound: limits that leave out less than that are all that can be."""

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.compared_methods import as_numbers
-from analysis.models.joint_tests import JointTest, JointTests, joint_tests
+from analysis.models.paired.joint_tests import JointTest, JointTests, joint_tests
 from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan

@@ -15,7 +15,7 @@ from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
-from analysis.models.population import Threshold
+from analysis.models.curves.population import Threshold
 from analysis.models.psychometric import Psychometric, fit_psychometric
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.parts import Estimate, PartFigure, PartResults, Shown, SimplePart, Tests, tried

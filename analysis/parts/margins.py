@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data_dictionary import frame_of
-from analysis.models.marginal_means import Margin, Margins
+from analysis.models.mixed.marginal_means import Margin, Margins
 from analysis.parts import AnalysisPlan
 from analysis.parts.shared import TableColumn
 from analysis.report.wording import (

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.models.deviations import MOST_PROFILED, Deviation
+from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Shown
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.wording import level_text, number_range, placed, share

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
-from analysis.models.marginal_means import NO_MARGINS, Margins, margins
+from analysis.models.mixed.marginal_means import NO_MARGINS, Margins, margins
 from analysis.parts import Shown, SimplePart
 from analysis.parts.margins import (
     contrast_sentences,

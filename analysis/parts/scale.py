@@ -22,7 +22,7 @@ from analysis.models.consistency import (
     transitivity,
 )
 from analysis.models.observers import ObserverCheck, check_observers
-from analysis.models.order_effect import OrderEffect, order_effect
+from analysis.models.paired.order_effect import OrderEffect, order_effect
 from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Shown, SimplePart, tried
 from analysis.plans.preference_plan import PreferencePlan

@@ -13,8 +13,8 @@ from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
+from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
-from analysis.models.reaction_model import TimeRatio
 from analysis.models.right_answers import Rate
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.report.wording import (

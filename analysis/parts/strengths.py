@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers
-from analysis.models.paired_counts import Model
+from analysis.models.paired.paired_counts import Model
 from analysis.models.scaling import Scale, scale
 from analysis.parts import Part, PartFigure, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor

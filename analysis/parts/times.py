@@ -13,8 +13,8 @@ from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
+from analysis.models.mixed.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
-from analysis.models.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.margins import (
     contrast_sentences,

@@ -11,7 +11,7 @@ from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import PreferenceTableSettings
 from protocols.errors import StudyError
 from protocols.recipes.warped_clips import WarpedClips
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.suggest import did_you_mean
 from protocols.tasks.base import Cell
 from protocols.tasks.pairs import PairTask, PreferenceAnalysis, Preferences

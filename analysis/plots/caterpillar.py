@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from matplotlib.figure import Figure
 from scipy import stats
 
-from analysis.models.deviations import EffectLevel
+from analysis.models.mixed.deviations import EffectLevel
 from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
 
 LEAST_SPAN = 0.02

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.models.goodness_of_fit import Misfit
+from analysis.models.curves.goodness_of_fit import Misfit
 from analysis.models.trends import Course
 from analysis.plots.style import (
     DASHES,

@@ -15,8 +15,8 @@ from analysis.report.report_source import ReportSource
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
 from protocols.blocks import Block, Paragraph, Section
+from protocols.disk.hashing import Json
 from protocols.errors import StudyError
-from protocols.hashing import Json
 from protocols.prose import count_of
 from protocols.revision import package_version
 

@@ -12,7 +12,7 @@ from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import TidyTables
 from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, TableBlock
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
 from protocols.html_page import Figure, html_page
 
 

@@ -14,10 +14,10 @@ from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis
 from analysis.tasks.note import note_path, options_from, read_note
 from analysis.tidy import TidyTables, read_sessions
+from protocols.disk.hashing import Json, sha256_file
 from protocols.errors import StudyError
-from protocols.hashing import Json, sha256_file
 from protocols.latency import LatencySummary
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 Progress = Callable[[str, int, int], None]

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import pandas as pd
 
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
 
 
 @runtime_checkable

@@ -28,14 +28,14 @@ from analysis.report.values import as_json, rows_as_json
 from analysis.tables.write_table import write_table
 from analysis.tidy import write_tables
 from protocols.blocks import Paragraph
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
+from protocols.disk.result_folder import check_result, whole_folder
 from protocols.html_page import Figure
 from protocols.latency import LatencySummary
 from protocols.outside import inline_svg, json_bytes, page_bytes
-from protocols.result_folder import check_result, whole_folder
 from protocols.results import FORMAT, NAME
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 HTML_NAME = "report.html"
 _WIDTHS = {"narrow": (ONE_COLUMN_IN, "1-column"), "wide": (TWO_COLUMNS_IN, "2-column")}

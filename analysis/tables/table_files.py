@@ -15,10 +15,10 @@ from pathlib import Path
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.xlsx import ENDING, read_xlsx
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell
-from protocols.read_file import read_bytes
 
 TABLES = (".csv", ".tsv", ENDING)
 """Tables that a folder may hold."""

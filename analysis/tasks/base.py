@@ -17,7 +17,7 @@ from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns
 from protocols.columns import Column
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 S = TypeVar("S", bound=AnalysisPlan)

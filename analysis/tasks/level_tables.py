@@ -7,11 +7,11 @@ import pandas as pd
 
 from analysis.guessing import curve_mistake
 from analysis.parts import AnyPart
-from analysis.parts.goodness import GoodnessPart
+from analysis.parts.curves.goodness import GoodnessPart
+from analysis.parts.curves.own_curves import OwnCurvesPart
+from analysis.parts.curves.slopes import SlopesPart
+from analysis.parts.curves.stated import StatedPart
 from analysis.parts.levels import CurvesPart, ThresholdsPart
-from analysis.parts.own_curves import OwnCurvesPart
-from analysis.parts.slopes import SlopesPart
-from analysis.parts.stated import StatedPart
 from analysis.plans.rate_plan import CurvePlan, RatePlan, common_settings_of_table
 from analysis.plans.table_settings import CurveTableSettings
 from analysis.tables.table import Source, opened

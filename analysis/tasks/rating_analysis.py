@@ -18,7 +18,7 @@ from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions
 from analysis.tasks.base import TaskAnalysis
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 

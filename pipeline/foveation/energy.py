@@ -40,8 +40,8 @@ from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
 from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
+from protocols.disk.whole_file import whole_file
 from protocols.outside import reading
-from protocols.whole_file import whole_file
 
 Tensor = Any  # torch may be absent
 Progress = Callable[[int, int, float], None]

@@ -4,7 +4,7 @@ After ASAP (Mikhailiuk, Wilmot, Perez-Ortiz, Yue and Mantiuk 2020, "Active sampl
 comparisons via approximate message passing and information gain maximization", ICPR). As there:
 
 - **Model.** Thurstone's Case V. Scores q are in JOD: one JOD of difference means 75 % of the
-  answers, as in `analysis.models.paired_counts`. So i is chosen over j with probability
+  answers, as in `analysis.models.paired.paired_counts`. So i is chosen over j with probability
   Phi((q_i - q_j) / 1.483). Beforehand each score is normal around 0.
 - **Gain of a pair.** How far the posterior is expected to move, as the Kullback-Leibler divergence
   from the present one, averaged over both answers.

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 from protocols.blocks import Block
+from protocols.disk.hashing import Json
 from protocols.display import Display
 from protocols.errors import Problem
-from protocols.hashing import Json
 from protocols.units import Condition, ExtendedModel, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"

@@ -14,9 +14,9 @@ from pydantic import Field, model_validator
 
 from protocols.blocks import Block
 from protocols.chance import Chance
+from protocols.disk.hashing import Json
 from protocols.display import Display
 from protocols.errors import Problem
-from protocols.hashing import Json
 from protocols.prose import count_of
 from protocols.recipes.base import Change, Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (

@@ -16,9 +16,9 @@ from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 from pydantic import Field, StringConstraints, model_validator
 
 from protocols.blocks import Block, TableBlock
+from protocols.disk.hashing import Json
 from protocols.display import Display
 from protocols.errors import Problem
-from protocols.hashing import Json
 from protocols.prose import labelled, shortest
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (

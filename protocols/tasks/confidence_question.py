@@ -10,9 +10,9 @@ from pydantic import Field
 from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.journal import Attempt
-from protocols.participant_texts import unknown_placeholders
 from protocols.phases import Phase, Question, QuestionText
-from protocols.session_schema import Keys, Response, TextSection
+from protocols.study_file.participant_texts import unknown_placeholders
+from protocols.study_file.session_schema import Keys, Response, TextSection
 from protocols.units import LanguageCode, Model, Text
 
 CONFIDENCE = "confidence"

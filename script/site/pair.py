@@ -10,7 +10,7 @@ from pictures import DOCS
 from PIL import Image
 
 from pipeline.gl.context import lent_context
-from stimuli.render import WorldRenderer
+from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
 
 WIDTH_PX, HEIGHT_PX = 370, 250

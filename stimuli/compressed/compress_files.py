@@ -19,16 +19,16 @@ from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.picture_limits import check_need
 from pipeline.video_file import is_video
-from protocols.whole_file import write_whole
+from protocols.disk.whole_file import write_whole
 from stimuli import pictures
 from stimuli.compressed.compression_steps import write_steps
 from stimuli.compressed.rivals import InfeasibleRival, measured, rivals, sheet_of
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
-from stimuli.frames_folder import frames_folder, frames_in
+from stimuli.media.frames_folder import frames_folder, frames_in
+from stimuli.media.video import check_video, folder_of_frames, write_video
 from stimuli.reporter import SILENT, Reporter
-from stimuli.video import check_video, folder_of_frames, write_video
 
 ENDING = ".metamer"
 

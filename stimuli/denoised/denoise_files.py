@@ -24,7 +24,7 @@ from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, SceneView,
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
-from stimuli.frames_folder import frames_folder, frames_in
+from stimuli.media.frames_folder import frames_folder, frames_in
 from stimuli.reporter import SILENT, Reporter
 from stimuli.scenes.builtin_scenes import build_scene
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.camera import Camera
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import MissingExtraError
-from stimuli.world import Light, MeshPart, World
+from stimuli.rendering.world import Light, MeshPart, World
 
 INSTALL = (
     "install it with: pip install 'metamerlab[denoise]' (in a checkout: script/setup --denoise)"

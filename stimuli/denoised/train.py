@@ -30,9 +30,9 @@ from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import Pooling
+from protocols.disk.whole_file import write_whole
 from protocols.limits import check_within
 from protocols.outside import check_zip, reading
-from protocols.whole_file import write_whole
 from stimuli.denoised.path_traced import need
 from stimuli.denoised.training_pictures import (
     MOST_VIEWS,

@@ -19,11 +19,11 @@ from pipeline.camera import Camera
 from pipeline.denoising.samples import Sampling, composed
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, FlatGeometry
+from protocols.disk.whole_file import write_whole
 from protocols.outside import reading
-from protocols.whole_file import write_whole
 from stimuli.denoised.path_traced import PathTracer
+from stimuli.rendering.world import Viewpoint, World
 from stimuli.scenes.builtin_scenes import build_scene, scene_entry
-from stimuli.world import Viewpoint, World
 
 WIDTH_DEG = 40.0
 """Of all pictures, on the eye."""

@@ -28,9 +28,9 @@ from pipeline.image_file import (
     read_pixels,
     stated_size_px,
 )
-from stimuli.channels import alpha_of, colour_layer, need
 from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
-from stimuli.exr_parts import read_parts
+from stimuli.media.channels import alpha_of, colour_layer, need
+from stimuli.media.exr_parts import read_parts
 
 EXPOSED_SHARE = 0.99
 _GREY = ("Y", "L", "I")

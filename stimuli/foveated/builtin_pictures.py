@@ -19,9 +19,9 @@ from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.view import turn
-from stimuli.render import WorldRenderer
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.world import look_at_pose
 from stimuli.scenes.builtin_scenes import SCENES, build_scene, scene_names
-from stimuli.world import look_at_pose
 
 NOTICES = "notices"
 SEED = 1

@@ -8,7 +8,7 @@ from pathlib import Path
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.plugins import based_on, registered
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from stimuli.recipes.base import Builder
 
 BUILDERS: dict[str, str | type[Builder]] = registered(

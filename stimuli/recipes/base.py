@@ -9,7 +9,7 @@ from typing import Any
 
 from protocols.display import Display
 from protocols.errors import Problem
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from stimuli.batch_folder import BuildOutcome, Report
 from stimuli.estimate import BuildEstimate
 

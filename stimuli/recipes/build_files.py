@@ -12,8 +12,8 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
-from protocols.schema import StudyProtocol
-from stimuli.png import encode_bytes
+from protocols.study_file.schema import StudyProtocol
+from stimuli.media.png import encode_bytes
 from stimuli.read_stimulus import StimulusHeader, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import BuildEstimate
 from stimuli.recipes.single_stimuli import RESERVED, SingleStimulusBuilder
@@ -23,7 +23,7 @@ from stimuli.worker import RendererInfo
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
 """Number of files with a wrong header that are named one by one."""
-_SOURCES = ("stimuli.read_stimulus", "stimuli.png")
+_SOURCES = ("stimuli.read_stimulus", "stimuli.media.png")
 
 
 class FileBuilder(SingleStimulusBuilder[FileEntry]):

@@ -23,9 +23,9 @@ from pipeline.foveation.conditions import check_condition_name, check_live, crea
 from pipeline.foveation.drawn import ring_pixels
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.image_file import stated_size_px
+from protocols.disk.hashing import Json
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
-from protocols.hashing import Json
 from protocols.manifest import Clip, cache_key
 from protocols.recipes.foveated_images import (
     BUILTIN,
@@ -34,7 +34,7 @@ from protocols.recipes.foveated_images import (
     Rings,
     ShownMethod,
 )
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from stimuli.executors import dask_cluster, local_processes
 from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.read_stimulus import file_sha256

@@ -26,6 +26,7 @@ from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.view import flat_view
 from pipeline.gl.context import release_context
+from protocols.disk.whole_file import remove
 from protocols.recipes.foveated_images import (
     BUILTIN,
     REFERENCE,
@@ -35,11 +36,10 @@ from protocols.recipes.foveated_images import (
     ScenePicture,
     ShownMethod,
 )
-from protocols.whole_file import remove
 from stimuli.foveated.any_picture import read_any
 from stimuli.foveated.builtin_pictures import builtin_picture
 from stimuli.foveated.gaze_and_display import read_gaze
-from stimuli.png import encode_frame
+from stimuli.media.png import encode_frame
 from stimuli.worker import GpuThread, RendererInfo, context_or_numpy
 
 Colour = NDArray[np.float32]

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 from pipeline.errors import InputError
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.locks import only_build
+from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
-from protocols.locks import only_build
 from protocols.manifest import Clip
 from protocols.recipes.base import Recipe
 from protocols.units import Scalar
-from protocols.whole_file import write_whole
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores

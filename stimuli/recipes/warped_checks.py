@@ -18,8 +18,8 @@ from pipeline.methods.registry import create_method
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import ClipName, ExrScene, MeshScene, StereoScene
 from stimuli.build_plan import BuildPlan
-from stimuli.exr_parts import frame_files
-from stimuli.open_scene import open_world
+from stimuli.media.exr_parts import frame_files
+from stimuli.rendering.open_scene import open_world
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import is_built_in, read_pair
 from stimuli.scenes.sequence import too_small

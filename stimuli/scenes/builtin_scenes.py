@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from pipeline.errors import InputError
-from stimuli.world import World
+from stimuli.rendering.world import World
 
 
 @dataclass(frozen=True)

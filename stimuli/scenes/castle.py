@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 GREY = [(148, 140, 126), (166, 156, 138), (132, 126, 116), (178, 168, 148)]
 

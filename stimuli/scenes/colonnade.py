@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 PALE = [(196, 182, 154), (208, 196, 170), (184, 170, 146), (200, 190, 168)]
 OCHRE = [(182, 150, 108), (198, 166, 122), (170, 140, 104), (188, 160, 124)]

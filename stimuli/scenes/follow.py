@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import SourceFrame
-from stimuli.channels import Motion
+from stimuli.media.channels import Motion
 
 DEPTH_TOLERANCE = 0.1
 """Largest difference of a surface from frame to frame, as a share of its nearness."""

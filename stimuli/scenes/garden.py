@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 RED_BRICK = [(128, 70, 52), (150, 84, 60), (164, 102, 74), (138, 78, 64)]
 

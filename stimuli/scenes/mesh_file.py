@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from protocols.limits import LIMITS_VARIABLE, limit
 from protocols.outside import reading
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Vector, Viewpoint, World
 from stimuli.scenes.gltf import Document
 from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
 from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
 from stimuli.scenes.mesh_surface import Shape, laid_uv, material_of, with_alpha
 from stimuli.scenes.wavefront import read_obj
-from stimuli.world import Light, Material, Mesh, MeshPart, Vector, Viewpoint, World
 
 SUN = Light(
     sun_direction=(-0.65, 0.7, 0.35),

@@ -14,8 +14,8 @@ from scipy import ndimage
 
 from pipeline.errors import InputError
 from pipeline.picture_limits import check_values
+from stimuli.rendering.world import Material
 from stimuli.scenes.mesh_features import Notes
-from stimuli.world import Material
 
 Pixels = NDArray[np.uint8]
 Wrap = Literal["repeat", "clamp", "mirror"]

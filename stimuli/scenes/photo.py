@@ -21,9 +21,9 @@ from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_file_siz
 from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
 from stimuli.exr import load_colour
-from stimuli.paths import STILL, Pose
-from stimuli.plane_file import DepthIs, Unknown, along_axis, read_depth
-from stimuli.scenery import Scenery, near_depth_m
+from stimuli.media.plane_file import DepthIs, Unknown, along_axis, read_depth
+from stimuli.rendering.paths import STILL, Pose
+from stimuli.rendering.scenery import Scenery, near_depth_m
 from stimuli.scenes.stereo import (
     ASSUMED_FIELD_OF_VIEW,
     BUILT_IN,
@@ -213,13 +213,13 @@ def load_depth(
 ) -> NDArray[np.float32]:
     """Read depth in metres along the optical axis, shape (H, W).
 
-    `stimuli.plane_file` says which numbers stand for "unknown": such a pixel takes the depth of the
-    farther neighbour in the row.
+    `stimuli.media.plane_file` says which numbers stand for "unknown": such a pixel takes the depth
+    of the farther neighbour in the row.
 
     Parameters
     ----------
     path : Path
-        What `stimuli.plane_file.load_plane` reads.
+        What `stimuli.media.plane_file.load_plane` reads.
     scale : float
         Metres per unit; for ``"inverse"``, what 1 stands for.
     is_a : {"distance", "inverse", "ray"}

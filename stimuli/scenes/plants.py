@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stimuli.rendering.world import Material, Mesh, MeshPart
 from stimuli.scenes import shapes, textures
-from stimuli.world import Material, Mesh, MeshPart
 
 BRANCHES = 9
 

@@ -1,4 +1,4 @@
-"""OpenEXR pictures and sequences with depth and motion: `stimuli.channels` names the channels."""
+"""OpenEXR pictures and sequences with depth and motion; `media.channels` names the channels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pipeline.errors import InputError
 from pipeline.frame import NO_DEPTH, SourceFrame, WarpedFrame, check_depth, check_flow
 from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
-from stimuli.channels import (
+from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfer
+from stimuli.media.channels import (
     Layer,
     Motion,
     Planes,
@@ -24,11 +25,10 @@ from stimuli.channels import (
     need,
     need_motion,
 )
-from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfer
-from stimuli.exr_parts import frame_files, read_parts
-from stimuli.paths import Pose
-from stimuli.plane_file import along_axis
-from stimuli.scenery import Scenery, near_depth_m
+from stimuli.media.exr_parts import frame_files, read_parts
+from stimuli.media.plane_file import along_axis
+from stimuli.rendering.paths import Pose
+from stimuli.rendering.scenery import Scenery, near_depth_m
 from stimuli.scenes.follow import followed
 from stimuli.scenes.photo import PhotoScenery, centred
 

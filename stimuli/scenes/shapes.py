@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stimuli.world import Mesh
+from stimuli.rendering.world import Mesh
 
 WHOLE_TEXTURE = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
 """Places in its texture of the corners of a sheet of two rows and two columns."""

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 FIELD_STONE = [(128, 120, 108), (150, 140, 124), (110, 104, 96), (162, 152, 134)]
 

@@ -19,7 +19,7 @@ from pipeline.frame import SourceFrame, check_colour, check_file_size, check_sam
 from pipeline.warp.settings import WarpSettings
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
 from stimuli.exr import WarpInput, load_colour
-from stimuli.plane_file import Unknown, read_disparity
+from stimuli.media.plane_file import Unknown, read_disparity
 
 BUILT_IN: Final = ("motorcycle",)
 
@@ -153,7 +153,7 @@ def load_pair(
         Colour images.
     disparity : Path
         An image of one channel (PNG, PGM, PFM, OpenEXR) or a numpy file (``.npy``, or
-        ``.npz`` with one array). `stimuli.plane_file` says which numbers stand for "unknown";
+        ``.npz`` with one array). `stimuli.media.plane_file` says which numbers stand for "unknown";
         these pixels are set as `fill_unknown` says.
     units_per_px : float
         What the file stores for a disparity of one pixel: 4 where it holds quarters of a

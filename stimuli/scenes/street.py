@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 HALF_ROAD_M, HALF_STREET_M = 2.7, 5.4
 AHEAD_M, BEHIND_M = -27.0, 15.0  # z of the facades that close the street

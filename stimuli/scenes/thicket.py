@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 
 def build(rng: np.random.Generator) -> World:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 from stimuli.scenes import plants, shapes, textures
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 SOOTY = [(104, 66, 52), (124, 78, 58), (92, 62, 54), (136, 90, 68)]
 HALF_M = 2.3

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.hashing import Json, sha256_file, sha256_json
-from protocols.whole_file import write_whole
+from protocols.disk.hashing import Json, sha256_file, sha256_json
+from protocols.disk.whole_file import write_whole
 from stimuli.score.available import family_versions
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import Family

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.image_file import check_fits
 from stimuli.exr import load_colour
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.score.metrics import HOLES
 
 Image = NDArray[np.float32]

@@ -19,10 +19,10 @@ from protocols.blocks import (
     Section,
 )
 from protocols.blocks import TableBlock as Rows
+from protocols.disk.whole_file import write_whole
 from protocols.html_page import Figure, html_page
 from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
-from protocols.whole_file import write_whole
 from stimuli.score import plots
 from stimuli.score.available import versions
 from stimuli.score.measure_clips import ScoreResults

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from protocols.disk.hashing import Json
 from protocols.errors import StudyError
-from protocols.hashing import Json
 from protocols.limits import check_cells
 from protocols.load import load_display
 from protocols.outside import bounded_bytes, reading

@@ -10,11 +10,11 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from protocols.hashing import Json
+from protocols.disk.hashing import Json
+from protocols.disk.result_folder import check_result
+from protocols.disk.whole_file import write_whole
 from protocols.outside import page_bytes, safe_cell
-from protocols.result_folder import check_result
 from protocols.revision import code_revision, package_version
-from protocols.whole_file import write_whole
 from stimuli.score.available import versions
 from stimuli.score.measure_clips import ScoreResults
 

@@ -20,7 +20,7 @@ from pipeline.textures.bake import BakedTexture, bake, strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
-from protocols.whole_file import whole_file
+from protocols.disk.whole_file import whole_file
 from stimuli import pictures
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.foveated.moving import save_moving

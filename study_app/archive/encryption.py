@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.errors import StudyError
 from protocols.limits import limit
-from protocols.read_file import decode_utf8, read_bytes
 
 MAGIC = b"age-encryption.org/v1\n"
 _BY_PASSPHRASE = MAGIC + b"-> scrypt "

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from protocols.hashing import Json, canonical_json, sha256_bytes
+from protocols.disk.hashing import Json, canonical_json, sha256_bytes
 from protocols.units import Model, Name, Sha256
 
 INDEX_NAME = "archive.json"

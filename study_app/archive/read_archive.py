@@ -15,15 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path, PosixPath, PurePosixPath
 from typing import IO, Any, ClassVar
 
+from protocols.disk.hashing import sha256_file
+from protocols.disk.read_file import read_bytes
+from protocols.disk.result_folder import check_result, whole_folder
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.journal_file import find_journals, read_journal
 from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.load import SECRET_SUFFIX, load_protocol, open_new
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import check_zip, reading
-from protocols.read_file import read_bytes
-from protocols.result_folder import check_result, whole_folder
 from study_app.archive.encryption import is_sealed, unseal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.session_folders import SessionFolder

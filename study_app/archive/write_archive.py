@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
+from protocols.disk.hashing import sha256_bytes
+from protocols.disk.left_behind import clear_files
+from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import move, remove
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes
 from protocols.journal import SessionResume, SessionStart
-from protocols.left_behind import clear_files
 from protocols.load import SECRET_SUFFIX, load_protocol, shipped
 from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
-from protocols.read_file import read_bytes
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
-from protocols.whole_file import move, remove
+from protocols.study_file.schema import StudyProtocol
 from study_app.archive.encryption import seal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
 from study_app.archive.read_archive import ArchiveFindings, check

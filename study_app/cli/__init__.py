@@ -28,20 +28,50 @@ __all__ = ["SLOTS", "app", "main", "user_errors"]
 SLOTS = (
     # name, help (the first line of `metamerlab --help`), import path
     CommandSlot(
-        "doctor", "Check that this machine is fit for the job.", "study_app.cli.doctor:doctor"
+        "doctor",
+        "Check that this machine is fit for the job.",
+        "study_app.cli.doctor:doctor",
     ),
     CommandSlot(
-        "demo", "Run the whole chain as a demonstration.", "study_app.cli.demo.command:demo"
+        "demo",
+        "Run the whole chain as a demonstration.",
+        "study_app.cli.demo.command:demo",
     ),
-    CommandSlot("warp", "Warp one picture and fill its holes.", "study_app.cli.warp:warp"),
     CommandSlot(
-        "foveate", "Make metamers of a picture for one gaze.", "study_app.cli.foveate:foveate"
+        "warp",
+        "Warp one picture and fill its holes.",
+        "study_app.cli.pictures.warp:warp",
     ),
-    CommandSlot("live", "Show a picture that follows the gaze.", "study_app.cli.live:live"),
-    CommandSlot("compress", "Compress a picture for a gaze.", "study_app.cli.compress:compress"),
-    CommandSlot("decompress", "Restore a compressed picture.", "study_app.cli.compress:decompress"),
-    CommandSlot("texture", "Bake textures into statistics.", "study_app.cli.texture_commands:app"),
-    CommandSlot("denoise", "Make metamers of noisy renders.", "study_app.cli.denoise_commands:app"),
+    CommandSlot(
+        "foveate",
+        "Make metamers of a picture for one gaze.",
+        "study_app.cli.pictures.foveate:foveate",
+    ),
+    CommandSlot(
+        "live",
+        "Show a picture that follows the gaze.",
+        "study_app.cli.pictures.live:live",
+    ),
+    CommandSlot(
+        "compress",
+        "Compress a picture for a gaze.",
+        "study_app.cli.pictures.compress:compress",
+    ),
+    CommandSlot(
+        "decompress",
+        "Restore a compressed picture.",
+        "study_app.cli.pictures.compress:decompress",
+    ),
+    CommandSlot(
+        "texture",
+        "Bake textures into statistics.",
+        "study_app.cli.pictures.texture_commands:app",
+    ),
+    CommandSlot(
+        "denoise",
+        "Make metamers of noisy renders.",
+        "study_app.cli.pictures.denoise_commands:app",
+    ),
     CommandSlot(
         "new-study",
         "Make a folder to start a study from.",
@@ -49,15 +79,29 @@ SLOTS = (
         "FileListCommand",
     ),
     CommandSlot(
-        "protocol", "Write, check and plan a study.", "study_app.cli.protocol_commands:app"
+        "protocol",
+        "Write, check and plan a study.",
+        "study_app.cli.protocol_commands:app",
     ),
     CommandSlot(
-        "stimuli", "Build and check a study's clips.", "study_app.cli.stimuli_commands:app"
+        "stimuli",
+        "Build and check a study's clips.",
+        "study_app.cli.stimuli_commands:app",
     ),
-    CommandSlot("figure", "Draw a paper's opening figure.", "study_app.cli.figure_command:figure"),
-    CommandSlot("session", "Run sessions with participants.", "study_app.cli.session_commands:app"),
     CommandSlot(
-        "analysis", "Statistics, plots and the report.", "study_app.cli.analysis_commands:app"
+        "figure",
+        "Draw a paper's opening figure.",
+        "study_app.cli.pictures.figure_command:figure",
+    ),
+    CommandSlot(
+        "session",
+        "Run sessions with participants.",
+        "study_app.cli.sessions.session_commands:app",
+    ),
+    CommandSlot(
+        "analysis",
+        "Statistics, plots and the report.",
+        "study_app.cli.analysis_commands:app",
     ),
 )
 

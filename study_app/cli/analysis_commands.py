@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.report.report_source import Progress
     from analysis.report.write_report import ReportPaths
     from analysis.tables.counts import Counted
-    from protocols.schema import StudyProtocol
+    from protocols.study_file.schema import StudyProtocol
 
 app = CommandGroup(
     help="""Statistics, plots and the report, from the journals of a study.
@@ -167,8 +167,8 @@ def tidy(
     from analysis.tasks import analysis_of
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
+    from protocols.disk.result_folder import whole_folder
     from protocols.load import load_protocol
-    from protocols.result_folder import whole_folder
 
     study = load_protocol(protocol)
     with (
@@ -284,8 +284,8 @@ def power(
     from analysis.power import power as simulated_power
     from analysis.report.values import as_json
     from analysis.tasks import analysis_of
+    from protocols.disk.result_folder import check_result, whole_folder
     from protocols.load import load_protocol
-    from protocols.result_folder import check_result, whole_folder
 
     pilot = assumed.pilot
     reads = () if pilot is None else [pilot]
@@ -407,7 +407,7 @@ def import_(
     from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
-    from protocols.result_folder import check_result, whole_folder
+    from protocols.disk.result_folder import check_result, whole_folder
 
     check_result(out, replace=replace, reads=[table])
     analysis = analysis_of_task(task)
@@ -448,7 +448,7 @@ register_sequential(app)
 
 
 def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
-    from protocols.from_numbers import preferences_of
+    from protocols.study_file.from_numbers import preferences_of
 
     missing = [f"--{name}" for name, value in numbers.items() if value is None]
     if missing:

@@ -8,8 +8,8 @@ from pathlib import Path
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.manifest import Manifest
-from protocols.plausible import display_notes
-from protocols.schema import StudyProtocol
+from protocols.study_file.plausible import display_notes
+from protocols.study_file.schema import StudyProtocol
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import Builder
 from study_app.shown_texts import shortcomings

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 from typer.core import TyperCommand
 
+from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display, open_new
-from protocols.new_study import FOLDERS, FOVEATED, PARTS, study_files
-from protocols.own_stimuli import OwnScene, OwnStimuli
-from protocols.result_folder import whole_folder
+from protocols.study_file.new_study import FOLDERS, FOVEATED, PARTS, study_files
+from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 from study_app.cli.assumed import pairs as pairs_of
 from study_app.cli.options import one_of, unknown_numbers
@@ -246,7 +246,7 @@ def new_study(
     screen = load_display(display)
     study_files(named, shown, screen, task)  # a mistake is told before anything is copied
     pairs = own.pairs()
-    from stimuli.example_pictures import example_files
+    from stimuli.single.example_pictures import example_files
 
     with whole_folder(folder) as work:
         given = _Given(
@@ -338,7 +338,7 @@ def _each_once(option: str, names: Sequence[str]) -> None:
 
 def _pattern(given: list[str]) -> str:
     """Return a sequence as one name, its number as ``####``; a shell may have written it out."""
-    from stimuli.exr_parts import frame_files
+    from stimuli.media.exr_parts import frame_files
 
     files = [file for name in given for file in _found(name)]
     for folder in filter(Path.is_dir, map(Path, files)):

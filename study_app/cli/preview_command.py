@@ -47,7 +47,7 @@ def preview(
     manifest = None if stimuli is None else read_manifest(stimuli)
     made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
     # Imported here: `stimuli` brings image libraries along.
-    from protocols.whole_file import write_whole
+    from protocols.disk.whole_file import write_whole
 
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from protocols.disk.read_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import write_new
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import (
@@ -19,19 +21,17 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.format_reference import reference_text
+from protocols.formats.format_reference import reference_text
+from protocols.formats.publish import publish, schema_names, schema_text
 from protocols.load import is_display, load_display, load_study, read_toml, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
-from protocols.plausible import display_notes, study_notes
 from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.prose import count_of
-from protocols.publish import publish, schema_names, schema_text
-from protocols.read_file import decode_utf8, read_bytes
 from protocols.revision import code_revision, package_version
-from protocols.schema import StudyProtocol
-from protocols.whole_file import write_new
+from protocols.study_file.plausible import display_notes, study_notes
+from protocols.study_file.schema import StudyProtocol
 from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument
@@ -116,7 +116,7 @@ def check(
     say_notes((*builder.notes(), *(builder.lacking() if stimuli is None else ())))
     say_notes(_not_live_here(study))
     if web:
-        from study_app.cli.web_commands import web_check
+        from study_app.cli.sessions.web_commands import web_check
 
         for line in web_check(study, screen, manifest):
             say(line)

@@ -179,7 +179,7 @@ def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
 def _as_folder(gone: ExitStack, path: Path | None) -> tuple[Path | None, float | None]:
     """Return a video as a folder of its frames, with its rate; all else as it is."""
     from pipeline.video_file import is_video
-    from stimuli.video import unpacked_video
+    from stimuli.media.video import unpacked_video
 
     if path is None or not is_video(path):
         return path, None
@@ -201,8 +201,8 @@ def _views(panorama: bool) -> Iterator[Path | None]:
 
 def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
     """Score `first`; panoramas by way of flat views in the folder `views`."""
+    from protocols.disk.result_folder import whole_folder
     from protocols.manifest import read_manifest
-    from protocols.result_folder import whole_folder
     from stimuli.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
     from stimuli.score.foveated import (

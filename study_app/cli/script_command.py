@@ -11,12 +11,12 @@ from typing import Annotated, assert_never
 import typer
 from rich.table import Table
 
+from protocols.disk.result_folder import whole_folder
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import Plan, make_plan
-from protocols.result_folder import whole_folder
 from protocols.script import (
     Entry,
     Fill,

@@ -58,9 +58,9 @@ def sequential(
     from analysis.report.values import as_json
     from analysis.tables.write_table import write_table
     from analysis.tasks import analysis_of
+    from protocols.disk.result_folder import check_result, whole_folder
     from protocols.load import load_protocol
     from protocols.outside import json_bytes
-    from protocols.result_folder import check_result, whole_folder
 
     if out is not None:
         check_result(out, replace=replace)

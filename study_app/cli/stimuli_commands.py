@@ -236,9 +236,9 @@ def panorama(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.open_scene import viewpoint_of
     from stimuli.pictures import of_colour, save_picture
-    from stimuli.render_panorama import panorama_of
+    from stimuli.rendering.open_scene import viewpoint_of
+    from stimuli.rendering.render_panorama import panorama_of
     from stimuli.scene_views import ScenePreview
 
     if out.suffix.lower() != ".png":

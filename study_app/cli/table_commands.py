@@ -24,7 +24,7 @@ from analysis.plans.table_settings import (
     keys_of,
 )
 from protocols.errors import StudyError
-from protocols.key_docs import key_docs
+from protocols.formats.key_docs import key_docs
 from protocols.tasks.base import Analysis
 from study_app.cli.assumed import pairs
 from study_app.cli.options import ReplaceOption
@@ -320,7 +320,7 @@ def ask(
     from analysis.report.write_report import write_report
     from analysis.tasks import analysis_of
     from analysis.tasks.note import options_from
-    from protocols.result_folder import check_result
+    from protocols.disk.result_folder import check_result
 
     analysis = analysis_of(kind)
     if out is not None:

@@ -99,8 +99,8 @@ def display() -> Answer:
     """Monitors, and whether buffer swaps keep time with one of them."""
     import glfw
 
-    from study_app.monitor import plain_text
-    from study_app.x11 import XServer
+    from study_app.desktop.monitor import plain_text
+    from study_app.desktop.x11 import XServer
 
     warnings.simplefilter("ignore", glfw.GLFWError)
     if not glfw.init():
@@ -128,7 +128,7 @@ def display() -> Answer:
 
 
 def _monitor(glfw: Any, monitor: Any) -> Answer:
-    from study_app.monitor import enlargement, plain_text
+    from study_app.desktop.monitor import enlargement, plain_text
 
     mode = glfw.get_video_mode(monitor)
     width_mm, height_mm = glfw.get_monitor_physical_size(monitor)
@@ -157,7 +157,7 @@ _DISTURBERS = re.compile(
 
 
 def _time_swaps(glfw: Any) -> Answer:
-    from study_app.monitor import plain_text
+    from study_app.desktop.monitor import plain_text
 
     for hint, value in (
         (glfw.CONTEXT_VERSION_MAJOR, 3),

@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable
 
 from protocols.journal import GazeQuality
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.trial import GazeVerdict

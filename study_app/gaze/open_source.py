@@ -10,7 +10,7 @@ from pathlib import Path
 
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 from protocols.suggest import did_you_mean
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import check_rows, unpacked
 from protocols.outside import lines_of, reading
-from protocols.read_file import read_bytes
 
 Eye = Literal["left", "right"]
 Box = tuple[float, float, float, float]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
 
+from protocols.disk.hashing import sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.manifest import Manifest
 from protocols.recipes.base import LiveMethod
 from protocols.script import Live, ScriptPhase, Size, TrialScript

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from pipeline.gl.texture import format_of
+from protocols.disk.hashing import Json, canonical_json, sha256_json
+from protocols.disk.read_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import Json, canonical_json, sha256_json
 from protocols.journal import UtcTime
 from protocols.journal_checksums import due, first_link, sealed_line, stated
 from protocols.latency import EyeState, LatencySummary
 from protocols.limits import check_within
-from protocols.read_file import read_bytes
 from protocols.recipes.base import Change
 from protocols.units import Count, Model, Sha256
 from study_app.gaze.saccades import Saccade

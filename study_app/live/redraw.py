@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from protocols.hashing import sha256_json
+from protocols.disk.hashing import sha256_json
 from study_app.live.log import GRID, FrameReadback, LiveChoice, LiveFlip, ReadLog
 from study_app.live.renderer import GazeState, LiveRenderer
 

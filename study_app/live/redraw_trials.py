@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from pipeline.gl.texture import create_texture
+from protocols.disk.hashing import sha256_json
+from protocols.disk.read_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.journal import Attempt, SessionResume, SessionStart
 from protocols.latency import SaccadeTimes
 from protocols.limits import check_within
 from protocols.manifest import Manifest
 from protocols.outside import reading
-from protocols.read_file import read_bytes
-from protocols.schema import StudyProtocol
 from protocols.script import Live, ScriptPhase, Scripts, TrialScript
-from study_app.draw import Painter
+from protocols.study_file.schema import StudyProtocol
+from study_app.desktop.draw import Painter
+from study_app.desktop.strip import BLOCK_PX, PATCH_PX, patch_place
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S
 from study_app.live.in_trials import described, live_entry
 from study_app.live.log import FrameReadback, Grid
@@ -35,7 +36,6 @@ from study_app.live.redraw import NEAR, RedrawResult, compared, must_show
 from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, Studio
 from study_app.paint import bitmaps_of, paint
 from study_app.session_folders import SessionFolder
-from study_app.strip import BLOCK_PX, PATCH_PX, patch_place
 
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)
 _ROUNDED_PX = 0.006

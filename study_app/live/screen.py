@@ -8,10 +8,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from study_app.draw import VERTEX, Painter, uniform_of
+from study_app.desktop.draw import VERTEX, Painter, uniform_of
+from study_app.desktop.window import Window
 from study_app.live.renderer import GazeState, Place
 from study_app.text_image import text_image, typeface_for
-from study_app.window import Window
 
 RINGS_DEG = (1.0, 5.0, 10.0, 20.0, 30.0)
 _TEXT_PX = 16

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from protocols.errors import StudyError
 from protocols.plugins import misfit, registered, taking
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.observers.observer_model import ArtificialObserver, ObserverModel, rng_of
 from study_app.observers.preference_observer import DEFAULT_UTILITIES, PreferenceModel
 from study_app.observers.rating_observer import RaterModel

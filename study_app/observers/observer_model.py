@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocols.hashing import Json, canonical_json
+from protocols.disk.hashing import Json, canonical_json
 from protocols.plan import PlannedTrial
 from protocols.script import ScriptQuestion
-from protocols.session_schema import Response
+from protocols.study_file.session_schema import Response
 from protocols.tasks.confidence_question import CONFIDENCE
 from study_app.stage import Page, PageResult
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from protocols.plan import PlannedTrial
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.observers.observer_model import Decision, ObserverModel, deviation, evidence_of
 
 DEFAULT_UTILITIES: Mapping[str, float] = {

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from protocols.plan import PlannedTrial
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RatingsAnalysis
 from study_app.observers.observer_model import Decision, ObserverModel, deviation

@@ -18,12 +18,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from protocols.browser.web_lines import LINE
+from protocols.browser.web_study import WebStudy
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
-from protocols.read_file import read_bytes
-from protocols.web_lines import LINE
-from protocols.web_study import WebStudy
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.recorder import Recorder
 from study_app.session import RunTrial

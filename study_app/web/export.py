@@ -16,20 +16,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from protocols.display import Display
-from protocols.errors import StudyError
-from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
-from protocols.hashing import sha256_bytes, sha256_json
-from protocols.manifest import Clip, Manifest, check_manifest
-from protocols.participant_texts import consent_text, fill
-from protocols.plan import planned_trials
-from protocols.read_file import read_bytes
-from protocols.result_folder import whole_folder
-from protocols.revision import code_revision
-from protocols.schema import StudyProtocol
-from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
-from protocols.web_design import web_design
-from protocols.web_study import (
+from protocols.browser.web_design import web_design
+from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
     MB,
@@ -47,6 +35,18 @@ from protocols.web_study import (
     rates_of,
     scripts_at,
 )
+from protocols.disk.hashing import sha256_bytes, sha256_json
+from protocols.disk.read_file import read_bytes
+from protocols.disk.result_folder import whole_folder
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
+from protocols.manifest import Clip, Manifest, check_manifest
+from protocols.plan import planned_trials
+from protocols.revision import code_revision
+from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
+from protocols.study_file.participant_texts import consent_text, fill
+from protocols.study_file.schema import StudyProtocol
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 

@@ -22,9 +22,27 @@ from typing import Literal, TypeAlias
 
 from pydantic import ValidationError
 
+from protocols.browser.web_lines import (
+    LINE,
+    AnswerLine,
+    AnyLine,
+    AttemptLine,
+    BlockEndLine,
+    BlockStartLine,
+    BreakLine,
+    ConsentLine,
+    EndLine,
+    NoteLine,
+    PauseLine,
+    ResumeLine,
+    StartLine,
+)
+from protocols.browser.web_study import deviations_s
+from protocols.disk.hashing import sha256_json
+from protocols.disk.read_file import read_bytes
+from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.journal import (
     Answer,
     Attempt,
@@ -43,26 +61,8 @@ from protocols.journal_file import JOURNAL_NAME
 from protocols.limits import check_within
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
-from protocols.read_file import read_bytes
-from protocols.result_folder import whole_folder
-from protocols.schema import StudyProtocol
 from protocols.script import Scripts, TrialScript
-from protocols.web_lines import (
-    LINE,
-    AnswerLine,
-    AnyLine,
-    AttemptLine,
-    BlockEndLine,
-    BlockStartLine,
-    BreakLine,
-    ConsentLine,
-    EndLine,
-    NoteLine,
-    PauseLine,
-    ResumeLine,
-    StartLine,
-)
-from protocols.web_study import deviations_s
+from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.live.in_trials import KeptPixels, SessionGaze

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from protocols.disk.whole_file import whole_path
 from protocols.errors import StudyError
 from protocols.limits import FIXED
-from protocols.whole_file import whole_path
 
 VERSION = "3"
 MOST_BYTES = FIXED["jatos"].most

@@ -19,13 +19,13 @@ from PIL import Image
 from video_patch import SEGMENT, TRACK, TRACKS, VIDEO, element, patched, without
 
 from pipeline.errors import InputError
+from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.load import load_study
 from protocols.manifest import read_manifest
-from protocols.new_study import study_files
+from protocols.study_file.new_study import study_files
 from stimuli.check import check_batch
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine
 

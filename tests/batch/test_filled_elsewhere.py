@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from pipeline.image_file import read_pixels
 from stimuli.build import build
-from stimuli.png import decode
-from stimuli.video import write_video
+from stimuli.media.png import decode
+from stimuli.media.video import write_video
 from study_app.cli import app
 
 MOTORCYCLE = 'name = "motorcycle"\n'

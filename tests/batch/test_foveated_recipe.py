@@ -35,7 +35,7 @@ from protocols.recipes.foveated_images import (
     ShownMethod,
 )
 from stimuli.check import check_batch
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
@@ -448,7 +448,7 @@ def whole(tmp_path_factory):
 
 def ring_study(folder):
     """A whole study: is the ring open? Made from the template of a new study."""
-    from protocols.new_study import study_files
+    from protocols.study_file.new_study import study_files
 
     (folder / "desk.toml").write_text(
         "\n".join(f"{key} = {json.dumps(value)}" for key, value in

@@ -12,7 +12,7 @@ from protocols.load import shipped
 from protocols.manifest import read_manifest
 from protocols.recipes.warped_clips import BuiltinScene, Clips
 from stimuli.build import build
-from stimuli.png import decode
+from stimuli.media.png import decode
 from study_app.cli import app
 
 CLIP_PX = (96, 64)  # width, height

@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from protocols.manifest import read_manifest
 from stimuli.build import build
 from stimuli.contact import SHOWN_FRAMES, TILE_PX
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.preview_video import LARGEST_PX, preview_path, write_preview
 
 BEFORE = """<script>

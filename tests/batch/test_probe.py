@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stimuli.build import build
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.probe import probe_batch
 from study_app.cli.stimuli_commands import app
 

@@ -31,7 +31,7 @@ def test_a_scenes_files_leave_other_scenes_out():
 
 
 def test_the_base_leaves_methods_and_protocols_out():
-    from stimuli.open_scene import BASE_MODULES
+    from stimuli.rendering.open_scene import BASE_MODULES
 
     base = set(source_files(*BASE_MODULES))
     assert any("pipeline.warp.gpu" in name for name in base)

@@ -32,7 +32,7 @@ from protocols.manifest import check_manifest, read_manifest
 from stimuli.batch_folder import claim, move_over, remove_strangers
 from stimuli.build import build
 from stimuli.check import check_batch
-from stimuli.png import decode, is_whole
+from stimuli.media.png import decode, is_whole
 from stimuli.worker import describe_renderer
 
 

@@ -14,7 +14,7 @@ from protocols.manifest import read_manifest
 from stimuli.build import build
 from stimuli.check import check_batch
 from stimuli.exr import load_colour
-from stimuli.png import decode
+from stimuli.media.png import decode
 
 
 @pytest.fixture

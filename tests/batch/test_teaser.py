@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stimuli.score.plots import png_bytes, vector_bytes
-from stimuli.teaser import WIDTHS_IN, Crop, FigureRow, auto_crops, difference, teaser
+from stimuli.single.teaser import WIDTHS_IN, Crop, FigureRow, auto_crops, difference, teaser
 
 
 def row(methods: int = 3, title: str = "") -> FigureRow:

@@ -34,8 +34,8 @@ from pipeline.methods.frames import FramesOnDisk
 from pipeline.statements.rows import ROWS as TABLE
 from pipeline.video_file import VideoFrames
 from pipeline.video_header.coding import of_pixel_format, of_stream
+from stimuli.media.video import unpacked_video
 from stimuli.read_stimulus import read_frames, stated
-from stimuli.video import unpacked_video
 
 FRAMES = [picture(number) for number in range(6)]
 CODECS = {".mp4": "mp4v", ".mov": "MJPG", ".mkv": "FFV1", ".avi": "FFV1", ".webm": "VP80"}

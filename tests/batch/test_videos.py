@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from stimuli.exr import save_colour
-from stimuli.frames_folder import frames_folder
+from stimuli.media.frames_folder import frames_folder
+from stimuli.media.video import unpacked_video, write_video
 from stimuli.pictures import save_picture
 from stimuli.read_stimulus import read_picture
-from stimuli.video import unpacked_video, write_video
 from study_app.cli import app
 
 

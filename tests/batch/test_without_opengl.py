@@ -15,7 +15,7 @@ from pipeline.errors import GLUnavailableError
 from pipeline.methods.registry import create_method
 from pipeline.warp.reference import warp
 from protocols.manifest import read_manifest
-from stimuli.png import decode
+from stimuli.media.png import decode
 from stimuli.worker import NUMPY
 
 OURS = (

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from pipeline.compression import compressed_file
 from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
-from stimuli.video import unpacked_video, write_video
+from stimuli.media.video import unpacked_video, write_video
 from study_app.cli import app
 
 

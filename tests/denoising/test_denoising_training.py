@@ -26,7 +26,7 @@ from stimuli.denoised.train import (
     scale_of,
 )
 from stimuli.denoised.training_pictures import Rendering, SceneView, TrainingPair
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 EDGE = 136  # the least that has five levels
 TRAINING = Training(

@@ -17,15 +17,15 @@ from virtual_screen import VirtualScreen
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.texture import read_back
+from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.load import load_display
 from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading
 from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
 from study_app.cli import app
-from study_app.cli.gaze_of_frames import track_of
-from study_app.cli.live_renderer import FoveatingRenderer, read_source
+from study_app.cli.pictures.gaze_of_frames import track_of
+from study_app.cli.pictures.live_renderer import FoveatingRenderer, read_source
 from study_app.gaze.open_source import recorded
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch

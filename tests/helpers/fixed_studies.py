@@ -220,7 +220,7 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
     if name in SESSIONS:
         assert write_journals is not None
         from protocols.load import load_protocol
-        from protocols.sequential import Sequential
+        from protocols.study_file.sequential import Sequential
 
         study = load_protocol(Path("demo"))
         analysis = study.analysis

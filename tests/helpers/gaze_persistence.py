@@ -2,7 +2,7 @@
 
 import math
 
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 
 
 def persistence_s(rules: Gaze, rate_hz: float) -> float:

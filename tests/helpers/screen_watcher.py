@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageGrab
 
-from study_app.strip import read_both_strips
+from study_app.desktop.strip import read_both_strips
 
 SCREEN_WIDTH, SCREEN_HEIGHT = 640, 480
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import RunSettings, conduct
 from study_app.gaze.source import TrackerContext

@@ -15,13 +15,13 @@ from PIL import Image
 from task_cases import CASES, Case, case_text
 from web_kernel import Kernel
 
+from protocols.disk.hashing import sha256_file
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_file
 from protocols.load import load_display, load_study
 from protocols.manifest import Manifest, write_manifest
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Web
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Web
 from study_app.web.export import WebBuild
 from study_app.web.import_lines import BrowserResults, ImportResult, import_results
 

@@ -23,14 +23,14 @@ from forked import METAMERLAB, Forked
 from PIL import Image
 from study_texts import shipped_study, with_values
 
+from protocols.disk.hashing import sha256_file
 from protocols.display import Display
-from protocols.hashing import sha256_file
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
-from protocols.schema import StudyProtocol
 from protocols.script import example_scripts
-from study_app.strip import CapturedPicture
+from protocols.study_file.schema import StudyProtocol
+from study_app.desktop.strip import CapturedPicture
 
 WIDTH, HEIGHT = 640, 480
 # Before any of these texts where an artificial observer sits: it reads and decides fast.

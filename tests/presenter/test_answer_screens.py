@@ -7,9 +7,9 @@ import pytest
 
 from protocols.errors import StudyError
 from protocols.load import load_protocol, load_study, shipped
-from protocols.participant_texts import key_label
 from protocols.script import Words
-from protocols.session_schema import Response
+from protocols.study_file.participant_texts import key_label
+from protocols.study_file.session_schema import Response
 from study_app.pages import words_image
 from study_app.shown_texts import require_showable
 

@@ -9,7 +9,7 @@ import forked
 import pytest
 from forked import METAMERLAB, Forked
 
-from protocols.locks import only_build
+from protocols.disk.locks import only_build
 
 # One window may be on a desktop at a time; the second one here stands for another desktop's.
 ANOTHER_DESKTOP = """

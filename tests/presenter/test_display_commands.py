@@ -8,9 +8,9 @@ import time
 
 import pytest
 
-from protocols.hashing import sha256_file
+from protocols.disk.hashing import sha256_file
 from protocols.load import load_display
-from study_app.luminance import LEVELS
+from study_app.desktop.luminance import LEVELS
 
 
 def test_a_display_is_measured_and_its_typed_readings_give_gamma(screen, make_study, wait):

@@ -19,9 +19,9 @@ from protocols.plan import make_plan
 from protocols.script import Picture, TrialScript
 from protocols.viewing import Viewing
 from study_app.cli import app
+from study_app.desktop.strip import compare
 from study_app.paint import lay, paint
 from study_app.preview import preview_page
-from study_app.strip import compare
 
 PX = 64
 FRAMES = 6
@@ -248,7 +248,7 @@ from protocols.plan import chosen, make_plan
 from protocols.script import trial_script
 from study_app.presenter import Presenter, PresenterSettings
 from study_app.stage import Picture
-from study_app.window import Window
+from study_app.desktop.window import Window
 
 folder, buffer, out, number = map(Path, sys.argv[1:5])
 study, display = load_study(folder / "study.toml")

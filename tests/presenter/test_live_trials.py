@@ -12,7 +12,7 @@ from PIL import Image
 from study_texts import shipped_study
 
 from protocols.journal import Attempt, Note, SessionResume
-from study_app.strip import read_both_strips
+from study_app.desktop.strip import read_both_strips
 
 pytestmark = pytest.mark.slow
 

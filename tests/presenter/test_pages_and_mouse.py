@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
-from protocols.participant_texts import fill
 from protocols.script import example_scripts, text_picture
+from protocols.study_file.participant_texts import fill
 from study_app.pages import PageLayout
 from study_app.paint import drawn
 from study_app.stage import Page

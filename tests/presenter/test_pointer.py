@@ -13,11 +13,11 @@ from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.plan import make_plan
 from protocols.script import ScriptQuestion, trial_script
-from protocols.session_schema import POINTER
+from protocols.study_file.session_schema import POINTER
 from study_app.attempt import run_attempt
+from study_app.desktop.window import Window
 from study_app.observers import ArtificialObserver, default_model
 from study_app.virtual import VirtualClock, VirtualStage
-from study_app.window import Window
 
 POINTED = 'keys = [["left", "f"], ["right", "j"]]'
 
@@ -68,7 +68,7 @@ def test_the_cursor_is_seen_only_while_a_question_is_asked_unless_it_is_an_eye(m
         CURSOR=1, CURSOR_NORMAL="seen", CURSOR_HIDDEN="hidden",
         set_input_mode=lambda _window, _what, mode: modes.append(mode),
     )  # fmt: skip
-    monkeypatch.setattr("study_app.window.glfw", glfw)
+    monkeypatch.setattr("study_app.desktop.window.glfw", glfw)
     window = Window.__new__(Window)
     window._handle, window._cursor_shown, window._cursor_stays = None, False, False
     for shown in (False, True, True, False, False):

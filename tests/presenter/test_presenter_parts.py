@@ -17,18 +17,10 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.script import Dot, Words
 from protocols.viewing import Viewing
-from study_app.gaze.lsl import LslSpec
-from study_app.gaze.simulated import SimulatedGaze
-from study_app.gaze.source import CalibrationResult, GazeSample
-from study_app.keys import key_name
-from study_app.luminance import LEVELS, fit_gamma, store_luminance
-from study_app.monitor import check_mode
-from study_app.operator_view import attempt_line, rows, standing
-from study_app.pages import PageLayout, words_image
-from study_app.paint import target_image
-from study_app.session_folders import find_sessions, next_slot
-from study_app.stage import Page
-from study_app.strip import (
+from study_app.desktop.keys import key_name
+from study_app.desktop.luminance import LEVELS, fit_gamma, store_luminance
+from study_app.desktop.monitor import check_mode
+from study_app.desktop.strip import (
     BLOCK_PX,
     BLOCKS,
     CapturedPicture,
@@ -38,6 +30,16 @@ from study_app.strip import (
     read_both_strips,
     read_strip,
 )
+from study_app.desktop.vsync import judge
+from study_app.desktop.vsync import summarise as summarise_stamps
+from study_app.gaze.lsl import LslSpec
+from study_app.gaze.simulated import SimulatedGaze
+from study_app.gaze.source import CalibrationResult, GazeSample
+from study_app.operator_view import attempt_line, rows, standing
+from study_app.pages import PageLayout, words_image
+from study_app.paint import target_image
+from study_app.session_folders import find_sessions, next_slot
+from study_app.stage import Page
 from study_app.text_image import (
     UnwritableError,
     is_right_to_left,
@@ -55,8 +57,6 @@ from study_app.validation import (
     validate,
 )
 from study_app.virtual import VirtualClock
-from study_app.vsync import judge
-from study_app.vsync import summarise as summarise_stamps
 from study_app.withdrawal import withdraw
 
 FHD = load_display("fhd27-60hz")
@@ -406,7 +406,7 @@ def test_keys_are_named_as_protocols_name_them():
 def test_a_gamepad_button_presses_once_until_it_is_released():
     import glfw
 
-    from study_app.gamepad import Gamepad
+    from study_app.desktop.gamepad import Gamepad
 
     buttons = [0] * 15
     fake = SimpleNamespace(

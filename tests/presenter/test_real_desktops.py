@@ -19,8 +19,8 @@ import pytest
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import Note
-from study_app.monitor import check_mode
-from study_app.strip import compare
+from study_app.desktop.monitor import check_mode
+from study_app.desktop.strip import compare
 
 SHORT = {"pairings": '[["metameric", "push-pull"]]', "repeats": "1"}
 XORG = Path("/usr/lib/xorg/Xorg")
@@ -75,7 +75,7 @@ def composited(screen, wait):
     """Let a real compositor draw the screen."""
     if shutil.which("xcompmgr") is None:
         pytest.skip("xcompmgr is not installed (apt-get install xcompmgr)")
-    ask = "from study_app.x11 import XServer; print(XServer().has_compositor())"
+    ask = "from study_app.desktop.x11 import XServer; print(XServer().has_compositor())"
     with running(screen, "xcompmgr"):
         wait(lambda: screen.script(ask).stdout.strip() == "True", "the compositor")
         yield screen
@@ -167,7 +167,7 @@ def test_of_two_monitors_each_shows_what_was_logged_at_its_own_rate(two_monitors
 
 NOTICE = """
 import struct, time
-from study_app.x11 import XServer
+from study_app.desktop.x11 import XServer
 
 server = XServer()
 mine = server._xcb.xcb_generate_id(server._server)

@@ -8,8 +8,8 @@ import time
 import pytest
 from gazepoint_server import GazepointServer
 
+from protocols.disk.side_files import check_side_files
 from protocols.journal import Calibration, Note
-from protocols.side_files import check_side_files
 
 HASTY = """
 from study_app import validation

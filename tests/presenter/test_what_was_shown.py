@@ -9,7 +9,7 @@ import pytest
 
 from protocols.plan import make_plan
 from protocols.viewing import Viewing
-from study_app.strip import compare
+from study_app.desktop.strip import compare
 
 ONE_TRIAL = {
     "pairings": '[["metameric", "push-pull"]]',
@@ -111,11 +111,11 @@ from protocols.manifest import read_manifest
 from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
 from study_app.opening import texts_of
-from study_app.strip import Extras
+from study_app.desktop.strip import Extras
 from study_app.presenter import Presenter, PresenterSettings
 from study_app.stage import Picture
 from protocols.script import trial_script
-from study_app.window import Window
+from study_app.desktop.window import Window
 
 folder, buffer, out = map(Path, sys.argv[1:4])
 protocol = load_protocol(folder / "study.toml")

@@ -14,15 +14,15 @@ from PIL import Image
 from study_texts import shipped_study
 
 from pipeline.foveation.view import flat_view
+from protocols.disk.hashing import sha256_file
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_file
 from protocols.journal import Attempt, SessionResume
 from protocols.journal_file import read_journal
 from protocols.load import load_study
 from protocols.manifest import write_manifest
 from protocols.plan import make_plan
 from stimuli.recipes.foveated_work import StillsPlan
-from study_app.strip import compare
+from study_app.desktop.strip import compare
 
 pytestmark = pytest.mark.slow
 

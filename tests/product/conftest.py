@@ -11,7 +11,7 @@ from study_texts import shipped_study
 from typer.testing import CliRunner, Result
 
 from protocols.load import load_display, load_protocol
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.cli import app
 from study_app.gaze.simulated import STEADY
 from study_app.simulate import SimulatedStudy, simulate_study

@@ -14,11 +14,11 @@ from study_texts import shipped_study
 
 from analysis.export.choices import FORMATS, ExportOptions
 from analysis.export.write_export import export_study
+from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.errors import StudyError
-from protocols.hashing import sha256_bytes, sha256_json
 from protocols.load import load_display, load_protocol
 from protocols.plan import Plan, planned_trials
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.gaze.simulated import STEADY
 from study_app.simulate import SimulatedStudy, simulate_study
 

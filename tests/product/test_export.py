@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from analysis.tidy import read_sessions
-from protocols.hashing import sha256_file
+from protocols.disk.hashing import sha256_file
 from protocols.journal import Attempt, SessionResume
 from protocols.journal_file import read_journal
 

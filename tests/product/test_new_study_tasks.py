@@ -14,9 +14,9 @@ from scipy import stats
 from protocols.feasibility import check_feasible
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.new_study import PARTS, study_files
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Web
+from protocols.study_file.new_study import PARTS, study_files
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Web
 from protocols.tasks.task_kinds import TASKS
 
 OF_PICTURES = [task for task, (recipe, _) in PARTS.items() if recipe == "files"]

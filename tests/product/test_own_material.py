@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from protocols.errors import StudyError
-from protocols.own_stimuli import OwnMethod, OwnStimuli, methods_of, unused_name
+from protocols.study_file.own_stimuli import OwnMethod, OwnStimuli, methods_of, unused_name
 from stimuli.scenes.stereo import built_in_pair
 
 SMALL_DISPLAY = """

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from analysis.export.public import scrub, system
-from protocols.hashing import sha256_bytes, sha256_json
+from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.journal import EVENT
 from protocols.load import load_display
 

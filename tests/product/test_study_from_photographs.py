@@ -15,9 +15,9 @@ from pipeline.image_file import write_pixels
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
-from protocols.new_study import study_files
-from protocols.own_stimuli import OwnClips, OwnMethod, OwnScene, OwnStimuli
 from protocols.plan import make_plan
+from protocols.study_file.new_study import study_files
+from protocols.study_file.own_stimuli import OwnClips, OwnMethod, OwnScene, OwnStimuli
 
 BLENDER = (
     *(f"ViewLayer.Combined.{channel}" for channel in "RGB"), "ViewLayer.Depth.Z",

@@ -17,7 +17,7 @@ from stimuli.exr import (
     save_warp_input,
 )
 from stimuli.foveated.any_picture import read_any
-from stimuli.plane_file import load_plane
+from stimuli.media.plane_file import load_plane
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
 # 0.5; the result is rounded once more.

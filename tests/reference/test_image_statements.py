@@ -24,9 +24,9 @@ from pipeline.methods.frames import FramesOnDisk
 from pipeline.statements.row import Row, table
 from pipeline.statements.rows import ROWS
 from stimuli.exr import load_colour
-from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
-from stimuli.plane_file import load_plane
+from stimuli.media.exr_parts import read_parts
+from stimuli.media.plane_file import load_plane
 from stimuli.read_stimulus import read_picture
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)

@@ -308,7 +308,7 @@ def test_a_folder_with_a_gap_a_double_or_nothing_is_refused(folder):
 @pytest.fixture
 def video(folder):
     """The folder's frames as a video that keeps every pixel."""
-    from stimuli.video import write_video
+    from stimuli.media.video import write_video
 
     write_video(folder / "filled.avi", sorted(folder.glob("*.png")), 30.0)
     return folder / "filled.avi"

@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from pipeline.errors import InputError
-from stimuli.render import WorldRenderer
+from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.shapes import box, crown
 from stimuli.scenes.textures.surface_noise_and_photographs import blurred, finish, ramp

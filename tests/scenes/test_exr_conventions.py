@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
 from stimuli.exr import Channels, load_warp_input
-from stimuli.render import WorldRenderer
+from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.scenes.follow import turned_round
 from stimuli.scenes.sequence import load_picture, open_sequence

@@ -16,7 +16,7 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from protocols.recipes.warped_clips import MeshScene, RgbdScene, StereoScene
-from stimuli.open_scene import open_world, scene_files, scene_inputs
+from stimuli.rendering.open_scene import open_world, scene_files, scene_inputs
 from stimuli.scenes.mesh_file import load_world
 
 FACES = (

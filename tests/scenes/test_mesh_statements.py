@@ -21,12 +21,12 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.statements.row import table
 from stimuli.bring_in import bring_scene
-from stimuli.render import WorldRenderer
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.world import Viewpoint
 from stimuli.scenes import mesh_surface
 from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import data_of_uri, files_of, place_of
-from stimuli.world import Viewpoint
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 

@@ -15,9 +15,9 @@ from protocols.recipes.warped_clips import (
     StereoPath,
     UpsamplingPath,
 )
-from stimuli.paths import make_path
-from stimuli.solve import search
-from stimuli.world import Viewpoint
+from stimuli.rendering.paths import make_path
+from stimuli.rendering.solve import search
+from stimuli.rendering.world import Viewpoint
 
 CAMERA = Viewpoint((1.0, 2.0, 3.0), (1.0, 2.0, -5.0)).camera(64, 48)
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from pipeline.warp.settings import MOST_RIM_PX
-from protocols.publish import json_schema
+from protocols.formats.publish import json_schema
 from protocols.recipes.warped_clips import (
     CirclePath,
     ExrScene,
@@ -17,9 +17,9 @@ from protocols.recipes.warped_clips import (
     StereoScene,
     UpsamplingPath,
 )
-from stimuli.exr_parts import frame_files
-from stimuli.footage import CameraShot, Footage
-from stimuli.paths import STILL, make_path
+from stimuli.media.exr_parts import frame_files
+from stimuli.media.footage import CameraShot, Footage
+from stimuli.rendering.paths import STILL, make_path
 from stimuli.scenes.photo import open_rgbd, open_stereo
 from stimuli.scenes.sequence import load_picture, open_sequence
 

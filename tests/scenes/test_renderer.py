@@ -11,12 +11,12 @@ from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
 from protocols.recipes.warped_clips import CirclePath, LinePath, UpsamplingPath
-from stimuli.footage import CameraShot, Footage
-from stimuli.motion import MotionPass
-from stimuli.paths import make_path
-from stimuli.render import WorldRenderer
-from stimuli.scenery import RenderedScenery
-from stimuli.world import Light, Material, Mesh, MeshPart, Viewpoint, World
+from stimuli.media.footage import CameraShot, Footage
+from stimuli.rendering.motion import MotionPass
+from stimuli.rendering.paths import make_path
+from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.scenery import RenderedScenery
+from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 VIEW = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
 

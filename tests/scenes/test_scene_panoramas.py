@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Equirectangular, pixel_centres
-from stimuli.render_panorama import panorama_of
-from stimuli.world import Material, Mesh, MeshPart, Viewpoint, World
+from stimuli.rendering.render_panorama import panorama_of
+from stimuli.rendering.world import Material, Mesh, MeshPart, Viewpoint, World
 from study_app.cli import app
 
 EYE = np.array([3.0, 1.6, -2.0])

@@ -12,9 +12,9 @@ from scipy import ndimage
 from skimage import data
 from typer.testing import CliRunner
 
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
 from protocols.manifest import Clip, Manifest, Renderer, write_manifest
-from stimuli.png import encode_frame, encode_mask
+from stimuli.media.png import encode_frame, encode_mask
 from stimuli.score.pair import ScoredPair
 
 EXTRA = ("torch", "torchvision", "flip_evaluator", "pyfvvdp", "pycvvdp", "lpips")

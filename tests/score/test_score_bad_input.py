@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from stimuli.png import encode_frame, encode_mask
+from stimuli.media.png import encode_frame, encode_mask
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 
 from protocols.html_page import html_page
 from protocols.load import load_display
-from protocols.new_study import study_files
+from protocols.study_file.new_study import study_files
 from stimuli.score import measure_clips, plots, report
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics

@@ -26,7 +26,7 @@ from protocols.journal import (
     event_line,
 )
 from protocols.load import load_protocol
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 SHA = "0" * 64
 AT = "2026-01-01T10:00:00.000000Z"

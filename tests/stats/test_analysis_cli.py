@@ -11,8 +11,8 @@ from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
 from analysis.tasks import analysis_of
-from protocols.from_numbers import preferences_of
-from protocols.result_folder import LISTING
+from protocols.disk.result_folder import LISTING
+from protocols.study_file.from_numbers import preferences_of
 from study_app.cli import app
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from analysis.models.logit import fit_logit
+from analysis.models.mixed.logit import fit_logit
 
 PRINTED = np.array([0.105, -0.391, -0.611, -0.846, 0.258])
 ERRORS = np.array([0.138, 0.131, 0.129, 0.127, 0.141])

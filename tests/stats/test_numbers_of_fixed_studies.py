@@ -14,7 +14,7 @@ import pytest
 from fixed_studies import COMMANDS, SESSIONS, STORED, TABLES, answer_of, leaves, report_of, told
 from undrawn_reports import undrawn
 
-from analysis.models.psychometric_posterior import WIDTH_OF_LEVELS
+from analysis.models.curves.psychometric_posterior import WIDTH_OF_LEVELS
 
 RENAMED = (
     (r"results\.reaction\.(.*)", r"results.times.summary.\1"),

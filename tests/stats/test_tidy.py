@@ -13,7 +13,7 @@ from analysis.data_dictionary import dictionary, tables_of
 from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.journal import Withdrawal, event_line
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.task_kinds import TASKS
 
 

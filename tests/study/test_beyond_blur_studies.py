@@ -15,7 +15,7 @@ from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_display, load_study, protocol_of, read_toml, shipped
 from protocols.plan import Plan, make_plan
 from protocols.recipes.foveated_images import FoveatedImages, Rings
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.cli import app
 
 STUDIES = {"beyond-blur-task": 300, "beyond-blur-preference": 252, "beyond-blur-detection": 294}

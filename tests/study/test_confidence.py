@@ -17,12 +17,12 @@ from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_study
-from protocols.new_study import PARTS, study_files
 from protocols.plan import make_plan
 from protocols.preregister import preregistration
 from protocols.script import example_scripts
+from protocols.study_file.new_study import PARTS, study_files
 from protocols.tasks.task_kinds import TASKS
-from stimuli.example_pictures import example_files
+from stimuli.single.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers import ArtificialObserver
 from study_app.observers.right_or_wrong import SensitivityModel

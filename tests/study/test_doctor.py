@@ -347,7 +347,7 @@ def test_timing_fails_on_xvfb_and_nothing_crashes(tmp_path: Path):
 
 COMPOSITOR = """
 import ctypes
-from study_app.x11 import XServer
+from study_app.desktop.x11 import XServer
 ask = XServer()
 print(ask.has_compositor())
 x11 = ctypes.CDLL("libX11.so.6")

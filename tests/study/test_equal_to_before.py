@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from attack.kills import CASES, RESTLESS, write_study
 
-from protocols.hashing import canonical_json
+from protocols.disk.hashing import canonical_json
 from protocols.journal_file import read_journal
 from protocols.load import load_study
 from study_app.gaze.simulated import HUMAN

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError
-from protocols.whole_file import write_whole
 from study_app.session_folders import require_portable
 
 PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")

@@ -18,7 +18,7 @@ from protocols.load import load_study
 from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
 from protocols.plan import make_plan
 from protocols.script import Picture, Stored, example_scripts, trial_script
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 from protocols.tasks.two_interval import TwoInterval
 from protocols.viewing import Viewing
 from study_app.attempt import run_attempt

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,11 +18,12 @@ from protocols.journal import SessionEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.cli import app
 from study_app.conduct import LATE_MOST, conduct
-from study_app.display_check import check_display, shortfall
+from study_app.desktop.display_check import check_display, shortfall
+from study_app.desktop.window import FlipStamp
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.source import GazeSample, SourceInfo
@@ -31,7 +33,6 @@ from study_app.opening import begin, resume
 from study_app.simulate import SimulatedStudy
 from study_app.trial import GazeVerdict
 from study_app.virtual import EPOCH, Fault, VirtualClock, VirtualStage
-from study_app.window import FlipStamp
 
 FAST = load_display("fhd24-144hz")
 VIEWING = Viewing.of(FAST)
@@ -218,7 +219,7 @@ class SlowWindow:
 
 
 def measured(monkeypatch, *gaps: int):
-    monkeypatch.setattr("study_app.display_check.describe", lambda _ctx: "a renderer")
+    monkeypatch.setattr("study_app.desktop.display_check.describe", lambda _ctx: "a renderer")
     window = SlowWindow(FAST, [gap / 144 for gap in gaps])
     return check_display(window, lambda: EPOCH.strftime("%Y-%m-%dT%H:%M:%SZ"), 120)
 
@@ -235,12 +236,14 @@ def test_a_display_that_is_in_time_at_most_flips_is_not(monkeypatch, gaps):
 
 def test_check_display_fails_where_most_refreshes_were_missed(monkeypatch, tmp_path):
     """The report is written all the same: it holds the intervals."""
-    monkeypatch.setattr("study_app.display_check.describe", lambda _ctx: "a renderer")
-    monkeypatch.setattr("study_app.cli.session_run_commands._own_latency", lambda _window: None)
+    monkeypatch.setattr("study_app.desktop.display_check.describe", lambda _ctx: "a renderer")
+    commands = "study_app.cli.sessions.session_run_commands"
+    monkeypatch.setattr(f"{commands}._own_latency", lambda _window: None)
     words = ["session", "check-display", FAST.name, "--software-pacing", "--out", str(tmp_path)]
     for gap, status in ((4, 2), (1, 0)):
         window = SlowWindow(FAST, [gap / 144])
-        monkeypatch.setattr("study_app.window.Window", lambda *_, window=window, **__: window)
+        shown = partial(lambda window, *_, **__: window, window)
+        monkeypatch.setattr("study_app.desktop.window.Window", shown)
         done = CliRunner().invoke(app, words)
         assert done.exit_code == status, done.output
         assert ("cannot keep up (36 Hz instead of 144: " in done.stderr) == bool(status)
@@ -262,7 +265,7 @@ def test_a_late_display_is_refused_before_a_session_unless_the_study_tolerates_i
         raise StudyError("presented")
 
     monkeypatch.setattr("study_app.run.check_files", lambda *_: None)
-    monkeypatch.setattr("study_app.display_check.describe", lambda _ctx: "a renderer")
+    monkeypatch.setattr("study_app.desktop.display_check.describe", lambda _ctx: "a renderer")
     monkeypatch.setattr("study_app.run.Window", lambda *_, **__: SlowWindow(display, [4 / 60]))
     monkeypatch.setattr("study_app.run.Presenter", presented)
     words = ["session", "run", str(tmp_path / "study.toml"), "--participant", "P1", "--simulate"]

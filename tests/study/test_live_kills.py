@@ -14,7 +14,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.journal import SessionEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_study, shipped
-from study_app.cli.live_renderer import FoveatingStudio
+from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.live.log import read_log
 from study_app.live.redraw import redraw
 from study_app.live.redraw_trials import TrialDrawer

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from virtual_screen import VirtualScreen
 
-from study_app.cli.live import _Showing
+from study_app.cli.pictures.live import _Showing
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze

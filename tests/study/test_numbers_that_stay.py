@@ -19,8 +19,8 @@ import pytest
 from undrawn_reports import undrawn
 
 from analysis.report.write_report import report_sessions
+from protocols.disk.hashing import sha256_bytes, sha256_file, sha256_json
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_bytes, sha256_file, sha256_json
 from protocols.load import load_protocol, load_study
 from protocols.plan import PlannedTrial, make_plan
 from study_app.simulate import SimulatedStudy, simulate_study

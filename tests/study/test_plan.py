@@ -23,7 +23,7 @@ from protocols.feasibility import (
 from protocols.load import load_display, load_protocol
 from protocols.manifest import check_manifest
 from protocols.plan import PlannedTrial, apart, latin_row, make_plan
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 PAPER = load_protocol(Path("inpainting-2afc"))
 DEMO = load_protocol(Path("demo"))

@@ -13,10 +13,10 @@ from attack.kills import CASES, write_study
 from PIL import Image
 from typer.testing import CliRunner
 
+from protocols.formats.publish import schema_path
 from protocols.load import load_study, shipped
 from protocols.phases import rgba_sha256
 from protocols.plan import Plan
-from protocols.publish import schema_path
 from protocols.script import TrialScript, example_scripts, trial_script
 from study_app.cli import app
 from study_app.preview import preview_page

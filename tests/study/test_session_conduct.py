@@ -16,9 +16,9 @@ import pytest
 from attack.kills import disturbed_at_write, in_a_child
 from gaze_persistence import persistence_s
 
+from protocols.disk.hashing import sha256_bytes, sha256_file
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_bytes, sha256_file
 from protocols.journal import (
     Attempt,
     Break,
@@ -33,8 +33,8 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.phases import ITI
 from protocols.plan import make_plan
-from protocols.schema import StudyProtocol
 from protocols.script import Frames, trial_script
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, GazeWatcher, run_attempt
 from study_app.conduct import conduct

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from protocols.errors import StudyError
 from protocols.load import load_display, load_study, shipped
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app import fonts, text_image
 from study_app.cli import app
 from study_app.cli.protocol_commands import _feasibility_table

@@ -13,10 +13,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from protocols.feasibility import virtual_manifest
+from protocols.formats.publish import schema_path
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from protocols.publish import schema_path
 from study_app.cli import app
 
 DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")

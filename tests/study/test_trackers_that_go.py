@@ -10,10 +10,10 @@ from gazepoint_server import GazepointServer
 from pupil_phone import PupilPhone
 from tracker_session import FOREVER, Eye, pumped, sit
 
+from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Note, SessionEnd
 from protocols.journal_file import read_journal
-from protocols.side_files import check_side_files
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec

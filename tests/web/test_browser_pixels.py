@@ -17,7 +17,7 @@ from web_browser import Browser, Site, chromium_for_tests, screen, served
 from web_kernel import WEB, node_modules
 from web_study import WEB_CASES, BuiltWebStudy
 
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
 from protocols.script import Frames, Picture, ScriptPhase
 from study_app.paint import Pixels, bitmaps_of, paint
 from study_app.web.export import WebBuild

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from timelines import OBSERVED, TIMELINES
 from web_kernel import Kernel, running_kernel
 
+from protocols.browser.web_design import adaptive_column, web_design
+from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_json
 from protocols.journal import (
     Answer,
     AnyEvent,
@@ -29,9 +30,8 @@ from protocols.journal import (
 )
 from protocols.load import load_display, load_protocol, shipped
 from protocols.plan import Plan, PlannedTrial, make_plan
-from protocols.schema import StudyProtocol
 from protocols.script import TrialScript, example_scripts
-from protocols.web_design import adaptive_column, web_design
+from protocols.study_file.schema import StudyProtocol
 from study_app.pacing import Pacer
 from study_app.session import (
     AskConsent,

@@ -12,7 +12,7 @@ from web_kernel import needed
 from protocols.journal_file import JOURNAL_NAME
 from protocols.plan import make_plan
 from study_app.cli import app
-from study_app.cli.session_commands import ObserverOptions
+from study_app.cli.sessions.session_commands import ObserverOptions
 from study_app.observers import ArtificialObserver
 from study_app.session_folders import find_sessions
 from study_app.verification import verify

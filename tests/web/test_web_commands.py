@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 from web_kernel import running_kernel
 from web_study import FHD, BuiltWebStudy, with_pixels
 
+from protocols.browser.web_study import WebStudy
 from protocols.load import load_protocol, load_study
 from protocols.manifest import read_manifest
-from protocols.web_study import WebStudy
 from study_app.cli import app
 from study_app.web import jzip
 

@@ -14,11 +14,11 @@ from PIL.PngImagePlugin import PngInfo
 from typer.testing import CliRunner
 from web_study import FHD, for_browsers
 
+from protocols.browser.web_study import Pack, WebPhase, rates_of
+from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.preregister import preregistration, to_markdown
-from protocols.web_study import Pack, WebPhase, rates_of
-from stimuli.png import encode_bytes
+from stimuli.media.png import encode_bytes
 from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks
 from study_app.web.import_lines import read_results

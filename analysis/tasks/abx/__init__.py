@@ -7,7 +7,7 @@ import pandas as pd
 
 from analysis.models.detection import DiscriminationResults, abx
 from analysis.parts import AnyPart
-from analysis.parts.critical import CriticalPart
+from analysis.parts.curves.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plans.table_settings import AbxTableSettings, WhichHalfTableSettings

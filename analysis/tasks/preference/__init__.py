@@ -36,7 +36,7 @@ from analysis.tasks.base import TaskAnalysis
 from analysis.tidy import pwcmp_table
 from protocols.columns import Column
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 

@@ -14,7 +14,9 @@ from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
-from analysis.parts.goodness import GoodnessPart
+from analysis.parts.curves.goodness import GoodnessPart
+from analysis.parts.curves.slopes import SlopesPart
+from analysis.parts.curves.stated import StatedPart
 from analysis.parts.graded import MetacognitionPart
 from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
@@ -22,8 +24,6 @@ from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
 from analysis.parts.random_effects import RightEffects, TimeEffects
 from analysis.parts.right_models import ModelsPart
-from analysis.parts.slopes import SlopesPart
-from analysis.parts.stated import StatedPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rate_plan import (
     RatePlan,
@@ -36,7 +36,7 @@ from analysis.tables.table import Source, opened
 from analysis.tables.trials import as_decisions, read_trials
 from analysis.tasks.base import TaskAnalysis
 from protocols.errors import StudyError
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 
 Floats = NDArray[np.float64]

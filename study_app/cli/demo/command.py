@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from protocols.disk.result_folder import remove_listed, stranger
 from protocols.errors import StudyError
-from protocols.result_folder import remove_listed, stranger
 from study_app.cli.progress import going_on
 from study_app.cli.terminal import PlainConsole
 

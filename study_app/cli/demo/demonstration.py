@@ -19,14 +19,14 @@ from markupsafe import Markup
 from rich.console import Console
 
 from protocols.blocks import MediaFile, MediaRow, TableBlock
+from protocols.disk.hashing import sha256_json
+from protocols.disk.result_folder import remove_listed, unlisted, write_listing
+from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError
-from protocols.hashing import sha256_json
 from protocols.html_page import html_page
 from protocols.load import load_study
 from protocols.outside import page_bytes
-from protocols.result_folder import remove_listed, unlisted, write_listing
 from protocols.revision import code_revision, package_version
-from protocols.whole_file import write_whole
 from stimuli.executors import cores
 from study_app.cli.demo.steps import SCREEN, Options, Step, steps_of
 from study_app.cli.demo.xvfb import require_screen, virtual_screen

@@ -545,7 +545,7 @@ def _records() -> Iterator[Bomb]:
 
 def _archive_with(members: dict[str, tuple[bytes, bytes, int, bytes]], folder: Path) -> None:
     """Write an archive whose list is right for members that unpack to much."""
-    from protocols.hashing import sha256_bytes
+    from protocols.disk.hashing import sha256_bytes
     from protocols.load import load_protocol
     from study_app.archive.index import ArchivedFile, Index
 

@@ -26,10 +26,10 @@ from analysis.export.exported_people import people_of
 from analysis.export.write_export import export_study
 from analysis.journals import read_study
 from protocols.counterbalancing import rounds
-from protocols.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.plan import PlannedTrial, planned_trials
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.simulate import SimulatedStudy, simulate_study
 
 Row = dict[str, str]

@@ -13,14 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from protocols.disk.hashing import sha256_file
 from protocols.display import Display
-from protocols.hashing import sha256_file
 from protocols.journal import Attempt, SessionEnd
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
-from protocols.new_study import study_files
 from protocols.phases import STUDY_QUESTION, Phase, Question, QuestionText
 from protocols.pool import Pool
+from protocols.study_file.new_study import study_files
 from protocols.tasks.base import Task
 from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour

@@ -129,7 +129,7 @@ def main() -> None:
     """Run what the arguments say."""
     folder, what, to, point, part = sys.argv[1:]
     steps = _Steps(int(point), float(part))
-    from study_app.cli.live_renderer import FoveatingRenderer
+    from study_app.cli.pictures.live_renderer import FoveatingRenderer
     from study_app.live.log import FrameReadback
 
     steps.before(FrameReadback, "of", "capture")
@@ -154,7 +154,7 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from protocols.feasibility import virtual_manifest
     from protocols.load import load_study
     from protocols.viewing import Viewing
-    from study_app.cli.live_renderer import FoveatingStudio
+    from study_app.cli.pictures.live_renderer import FoveatingStudio
     from study_app.conduct import RunSettings, conduct
     from study_app.gaze.simulated import SimulatedGaze
     from study_app.observers import ArtificialObserver, default_model
@@ -239,7 +239,7 @@ def renderer_of(ctx: Any) -> Any:
     """Return what draws the picture of logs."""
     from pipeline.foveation.geometry import Flat
     from stimuli.choice import Choice
-    from study_app.cli.live_renderer import FoveatingRenderer, LiveSource
+    from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
 
     source = LiveSource([picture()], "0" * 64, panorama=False, notes=())
     geometry = Flat(width_deg=20).of(WIDTH, HEIGHT)

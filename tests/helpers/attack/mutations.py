@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from protocols.hashing import canonical_json
+from protocols.disk.hashing import canonical_json
 from protocols.journal_checksums import due, first_link
 
 Change = Callable[[Random, bytes, Sequence[bytes]], bytes]

@@ -25,10 +25,10 @@ from PIL import Image
 
 from pipeline.compression.codec import CompressionSettings, compress
 from pipeline.compression.compressed_file import to_bytes
+from protocols.disk.result_folder import LISTING
 from protocols.load import load_display
-from protocols.new_study import study_files
-from protocols.result_folder import LISTING
-from stimuli.example_pictures import example_files
+from protocols.study_file.new_study import study_files
+from stimuli.single.example_pictures import example_files
 
 TIMEOUT_S = 240.0
 MINE = (

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from random import Random
 
 from study_app.attempt import BLANK
+from study_app.desktop.strip import CapturedPicture, compare
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.pacing import LATE_SHARE, Pacer
 from study_app.stage import FlipPicture
-from study_app.strip import CapturedPicture, compare
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
 RATES_HZ = (60, 90, 120, 144, 240)

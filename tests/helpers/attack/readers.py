@@ -39,9 +39,9 @@ from pipeline.methods.onnx import OnnxNetwork
 from pipeline.textures.bake import strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.layout import Layout
+from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_toml, shipped
@@ -49,12 +49,12 @@ from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
-from stimuli.exr_parts import read_parts
-from stimuli.flow_file import read_flo, write_flo
 from stimuli.foveated.any_picture import PictureReading, read_any
+from stimuli.media.exr_parts import read_parts
+from stimuli.media.flow_file import read_flo, write_flo
+from stimuli.media.plane_file import load_plane
+from stimuli.media.png import decode
 from stimuli.one_picture import read_pose
-from stimuli.plane_file import load_plane
-from stimuli.png import decode
 from stimuli.read_stimulus import read_frames, read_picture
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth

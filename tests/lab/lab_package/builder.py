@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
 from protocols.manifest import Clip, cache_key
-from stimuli.png import encode_frame
+from stimuli.media.png import encode_frame
 from stimuli.recipes.single_stimuli import SingleStimulusBuilder
 from stimuli.worker import RendererInfo
 

@@ -10,8 +10,8 @@ from scipy import stats
 
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.logistic import models_beside
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
-from analysis.models.reaction_model import time_model
 
 ORACLES = Path(__file__).parents[1] / "oracles"
 R = {

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import expit
 
-from analysis.models.joint_tests import _hotelling, joint_tests
+from analysis.models.paired.joint_tests import _hotelling, joint_tests
 
 
 def votes(rng, effects, *, people=11, scenes=6, repeats=2, circle=0.0):

@@ -12,17 +12,18 @@ import pytest
 from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
-from analysis.models.arrow_matrix import RandomEffects
 from analysis.models.clustered import equivalence_p
-from analysis.models.formula import TILDE_OPERATOR
-from analysis.models.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
+from analysis.models.curves.response import LOGIT, ResponseFunction
 from analysis.models.logistic import (
     glm_logit,
     glmm_logit,
     glmm_probit,
     models_beside,
 )
-from analysis.models.logit import (
+from analysis.models.mixed.arrow_matrix import RandomEffects
+from analysis.models.mixed.formula import TILDE_OPERATOR
+from analysis.models.mixed.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
+from analysis.models.mixed.logit import (
     cluster_covariance,
     fit_logit,
     information,
@@ -30,7 +31,6 @@ from analysis.models.logit import (
     profile_limits,
     separated,
 )
-from analysis.models.response import LOGIT, ResponseFunction
 
 ORACLES = Path(__file__).parents[1] / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.models.marginal_means import margins
+from analysis.models.mixed.marginal_means import margins
+from analysis.models.mixed.parametric_bootstrap import Draws
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
-from analysis.models.parametric_bootstrap import Draws
-from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import ModelsPart
 from analysis.plans.rate_plan import common_settings_of_table, prepared
 from analysis.plans.table_settings import IdentificationTableSettings, TimeTableSettings

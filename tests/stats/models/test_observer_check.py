@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.models.observers import check_observers
-from analysis.models.paired_counts import probability
+from analysis.models.paired.paired_counts import probability
 
 
 def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):

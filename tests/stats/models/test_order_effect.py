@@ -5,8 +5,8 @@ import pytest
 import statsmodels.api as sm
 from scipy.special import ndtr
 
-from analysis.models.order_effect import order_effect
-from analysis.models.paired_counts import JOD_SIGMA
+from analysis.models.paired.order_effect import order_effect
+from analysis.models.paired.paired_counts import JOD_SIGMA
 
 
 def votes(rng, order, people=12, scenes=4, both=True):

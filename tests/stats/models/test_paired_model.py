@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.models.bradley_terry_mixed import paired_model
+from analysis.models.paired.bradley_terry_mixed import paired_model
 
 ORACLES = Path(__file__).parents[1] / "oracles"
 LME4 = json.loads((ORACLES / "oracle_paired.json").read_text())

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.logistic import glm_logit
 from analysis.models.psychometric import fit_psychometric, sigmoid
-from analysis.models.response import RATE_PRIOR
 
 LEVELS = np.linspace(-3, 3, 9)
 

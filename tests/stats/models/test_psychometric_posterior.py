@@ -11,13 +11,13 @@ import pytest
 from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
-from analysis.models import psychometric_posterior as module
-from analysis.models.psychometric import sigmoid
-from analysis.models.psychometric_posterior import (
+from analysis.models.curves import psychometric_posterior as module
+from analysis.models.curves.psychometric_posterior import (
     WIDTH_OF_LEVELS,
     compare_thresholds,
     psychometric_posterior,
 )
+from analysis.models.psychometric import sigmoid
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_psignifit.json").read_text())
 LEVELS = np.array(ORACLE["levels"])

@@ -19,12 +19,12 @@ from analysis.models.bayes_factor import binomial_bayes_factor
 from analysis.models.bootstrap import bootstrap_scores
 from analysis.models.clustered import equivalence_p, holm, participant_t, sign_flip_floor
 from analysis.models.consistency import agreement, circular_triads, transitivity
-from analysis.models.glmm import fit_crossed
 from analysis.models.ideal_observer import forced_choice_d_prime
 from analysis.models.logistic import glm_logit, glmm_logit
-from analysis.models.logit import fit_logit, information
+from analysis.models.mixed.glmm import fit_crossed
+from analysis.models.mixed.logit import fit_logit, information
 from analysis.models.observers import check_observers
-from analysis.models.paired_counts import JOD_SIGMA, difference_design, pair_index
+from analysis.models.paired.paired_counts import JOD_SIGMA, difference_design, pair_index
 from analysis.models.preference import preferences
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.scaling import scale

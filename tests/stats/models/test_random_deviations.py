@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.models.deviations import profile_limits
-from analysis.models.glmm import crossed_deviations, fit_crossed
-from analysis.models.linear_mixed import fit_linear_mixed
 from analysis.models.logistic import ModelFit, glmm_logit, models_beside
+from analysis.models.mixed.deviations import profile_limits
+from analysis.models.mixed.glmm import crossed_deviations, fit_crossed
+from analysis.models.mixed.linear_mixed import fit_linear_mixed
+from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import fit_cumulative, rating_model
-from analysis.models.reaction_model import time_model
 from analysis.parts.right_models import apa_term
 from analysis.parts.shared import apa_test
 
@@ -125,7 +125,7 @@ def test_models_of_reports_hold_deviations_of_every_effect(times):
 
 
 def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
-    monkeypatch.setattr("analysis.models.deviations.MOST_PROFILED", 5)
+    monkeypatch.setattr("analysis.models.mixed.deviations.MOST_PROFILED", 5)
     fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], profile=True)
     assert math.isnan(fit.deviations[0].lower)
     assert fit.deviations[0].levels == ()

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
 from analysis.models.clustered import holm
-from analysis.models.paired_counts import difference_design, has_maximum, probability, solve_pairs
+from analysis.models.paired.paired_counts import (
+    difference_design,
+    has_maximum,
+    probability,
+    solve_pairs,
+)
 from analysis.models.scaling import contrasts, scale
 
 NAMES3 = ("a", "b", "c")

@@ -18,11 +18,11 @@ from scipy import stats
 from scipy.special import ndtri
 from typer.testing import CliRunner
 
-from analysis.models.goodness_of_fit import _deviances, _refitted, curve_misfits, misfits
+from analysis.models.curves.goodness_of_fit import _deviances, _refitted, curve_misfits, misfits
+from analysis.models.curves.psychometric_posterior import psychometric_posterior
+from analysis.models.curves.quadrature import _Integrated
+from analysis.models.curves.response import ResponseFunction
 from analysis.models.psychometric import fit_psychometric
-from analysis.models.psychometric_posterior import psychometric_posterior
-from analysis.models.quadrature import _Integrated
-from analysis.models.response import ResponseFunction
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots import DrawnCurve, people_plot, psychometric_plot

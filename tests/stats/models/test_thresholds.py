@@ -8,9 +8,9 @@ import pytest
 from made_up_trials import TaskDesign, simulate_identification
 from scipy.special import ndtr
 
+from analysis.models.curves.quadrature import fit_people
+from analysis.models.curves.response import ResponseFunction
 from analysis.models.logistic import glmm_logit
-from analysis.models.quadrature import fit_people
-from analysis.models.response import ResponseFunction
 from analysis.models.thresholds import fit_thresholds
 from protocols.adaptive.psychometric_function import probability
 

@@ -11,7 +11,7 @@ from analysis.planning import look_problems, planning_notes
 from analysis.showable import hopeless
 from analysis.tasks import analysis_of
 from protocols.load import load_protocol
-from protocols.sequential import Sequential
+from protocols.study_file.sequential import Sequential
 from study_app.cli import app
 
 ROOT = Path(__file__).parents[3]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.models.reaction_model import time_model
+from analysis.models.mixed.reaction_model import time_model
 from analysis.parts.times import TimesPart
 from analysis.pilot import time_deviations
 from analysis.power import power

@@ -27,7 +27,7 @@ from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.preregister import _analysis, to_markdown
-from protocols.sequential import Sequential
+from protocols.study_file.sequential import Sequential
 from study_app.cli import app
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_sequential.json").read_text())

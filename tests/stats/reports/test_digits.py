@@ -9,7 +9,7 @@ from fixed_studies import STORED
 
 from analysis.models.contrasts import Difference
 from analysis.models.detection import Measure
-from analysis.models.deviations import Deviation
+from analysis.models.mixed.deviations import Deviation
 from analysis.parts.confidence import apa_measure, measured
 from analysis.parts.random_effects import ModelEffects, RandomEffectResults, TimeEffects
 from analysis.parts.shared import apa_difference

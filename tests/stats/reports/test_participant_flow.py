@@ -23,8 +23,8 @@ from protocols.journal import (
     event_line,
 )
 from protocols.journal_file import read_journal
-from protocols.schema import StudyProtocol
-from protocols.session_schema import ClosingQuestion
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import ClosingQuestion
 
 CHOICES = ("under 30", "30 to 49", "50 or more")
 GERMAN = ("unter 30", "30 bis 49", "ab 50")

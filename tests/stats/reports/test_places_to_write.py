@@ -11,7 +11,7 @@ from forked import Forked
 from PIL import Image
 from typer.testing import CliRunner
 
-from protocols.result_folder import LISTING
+from protocols.disk.result_folder import LISTING
 from study_app.cli import app
 
 TABLE = "participant,method,rt_s\n" + "".join(

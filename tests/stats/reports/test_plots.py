@@ -27,8 +27,8 @@ from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
 from analysis.models.detection import identification, yes_no
-from analysis.models.deviations import EffectLevel
 from analysis.models.metacognition import UnequalFit
+from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
 from analysis.models.preference import preferences
@@ -72,7 +72,7 @@ from analysis.plots.sequential_plot import bounds_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
 from analysis.tasks import analysis_of
-from protocols.sequential import Sequential
+from protocols.study_file.sequential import Sequential
 
 LABELS = {
     "metameric": "Metameric (ours)",

@@ -21,7 +21,7 @@ import pytest
 from fixed_studies import TABLES, report_of
 from undrawn_reports import undrawn
 
-from analysis.models.reaction_model import time_model
+from analysis.models.mixed.reaction_model import time_model
 from analysis.parts.times import Times, TimesPart
 from analysis.plans.table_settings import TimeTableSettings
 from analysis.repeat import lme4_effects, scripts

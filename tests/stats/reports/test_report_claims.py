@@ -18,11 +18,11 @@ from made_up_trials import (
 )
 
 from analysis.models.critical_scaling import critical_scaling
-from analysis.models.population import Threshold
+from analysis.models.curves.population import Threshold
 from analysis.models.psychometric import _Problem, fit_psychometric
 from analysis.models.thresholds import fit_thresholds
 from analysis.parts import computed
-from analysis.parts.critical import apa_critical
+from analysis.parts.curves.critical import apa_critical
 from analysis.parts.levels import apa_thresholds
 from analysis.tasks import analysis_of
 

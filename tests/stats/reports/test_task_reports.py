@@ -39,7 +39,7 @@ from analysis.tasks.note import note_path, read_note, write_note
 from analysis.tidy import read_sessions
 from protocols.errors import StudyError
 from protocols.load import load_display, load_protocol
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.cli import app
 from study_app.observers import default_model
 from study_app.simulate import SimulatedStudy, simulate_study

@@ -21,7 +21,7 @@ from analysis.models.right_answers import correct_rates
 from analysis.models.thresholds import fit_thresholds
 from analysis.models.trends import trend
 from analysis.parts.correct import apa_rate
-from analysis.parts.critical import apa_critical
+from analysis.parts.curves.critical import apa_critical
 from analysis.parts.learning import apa_trend
 from analysis.parts.levels import apa_thresholds
 from analysis.parts.right_models import apa_term

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import entr, log_ndtr, ndtr
 from scipy.stats import norm
 
-from analysis.models import paired_counts as analysed
+from analysis.models.paired import paired_counts as analysed
 from protocols.adaptive.active_pairs import (
     JOD_SIGMA,
     Scores,

@@ -13,7 +13,7 @@ from protocols.journal import Attempt
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.plan import chosen, make_plan
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from study_app.gaze.simulated import STEADY, GazeBehaviour
 from study_app.session import RunTrial, following, next_step, remaining
 from study_app.simulate import SimulatedStudy, simulate_session

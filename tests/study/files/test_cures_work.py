@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from protocols.feasibility import check_feasible
 from protocols.load import load_display, load_protocol
-from protocols.problems import problems_of
 from protocols.recipes.warped_clips import Clips
-from protocols.session_schema import KEY_PATTERN, Response
+from protocols.study_file.problems import problems_of
+from protocols.study_file.session_schema import KEY_PATTERN, Response
 from protocols.suggest import cure_for_key_name
 
 STUDY = load_protocol(Path("inpainting-2afc"))

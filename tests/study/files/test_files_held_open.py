@@ -12,9 +12,9 @@ import pytest
 import typer
 
 from pipeline.image_file import write_pixels
-from protocols import whole_file
-from protocols.result_folder import whole_folder
-from protocols.whole_file import move, remove, write_whole
+from protocols.disk import whole_file
+from protocols.disk.result_folder import whole_folder
+from protocols.disk.whole_file import move, remove, write_whole
 from study_app.cli.error_messages import user_errors
 
 PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")

@@ -18,20 +18,20 @@ from pydantic import BaseModel, StringConstraints, TypeAdapter
 from pydantic.fields import FieldInfo
 
 from protocols import journal
+from protocols.disk.hashing import canonical_json, sha256_bytes, sha256_file, sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.format_reference import reference_text
-from protocols.hashing import canonical_json, sha256_bytes, sha256_file, sha256_json
+from protocols.formats.format_reference import reference_text
+from protocols.formats.publish import json_schema, schema_names, schema_path, schema_text
 from protocols.journal import EVENT, Attempt, event_line
 from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
-from protocols.publish import json_schema, schema_names, schema_path, schema_text
 from protocols.recipes.files import Files
 from protocols.recipes.warped_clips import ClipName, WarpedClips
-from protocols.schema import StudyProtocol
-from protocols.session_schema import Design, Gaze, Practice, Response, TrialTiming
+from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import Design, Gaze, Practice, Response, TrialTiming
 from protocols.tasks.task_kinds import TASKS
 
 EVENTS = [getattr(journal, name) for name in journal.__all__]

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from analysis.export.choices import ExportOptions
 from analysis.export.write_export import export_study
 from analysis.tidy import read_sessions
+from protocols.disk.hashing import canonical_json, sha256_bytes
 from protocols.errors import StudyError
-from protocols.hashing import canonical_json, sha256_bytes
 from protocols.journal import Attempt, Note, event_line
 from protocols.journal_checksums import due, first_link, sealed, stated
 from protocols.journal_file import read_journal
@@ -284,7 +284,7 @@ def test_files_beside_the_journal_are_held_to_their_hashes(sessions, tmp_path, h
 
 
 def test_the_report_of_the_display_is_held_to_its_hash(tmp_path):
-    from study_app.display_check import REPORTS
+    from study_app.desktop.display_check import REPORTS
 
     root = tmp_path / "sessions"
     report = root / REPORTS / "fhd.json"

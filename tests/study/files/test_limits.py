@@ -31,9 +31,9 @@ from pipeline.errors import InputError
 from pipeline.image_file import check_fits, read_pixels, write_pixels
 from pipeline.picture_limits import NEEDS, check_need, check_values
 from pipeline.video_file import VideoFrames
+from protocols.disk.hashing import sha256_bytes
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_bytes
 from protocols.journal import SideFile
 from protocols.journal_file import read_journal
 from protocols.limits import FIXED, LIMITS, LIMITS_VARIABLE, unpacked
@@ -43,17 +43,17 @@ from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
-from stimuli.exr_parts import read_parts
 from stimuli.foveated.any_picture import read_any
+from stimuli.media.exr_parts import read_parts
+from stimuli.media.plane_file import load_plane
+from stimuli.media.png import decode
+from stimuli.media.video import unpacked_video
 from stimuli.one_picture import read_pose
-from stimuli.plane_file import load_plane
-from stimuli.png import decode
 from stimuli.read_stimulus import read_frames, stated
 from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing_conditions import read_gaze
-from stimuli.video import unpacked_video
 from study_app.cli import app
-from study_app.cli.figure_command import _scores
+from study_app.cli.pictures.figure_command import _scores
 from study_app.clips import read_frame
 from study_app.gaze.recording import load_recording
 from study_app.session import RunTrial, next_step

@@ -9,15 +9,15 @@ import sys
 import portalocker
 import pytest
 
-from protocols import locks
+from protocols.disk import locks
+from protocols.disk.locks import held, kept_for_session, lock_name, only_build
 from protocols.errors import StudyError
-from protocols.locks import held, kept_for_session, lock_name, only_build
 from study_app.recorder import Recorder
 
 SIT = """
 import sys, time
 from pathlib import Path
-from protocols.locks import kept_for_session
+from protocols.disk.locks import kept_for_session
 with kept_for_session(Path(sys.argv[1])):
     print("session", flush=True)
     time.sleep(600)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display, protocol_of, read_toml, shipped
-from protocols.plausible import display_notes
+from protocols.study_file.plausible import display_notes
 from study_app.cli import app
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from protocols.errors import StudyError
 from protocols.load import load_display, load_protocol, load_toml, shipped
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 
 DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")
 

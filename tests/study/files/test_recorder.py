@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
-from protocols.hashing import sha256_file
 from protocols.journal import Note
 from protocols.journal_checksums import first_link, sealed
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal

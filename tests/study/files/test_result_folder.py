@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from protocols.disk.result_folder import LISTING, whole_folder
 from protocols.errors import StudyError
-from protocols.result_folder import LISTING, whole_folder
 
 
 def snapshot(folder: Path) -> dict[str, bytes | None]:
@@ -67,7 +67,7 @@ def test_a_result_is_replaced_by_the_next_with_all_its_files(tmp_path):
 REPORTING = """
 import sys, time
 from pathlib import Path
-from protocols.result_folder import whole_folder
+from protocols.disk.result_folder import whole_folder
 with whole_folder(Path(sys.argv[1]), replace=True) as work:
     (work / "half.txt").write_text("half")
     print(work.parent.name, flush=True)

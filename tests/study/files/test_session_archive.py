@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from protocols.disk.hashing import sha256_bytes
 from protocols.feasibility import virtual_manifest
-from protocols.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
 from study_app.archive import read_archive
 from study_app.archive.index import INDEX_NAME, ArchivedFile, Index
-from study_app.cli import app, archive_commands, new_study_command
+from study_app.cli import app, new_study_command
+from study_app.cli.sessions import archive_commands
 from study_app.simulate import SimulatedStudy, simulate_session
 
 SECRET = "a secret of the lab"

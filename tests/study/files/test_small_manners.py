@@ -10,16 +10,16 @@ import pytest
 from rich.table import Table
 from typer.testing import CliRunner
 
+from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import GazeInfo
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.participant_texts import key_label
 from protocols.preregister import preregistration, to_markdown
-from protocols.read_file import read_bytes
+from protocols.study_file.participant_texts import key_label
 from study_app import simulate
 from study_app.cli import app
-from study_app.cli.session_commands import _data_of
+from study_app.cli.sessions.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
 from study_app.dialogue import Dialogue
 from study_app.observers import ArtificialObserver, default_model

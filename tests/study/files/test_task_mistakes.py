@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_display, load_protocol
-from protocols.new_study import PARTS, study_files
 from protocols.plan import make_plan
 from protocols.preregister import preregistration
-from stimuli.example_pictures import example_files
+from protocols.study_file.new_study import PARTS, study_files
+from stimuli.single.example_pictures import example_files
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
 TEXTS = {task: study_files("pilot", "Pilot", DISPLAY, task)["study.toml"] for task in PARTS}

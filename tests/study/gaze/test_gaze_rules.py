@@ -11,7 +11,7 @@ from gaze_persistence import persistence_s
 
 from protocols.errors import StudyError
 from protocols.load import load_display
-from protocols.session_schema import Gaze
+from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.recording import load_recording

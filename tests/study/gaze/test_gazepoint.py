@@ -12,9 +12,9 @@ import pytest
 from gazepoint_server import EPOCH_S, GazepointServer
 from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
 
+from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SessionEnd
-from protocols.side_files import check_side_files
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.source import TrackerContext

@@ -14,17 +14,17 @@ from analysis.export.bids_gaze import read_samples
 from protocols.journal import Note, SessionEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
-from protocols.schema import StudyProtocol
+from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.attempt_record import _gaze_csv
 from study_app.conduct import conduct
+from study_app.desktop.sleep_watch import SleepWatch
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
 from study_app.simulate import SimulatedStudy
-from study_app.sleep_watch import SleepWatch
 from study_app.trial import GazeVerdict
 from study_app.virtual import VirtualClock, VirtualStage
 

@@ -11,9 +11,9 @@ import pytest
 from pupil_phone import EPOCH_S, PupilPhone, in_camera
 from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
 
+from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SessionEnd
-from protocols.side_files import check_side_files
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.pupil import PupilGaze, homography, on_screen
 from study_app.gaze.source import TrackerContext

@@ -8,9 +8,9 @@ import pytest
 from fake_titta import EPOCH_US, FakeTitta
 from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
 
+from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Note
-from protocols.side_files import check_side_files
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.tobii import TobiiGaze

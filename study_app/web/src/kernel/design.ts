@@ -1,6 +1,6 @@
 /** Design that a study's plan follows from: the part of `study.json` that Python exports for it.
  *
- * The names are those of `protocols/web_study.py`, which defines them.
+ * The names are those of `protocols/browser/web_study.py`, which defines them.
  */
 export interface Arrangement {
   readonly stimuli: readonly string[];

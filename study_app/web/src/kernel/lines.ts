@@ -1,4 +1,4 @@
-/** The lines that go home, as `protocols/web_lines.py` defines them. */
+/** The lines that go home, as `protocols/browser/web_lines.py` defines them. */
 import type { AttemptLog } from "./attempt";
 import type { SessionEvent } from "./session";
 import type { VoidReason } from "./script";

@@ -1,4 +1,4 @@
-/** The file `study.json`, which `protocols/web_study.py` defines: all that the page needs. */
+/** The file `study.json`, which `protocols/browser/web_study.py` defines: all that the page needs. */
 import type { Design } from "./design";
 import type { PlannedTrial } from "./plan";
 import type { ScriptPhase, TrialScript } from "./script";

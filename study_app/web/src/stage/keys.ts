@@ -1,4 +1,4 @@
-/** Names of keys, as protocols write them: those of `study_app/keys.py`. */
+/** Names of keys, as protocols write them: those of `study_app/desktop/keys.py`. */
 const NAMED: Readonly<Record<string, string>> = {
   ArrowLeft: "left",
   ArrowRight: "right",

@@ -1,0 +1,1 @@
+"""Psychometric functions of many people: integrals, populations, fit."""

@@ -1,0 +1,1 @@
+"""Mixed models: fits, random effects, marginal means, likelihood ratios by simulation."""

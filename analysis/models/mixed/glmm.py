@@ -1,0 +1,425 @@
+"""Models of trials with crossed random effects, fitted by the Laplace approximation."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+from scipy.special import expit
+
+from analysis.models.curves.response import LOGIT, Rates, ResponseFunction, steep_prior
+from analysis.models.mixed.arrow_matrix import Arrow, RandomEffects
+from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
+from analysis.models.mixed.logit import fit_logit
+from analysis.models.numeric import newton_polish
+
+Floats = NDArray[np.float64]
+
+START_SD = 0.5
+LEAST_START_SD = 0.1
+
+CLEARLY_NOTHING = 1.0
+"""A likelihood ratio below is p > .31, and no better search would make it smaller evidence."""
+
+LARGEST_SD = 8.0
+"""Logits; a fit beyond has run away."""
+
+SINGULAR_SD = 1e-3
+"""Logits; no data could tell a deviation below from 0."""
+
+ROUGH_VARIANCE = 0.02
+"""Of a deviation: about that of ten people's."""
+ROUGH_RIDGE = 0.1
+"""On the information about coefficients, so that a first step stays short."""
+
+MOST_STEPS = 100
+LONGEST_STEP = 3.0
+SMALL_STEP = 1e-6
+"""Of the search for the mode, in deviations of a random effect; what is left is its square."""
+BEND_STEP = 1e-4
+RATE_STEP = 1e-4
+"""Steps of differences: of a curvature in eta, of the likelihood in the logit of a rate."""
+
+
+@dataclass(frozen=True)
+class CrossedFit:
+    """Fixed effects, their standard errors, and the deviation of each random effect.
+
+    `covariance` is of beta, then sd, then the logits of fitted rates. `random` holds the mode of
+    each factor's effects, in units of eta. `converged` is False where the likelihood has no
+    proper maximum: deviations run off to infinity when nearly everyone always answers alike.
+    """
+
+    beta: Floats
+    beta_se: Floats
+    sd: Floats
+    log_likelihood: float
+    converged: bool
+    covariance: Floats
+    guess: float
+    lapse: float
+    random: tuple[Floats, ...]
+    counted: "CountedTrials" = field(repr=False)
+
+
+@dataclass(frozen=True)
+class CountedTrials:
+    """Trials that share everything as one row: same likelihood, less work.
+
+    `first` is a trial of each row.
+    """
+
+    first: NDArray[np.int64]
+    trials: Floats
+    successes: Floats
+    effects: RandomEffects
+
+    @classmethod
+    def of(
+        cls,
+        design: Floats,
+        y: Floats,
+        groups: Sequence[NDArray[np.int64]],
+        slopes: Sequence[Floats | None] = (),
+    ) -> "CountedTrials":
+        """Count trials; arguments as of `fit_crossed`."""
+        given = [*slopes, *([None] * (len(groups) - len(slopes)))]
+        codes = [code.reshape(len(code), -1) for code in groups]
+        times = [
+            np.ones(code.shape) if values is None else values.reshape(code.shape)
+            for code, values in zip(codes, given, strict=True)
+        ]
+        key = np.column_stack([design, *codes, *times])
+        _, first, row = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        row = row.ravel()
+        return cls(
+            first=first,
+            trials=np.bincount(row).astype(np.float64),
+            successes=np.bincount(row, weights=y).astype(np.float64),
+            effects=RandomEffects([c[first] for c in codes], [t[first] for t in times]),
+        )
+
+
+def fit_crossed(  # noqa: PLR0913  each is one of the model's
+    design: Floats,
+    y: Floats,
+    groups: Sequence[NDArray[np.int64]],
+    *,
+    response: ResponseFunction = LOGIT,
+    slopes: Sequence[Floats | None] = (),
+    start: Floats | None = None,
+    rough: Floats | None = None,
+    steepest: Floats | None = None,
+    errors: bool = True,
+    counted: CountedTrials | None = None,
+) -> CrossedFit:
+    """Maximise the Laplace likelihood of a model of trials with crossed random effects.
+
+    Parameters
+    ----------
+    design : ndarray (trials, coefficients)
+    y : ndarray (trials,)
+        0 or 1.
+    groups : sequence of ndarray (trials,) or (trials, members)
+        Level of each random factor, counted from 0; several where a trial has several effects
+        of one factor, such as those of the two methods it compares.
+    response : ResponseFunction
+        How eta becomes the chance of a 1; a fitted lapse or guess rate is one more parameter.
+    slopes : sequence of ndarray like `groups`, or None
+        What each factor's effect is multiplied by; None, or left out: 1, a random intercept.
+    start : ndarray (coefficients,) or of all parameters, optional
+        Where the search begins; left out, at the coefficients of the logit model.
+    rough : ndarray (parameters, parameters), optional
+        About their covariance, for the first step of the search.
+    steepest : ndarray (coefficients,), optional
+        As of `quadrature.fit_people`.
+    errors : bool
+        Without them a fit is quick, and enough for a likelihood ratio.
+    counted : CountedTrials, optional
+        Of a larger model of the same trials, whose rows tell apart what this one does.
+
+    Notes
+    -----
+    eta = X beta + sum_k sd_k z_k b_k, b standard normal. For given (beta, sd) the mode of b is
+    found by Newton steps; the Laplace likelihood is -h(mode) - log det H / 2, with h the joint
+    negative log density and H its second derivative in b. The outer search runs over beta and sd
+    (not its logarithm: at sd 0 the likelihood is even in sd, so a boundary fit keeps a proper
+    second derivative). Its slope is exact, with the mode moving along (Kristensen et al. 2016,
+    section 2). Standard errors invert the second derivative in all parameters. Where people guess
+    or lapse the log-likelihood of eta is no single hill, and H is the expected second derivative,
+    as in lme4.
+    """
+    if counted is None:
+        counted = CountedTrials.of(design, y, groups, slopes)
+    model = _Laplace(design, counted, response, steepest)
+    coefficients, factors = design.shape[1], len(groups)
+    if start is None:
+        first = fit_logit(model.design, model.successes, model.trials).beta
+        start = np.concatenate([first, np.full(factors, START_SD), response.start()])
+    elif start.size == coefficients:
+        start = np.concatenate([start, np.full(factors, START_SD), response.start()])
+    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start) if rough is None else rough}
+    best = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
+    point, hessian = np.asarray(best.x, dtype=np.float64), np.eye(start.size)
+    if errors:
+        point, hessian = newton_polish(model, point)
+    sd = np.abs(point[coefficients : coefficients + factors])
+    proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST_SD
+    proper = proper and bool(np.linalg.eigvalsh(hessian)[0] > 1e-8)
+    covariance = np.eye(point.size)
+    if proper:
+        covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
+    likelihood = -model(point)[0]
+    guess, lapse = response.rates(point[coefficients + factors :])
+    lapse = float(np.mean(lapse))
+    return CrossedFit(
+        beta=point[:coefficients],
+        beta_se=np.sqrt(np.diag(covariance)[:coefficients].clip(min=0.0)),
+        sd=sd,
+        log_likelihood=likelihood,
+        converged=proper,
+        covariance=covariance,
+        guess=guess,
+        lapse=lapse,
+        random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
+        counted=counted,
+    )
+
+
+def crossed_deviations(
+    fit: CrossedFit,
+    design: Floats,
+    names: Sequence[str],
+    levels: Mapping[str, Sequence[str]],
+    *,
+    response: ResponseFunction = LOGIT,
+    slopes: Sequence[str] = (),
+    level: float = 0.95,
+) -> tuple[Deviation, ...]:
+    """Return the deviations of a fit with profile limits, shares of variance, and their levels.
+
+    Parameters
+    ----------
+    design, response
+        As of the fit.
+    names : sequence of str
+        Of its random effects; `slopes` are those that are no intercepts.
+    levels : mapping of effect to names of its levels
+        Of those whose levels are wanted.
+    """
+    model = _Laplace(design, fit.counted, response)
+    point = np.concatenate([fit.beta, fit.sd, response.start()])
+    first, arrow = fit.beta.size, model._solve(point).arrow
+    kept = np.concatenate(model.effects.by_factor(np.arange(model.effects.size)))
+
+    def solve(levels: Floats) -> Floats:
+        slots = np.zeros(model.effects.size)
+        slots[kept] = levels
+        return arrow.solve(slots)[kept]
+
+    return deviations_of(
+        dict(zip(names, fit.sd.tolist(), strict=True)),
+        np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
+        lambda number, sd: held_maximum(model, point, fit.covariance, first + number, sd),
+        fit.log_likelihood,
+        level,
+        levels,
+        fit.random,
+        solve,
+        rest=LATENT_VARIANCE[response.link],
+        slopes=slopes,
+    )
+
+
+def reduced_ratio(  # noqa: PLR0913  each is one of the model's
+    fit: CrossedFit,
+    contrast: Floats,
+    dropped: int,
+    design: Floats,
+    y: Floats,
+    groups: Sequence[NDArray[np.int64]],
+    slopes: Sequence[Floats | None] = (),
+    response: ResponseFunction = LOGIT,
+    *,
+    starts: int | None = None,
+) -> tuple[float, CrossedFit]:
+    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0; and that.
+
+    Parameters
+    ----------
+    contrast : ndarray (coefficients,)
+    dropped : int
+        The coefficient that `design`, the one of the smaller model, no longer has.
+    starts : int, optional
+        How many searches at most; left out, one for each factor.
+    """
+    theta = np.concatenate([fit.beta, fit.sd, response.start()])
+    along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
+    # The search begins where the larger model's second derivative expects the end.
+    moved = fit.covariance @ along
+    start = theta - moved * (along @ theta) / (along @ moved)
+    rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
+    keep = np.arange(theta.size) != dropped
+    rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
+    found: list[CrossedFit] = []
+    begins = _absorbed(start, fit, abs(float(along @ theta)))
+    for begin in islice(begins, starts):
+        less = fit_crossed(
+            design,
+            y,
+            groups,
+            slopes=slopes,
+            start=begin[keep],
+            rough=0.5 * (rough + rough.T),
+            response=response,
+            errors=False,
+            counted=fit.counted,
+        )
+        found.append(less)
+        best = max(found, key=lambda one: one.log_likelihood)
+        if 2.0 * (fit.log_likelihood - best.log_likelihood) < CLEARLY_NOTHING:
+            break
+    return max(0.0, 2.0 * (fit.log_likelihood - best.log_likelihood)), best
+
+
+def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:
+    """Yield where a search without a contrast begins: each factor in turn takes it over.
+
+    What people all have in common looks without it like a deviation of people, or of scenes, and
+    the likelihood may have a maximum for each. At 0 it is level in a deviation, so that no search
+    would ever leave it.
+    """
+    first = fit.beta.size
+    for number in range(fit.sd.size):
+        begin = start.copy()
+        begin[first : first + fit.sd.size] = np.maximum(fit.sd, LEAST_START_SD)
+        begin[first + number] = np.hypot(begin[first + number], contrast)
+        yield begin
+
+
+class _Laplace:
+    """Minus the Laplace likelihood and its slope, as a function of all parameters.
+
+    It remembers the last mode of the random effects, where the next search begins.
+    """
+
+    def __init__(
+        self,
+        design: Floats,
+        counted: CountedTrials,
+        response: ResponseFunction,
+        steepest: Floats | None = None,
+    ) -> None:
+        self.design = np.asarray(design[counted.first], dtype=np.float64)
+        self.trials, self.successes = counted.trials, counted.successes
+        self.effects = counted.effects
+        self.response = response.of(counted.first)
+        self.steepest = np.full(design.shape[1], np.inf) if steepest is None else steepest
+        self.mode = np.zeros(self.effects.size)
+        self._ends = np.cumsum([design.shape[1], self.effects.factors])
+
+    def __call__(self, theta: Floats) -> tuple[float, Floats]:
+        at = self._solve(theta)
+        slope = self._slope(theta, at)
+        value = at.value
+        for place in range(int(self._ends[1]), theta.size):
+            step = np.zeros(theta.size)
+            step[place] = RATE_STEP
+            rise = self._solve(theta + step).value - self._solve(theta - step).value
+            slope = np.append(slope, rise / (2.0 * RATE_STEP))
+        return value, slope
+
+    def rough_covariance(self, theta: Floats) -> Floats:
+        """Return about the covariance of the parameters, for the first step of the search."""
+        eta = self.design @ theta[: self.design.shape[1]]
+        rates = self.response.rates(theta[self._ends[1] :])
+        weight = self.response.slope(eta, self.successes, self.trials, rates)[2]
+        found = np.diag(np.full(theta.size, ROUGH_VARIANCE))
+        information = (self.design.T * weight) @ self.design
+        fixed = np.linalg.inv(information + ROUGH_RIDGE * np.eye(len(information)))
+        found[: len(fixed), : len(fixed)] = 0.5 * (fixed + fixed.T)
+        return found
+
+    def _solve(self, theta: Floats) -> "_Mode":
+        """Return the mode of the random effects, by Newton steps, and what holds there."""
+        beta, sd, free = np.split(theta, self._ends)
+        fixed, rates = self.design @ beta, self.response.rates(free)
+        scale = self.effects.scale(np.abs(sd))
+        b, step, promised, done = self.mode, np.zeros(self.effects.size), 0.0, False
+        for _ in range(MOST_STEPS):
+            eta = fixed + self.effects.on_trials(scale * b)
+            gap, weight, expected = self.response.slope(eta, self.successes, self.trials, rates)
+            slope = scale * self.effects.of_effects(gap) - b
+            if float(slope @ step) < -promised:
+                # As steep down again as it was up: a step as long would come back for ever.
+                step, promised = 0.5 * step, 0.5 * promised
+                b = b - step
+                continue
+            try:
+                arrow = self.effects.arrow(weight, scale)
+            except np.linalg.LinAlgError:
+                # Guesses and lapses can bend the likelihood the wrong way far from the mode.
+                weight = expected
+                arrow = self.effects.arrow(weight, scale)
+            if done:  # the curvature is the one at the mode itself
+                break
+            step = arrow.solve(slope)
+            largest = float(np.abs(step).max(initial=0.0))
+            # The joint density is log-concave; long steps far from the mode are cut short.
+            step = step * min(1.0, LONGEST_STEP / max(largest, 1e-300))
+            promised = float(slope @ step)
+            b, done = b + step, largest < SMALL_STEP
+        self.mode = b
+        bowl, curved = arrow, weight
+        if not self.response.concave:
+            # Guesses bend it so much that the curvature at one place makes up likelihood.
+            bowl, curved = self.effects.arrow(expected, scale), expected
+        joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
+        value = 0.5 * float(b @ b) - joint + 0.5 * bowl.log_det - self.response.penalty(free)
+        value -= steep_prior(beta, self.steepest)[0]
+        return _Mode(value, b, scale, eta, gap, weight, rates, arrow, curved, bowl)
+
+    def _slope(self, theta: Floats, at: "_Mode") -> Floats:
+        """Return the slope in coefficients and deviations; the mode moves along with both."""
+        leverage, trace = self.effects.leverage(at.bowl, at.curved, at.scale)
+        force = 0.5 * leverage * self._bend(at)
+        moved = at.arrow.solve(at.scale * self.effects.of_effects(force))
+        pull = force - at.gap - at.weight * self.effects.on_trials(at.scale * moved)
+        by_effect = at.b * self.effects.of_effects(pull)
+        by_effect = by_effect + moved * self.effects.of_effects(at.gap)
+        by_sd = trace + [part.sum() for part in self.effects.by_factor(by_effect)]
+        sign = np.where(np.split(theta, self._ends)[1] < 0, -1.0, 1.0)
+        prior = steep_prior(theta[: self.steepest.size], self.steepest)[1]
+        return np.concatenate([self.design.T @ pull - prior, sign * by_sd])
+
+    def _bend(self, at: "_Mode") -> Floats:
+        """Return how fast each trial's weight in the determinant grows with eta."""
+        if self.response.plain:
+            return np.asarray(at.weight * (1.0 - 2.0 * expit(at.eta)))
+        which = 1 if self.response.concave else 2
+        up, down = (
+            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[which]
+            for shift in (BEND_STEP, -BEND_STEP)
+        )
+        return np.asarray((up - down) / (2.0 * BEND_STEP))
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """Minus the Laplace likelihood, the effects `b` at their mode, and the trials there.
+
+    `bowl` is the curvature whose determinant counts, and `curved` the trials' part of it.
+    """
+
+    value: float
+    b: Floats
+    scale: Floats
+    eta: Floats
+    gap: Floats
+    weight: Floats
+    rates: Rates
+    arrow: Arrow
+    curved: Floats
+    bowl: Arrow

@@ -1,0 +1,1 @@
+"""Models of paired comparisons below the scales."""

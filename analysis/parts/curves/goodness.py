@@ -1,0 +1,231 @@
+"""Goodness of fit of the population's curves: deviance, and residuals by level and over time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
+from analysis.models.trends import Course, Trend, course, trend
+from analysis.parts import Part, PartFigure, Shown
+from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
+from analysis.parts.shared import condition, in_order
+from analysis.plans.rate_plan import RatePlan
+from analysis.plots.psychometric_plots import misfit_plot
+from analysis.report.wording import (
+    df_text,
+    level_text,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    placed,
+    size,
+    t_text,
+)
+from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """Every number.
+
+    Attributes
+    ----------
+    misfits : tuple of Misfit
+        By condition.
+    trend : Trend or None
+        Of what answers are better than their curves, over the session; None without an order.
+    course : Course or None
+    of_people : bool
+        Whether curves are those of participants in one model; else of all answers together.
+    """
+
+    misfits: tuple[Misfit, ...]
+    trend: Trend | None
+    course: Course | None
+    of_people: bool
+    notes: tuple[str, ...] = ()
+
+
+class GoodnessPart(Part[RatePlan, Goodness]):
+    """Goodness of fit of curves: of the model of participants, or without one of all answers."""
+
+    name: ClassVar[str] = "goodness"
+    section: ClassVar[tuple[str, str]] = SECTION
+    needs: ClassVar[tuple[str, ...]] = ("thresholds", "curves")
+
+    def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
+        """Return whether there is a level."""
+        return plan.level is not None
+
+    def compute(
+        self,
+        table: pd.DataFrame,
+        plan: RatePlan,
+        found: Mapping[str, Any],
+        chance: np.random.Generator,
+    ) -> Goodness:
+        """Simulate studies of the model, and compare."""
+        model, over, drawn, notes = found.get("thresholds"), None, None, []
+        level = str(plan.level)
+        if model is not None and model.population.proper:
+            each, predicted = misfits(table, level, table["condition"], model.population, chance)
+        else:
+            each, predicted = _of_curves(found.get("curves"), table, plan, chance)
+        if plan.adaptive:
+            notes.append("levels were chosen from the answers: the simulation takes them as given")
+        if "order" in table and bool(table["order"].notna().any()):
+            rows = table[["participant", "order"]].assign(outcome=table["correct"] - predicted)
+            rows = rows.dropna()
+            over, drawn = trend(rows, "outcome", level=plan.confidence), course(rows, "outcome")
+            notes += over.warnings
+        else:
+            notes.append("no column order: residuals over the session are not tested")
+        return Goodness(
+            misfits=in_order(each, plan, lambda one: one.condition),
+            trend=over,
+            course=drawn,
+            of_people=model is not None and model.population.proper,
+            notes=tuple(notes),
+        )
+
+    def show(self, found: Goodness, plan: RatePlan) -> Shown:
+        """Return what the model's own studies are like, and where the answers lie among them."""
+        over = found.trend
+        simulated = "studies that the model simulates"
+        counted = "each participant's counts from that participant's curve in the model"
+        judged = "a parametric bootstrap of the mixed model"
+        if not found.of_people:
+            simulated, counted = "answers that the curve simulates", "counts from the fitted curve"
+            judged = "a parametric bootstrap of the curve of all answers, fitted anew each time"
+        deviances = TableBlock.each(
+            f"Goodness of fit, by {simulated}",
+            found.misfits,
+            condition(plan),
+            ("Deviance", "strong", lambda one: size(one.deviance)),
+            ("Simulated", "", lambda one: size(one.expected)),
+            ("Counts", "", lambda one: str(one.cells)),
+            ("p", "n", lambda one: p_number(one.p)),
+            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
+            ("Largest residual", "", lambda one: _largest(one)),
+            ("p", "n", lambda one: p_number(one.level_p)),
+            ("p adj.", "n", lambda one: p_number(one.level_p_adjusted)),
+        )
+        told = Paragraph(
+            f"Deviance: of {counted}. Simulated: its mean over {simulated}. Residual: share of"
+            " right answers observed - expected, at the level where it is least like the simulated"
+            " ones. A small p says that the curves do not fit.",
+            muted=True,
+        )
+        sessions: tuple[TableBlock, ...] = ()
+        if over is not None and np.isfinite(over.p):
+            sessions = (
+                TableBlock.each(
+                    "Residuals over the session: change from the first to the last trial",
+                    [over],
+                    ("Change", "strong", lambda one: placed(one, one.change)),
+                    (plan.limits, "n", lambda one: number_range(one.lower, one.upper)),
+                    ("df", "", lambda one: df_text(one.df)),
+                    ("p", "n", lambda one: p_number(one.p)),
+                ),
+            )
+        axes = figure_axes([one.levels for one in found.misfits], plan)
+        draw = partial(misfit_plot, found.misfits, found.course, **axes)
+        caption = (
+            f"Residuals by {plan.level}: right answers observed - expected by the curves;"
+            f" bands: 95 % of {simulated}"
+            f"{'; right: over the session' * (found.course is not None)}."
+        )
+        lines = [
+            {"condition": one.condition, "level": x, "residual": r, "lower": low, "upper": high}
+            for one in found.misfits
+            for x, r, low, high in zip(one.levels, one.residuals, one.lower, one.upper, strict=True)
+        ]
+        columns = ("condition", "deviance", "expected", "cells", "p", "p_adjusted", "level_p",
+                   "level_p_adjusted")  # fmt: skip
+        return Shown(
+            title=section_title(plan),
+            blocks=(
+                FigurePlace(self.name),
+                deviances,
+                told,
+                *sessions,
+                Cautions("About this goodness of fit", found.notes),
+            ),
+            sentences=(
+                *(
+                    f"Goodness of fit of {plan.label(one.condition)}: deviance"
+                    f" {size(one.deviance)} of {one.cells} counts, {size(one.expected)} where"
+                    f" simulated, {p_text(one.p)} ({p_number(one.p_adjusted)}"
+                    f" Holm-adjusted); residuals by level {p_text(one.level_p)}"
+                    f" ({p_number(one.level_p_adjusted)} Holm-adjusted)."
+                    for one in found.misfits
+                ),
+                *(
+                    [
+                        "Residuals changed over the session by"
+                        f" {placed(over, over.change)} (share of right answers),"
+                        f" {level_text(plan.confidence)} {number_range(over.lower, over.upper)},"
+                        f" {t_text(over.t, over.df)}, {p_text(over.p)}."
+                    ]
+                    if over is not None and np.isfinite(over.t)
+                    else []
+                ),
+                *(
+                    [
+                        "The rank correlation of residuals with the order of trials was"
+                        f" \N{GREEK SMALL LETTER RHO} = {number(over.spearman_rho)},"
+                        f" {p_text(over.spearman_p)}."
+                    ]
+                    if over is not None and over.participants < 2 and np.isfinite(over.spearman_p)
+                    else []
+                ),
+            ),
+            methods=(
+                f"Goodness of fit was judged by {judged}: deviance, and residuals at each level, of"
+                f" the answers against simulated ones{_TIME * (over is not None)}."
+            ),
+            tables={
+                "goodness.csv": pd.DataFrame(
+                    [{name: getattr(one, name) for name in columns} for one in found.misfits]
+                ),
+                "residuals.csv": pd.DataFrame(lines),
+            },
+            figures=(PartFigure(self.name, caption, draw),),
+        )
+
+
+def _of_curves(
+    curves: Curves | None, table: pd.DataFrame, plan: RatePlan, chance: np.random.Generator
+) -> tuple[tuple[Misfit, ...], np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return how far the curves of all answers are from these, and the chance of each trial.
+
+    Raises
+    ------
+    ValueError
+        If no curve was fitted to each condition.
+    """
+    if curves is None or set(curves.curves) != set(table["condition"]):
+        raise ValueError("no curve of each condition could be fitted")
+    counts = {name: one.arrays for name, one in curves.counts.items()}
+    predicted = np.zeros(len(table))
+    levels = pd.to_numeric(table[str(plan.level)]).to_numpy(dtype=np.float64)
+    for name, fit in curves.curves.items():
+        own = (table["condition"] == name).to_numpy()
+        predicted[own] = fit(levels[own])
+    return curve_misfits(curves.curves, counts, plan.guess, chance), predicted
+
+
+_TIME = "; residuals over the session by each participant's slope, in a t test"
+
+
+def _largest(one: Misfit) -> str:
+    """Return the residual that is least like the simulated ones, and at which level."""
+    half = 0.5 * (np.array(one.upper) - np.array(one.lower))
+    away = np.abs(np.array(one.residuals)) / np.maximum(half, 1e-9)
+    k = int(np.argmax(away))
+    return f"{number(one.residuals[k])} at {size(one.levels[k])}"

@@ -1,0 +1,1 @@
+"""Files and folders on disk: read and written whole, locked, hashed, removed only if ours."""

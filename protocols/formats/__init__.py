@@ -1,0 +1,1 @@
+"""The formats for people and editors: published schemas, and pages made from them."""

@@ -1,0 +1,355 @@
+"""The files of a new study: templates, with every key explained from the schema itself.
+
+A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
+``#@ NAME`` stands for a section of a part, which begins with the same line there, and ``#+ NAME``
+in a part for another section of the parts, or of ``shared.toml``. What is composed is valid TOML
+with ``@WORD@`` for what differs between studies. Above the first use of each key come its meaning,
+type and default, taken from the models that read the file, so that comments and program cannot
+drift apart. A line ``#? key = value`` is a key that may be left out, and ``#? [header]`` a section
+of such keys: they stay behind a ``#``.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+from protocols.disk.hashing import sha256_bytes
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.formats.format_reference import bounds_in_words
+from protocols.formats.publish import schema_text
+from protocols.prose import shortest
+from protocols.study_file.own_stimuli import OwnStimuli
+from protocols.study_file.schema import StudyProtocol
+from protocols.suggest import did_you_mean
+from protocols.units import NAME_PATTERN
+
+FOLDERS = ("clips", "sessions", "report")
+PARTS: dict[str, tuple[str, str]] = {
+    "two-interval": ("warped-clips", "scenes"),
+    "two-alternative": ("warped-clips", "scenes"),
+    "yes-no": ("files", "pictures"),
+    "identification": ("files", "pictures"),
+    "abx": ("files", "pictures"),
+    "which-half": ("files", "pictures"),
+    "rating": ("files", "pictures"),
+}
+"""Tasks that a new study may have: the recipe that each starts from, and its folder of inputs."""
+PICTURES = {
+    "yes-no": "Here: a grating, or none, in fine or coarse noise.",
+    "identification": "Here: thick and thin rings with a gap on one of four sides.",
+    "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
+    "which-half": "Here: fine and coarse textures, sharp (the standard) and blurred.",
+    "rating": "Here: fine and coarse textures, sharp and blurred.",
+}
+FOVEATED = ("foveated-images", "pictures")
+"""The recipe that photographs become, and their folder."""
+CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75, FOVEATED[0]: 0.5}
+"""Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even
+a plain one, is an opinion: only who mostly prefers the worse is left out."""
+WANTED_FPS = 30.0
+_LOOKED_AT = ("two-interval",)  # tasks that show stills where the eye looks
+_WIDTH = 96
+PICTURE_PX = 128
+"""Edge of the pictures that a study of `files` starts from."""
+_TAGS = ("kind", "rule")
+_INPUTS = {
+    "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
+    "files": "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
+    "| `pictures/` | the files: some to start from, to be replaced by yours |",
+    FOVEATED[0]: "| `pictures/` | your photographs |",
+}
+_POWER = {
+    **dict.fromkeys(
+        ("warped-clips", FOVEATED[0]), "metamerlab analysis power study.toml --rate 0.65"
+    ),
+    "rating": "# Power of ratings cannot be simulated yet: plan by a pilot.",
+}
+_HEADER = re.compile(r"(#\? )?\[\[?([\w.]+)\]\]?$")
+_KEY = re.compile(r"(#\? )?(\w+) = ")
+
+
+def study_files(
+    name: str,
+    title: str,
+    display: Display,
+    task: str = "two-interval",
+    secret: str | None = None,
+    own: OwnStimuli | None = None,
+) -> dict[str, str]:
+    """Return the files of a new study by name.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study, as the protocol's `study.name` may be.
+    title : str
+        What people read.
+    display : Display
+        The display to start from.
+    task : str
+        One of `PARTS`.
+    secret : str, optional
+        Also seeds the order of trials; left out: the order follows from the code.
+    own : OwnStimuli, optional
+        Scenes and methods in place of the template's.
+
+    Raises
+    ------
+    StudyError
+        If there is no such task, with the nearest name; or it shows no scenes, and `own` has some;
+        or it shows none in the middle of the gaze, and `own` has photographs.
+    """
+    if task not in PARTS:
+        raise StudyError(
+            f"--task: must be one of {', '.join(PARTS)} (got {task!r}){did_you_mean(task, PARTS)}"
+        )
+    recipe, _ = PARTS[task]
+    own = own or OwnStimuli()
+    replaced = own.sections()
+    if own.stills_px is not None:
+        if task not in _LOOKED_AT:
+            raise StudyError(
+                f"--task: must be {' or '.join(_LOOKED_AT)} where photographs are given (got"
+                f" {task!r}, which shows none where the eye looks)"
+            )
+        recipe = FOVEATED[0]
+    elif replaced and recipe != "warped-clips":
+        of_scenes = [name for name, (kind, _) in PARTS.items() if kind == "warped-clips"]
+        raise StudyError(
+            f"--task: must be {' or '.join(of_scenes)} where scenes or methods are given (got"
+            f" {task!r}, which starts from pictures and their table)"
+        )
+    fps = clip_fps(display.refresh_hz)
+    frames = round(fps) if own.clips is None else own.clips.frames
+    words: dict[str, object] = {
+        **own.words(),
+        "NAME": name,
+        "TITLE": title,
+        "DESCRIPTION": display.description,
+        "WIDTH_PX": display.width_px,
+        "HEIGHT_PX": display.height_px,
+        "WIDTH_MM": display.width_mm,
+        "HEIGHT_MM": display.height_mm,
+        "DISTANCE_MM": display.distance_mm,
+        "REFRESH_HZ": display.refresh_hz,
+        "CLIP_MEMORY_MIB": display.clip_memory_mib,
+        "FPS": fps,
+        "DURATION_S": whole_frames_s(frames, fps),
+        "PICTURE_PX": PICTURE_PX,
+        "PICTURES": PICTURES.get(task, ""),
+        "TASK": task,
+        "INPUTS": _INPUTS[recipe],
+        "CATCH_MIN_SHARE": CATCH_MIN_SHARE[recipe],
+        "POWER": _POWER.get(task, _POWER.get(recipe, "metamerlab analysis power study.toml")),
+    }
+
+    def made(file: str, model: type[BaseModel] | None = None) -> str:
+        text = composed(task, recipe, replaced) if file == "study.toml" else _template(file)
+        for word, value in words.items():
+            text = text.replace(f"@{word}@", str(value))
+        if file == "study.toml" and secret is not None:
+            digest = sha256_bytes(secret.encode())
+            text = text.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
+        return text if model is None else explained(text, model)
+
+    return {
+        "study.toml": made("study.toml", StudyProtocol),
+        "display.toml": made("display.toml", Display),
+        "README.md": made("README.md"),
+        "schemas/study.schema.json": schema_text("study"),
+        "schemas/display.schema.json": schema_text("display"),
+    } | ({} if secret is None else {"study.secret": f"{secret}\n", ".gitignore": "*.secret\n"})
+
+
+def composed(task: str, recipe: str, replaced: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the template of a study with a task's and a recipe's part; `replaced` goes before."""
+    sections = _sections(f"parts/{task}.toml") | _sections(f"parts/{recipe}.toml")
+    lines = [
+        sections[line.removeprefix("#@ ")] if line.startswith("#@ ") else line
+        for line in _template("study.toml").splitlines()
+    ]
+    shared = {**_sections("parts/shared.toml"), **sections, **replaced}
+    text = re.sub(r"^#\+ (\w+)$", lambda use: shared[use[1]], "\n".join(lines), flags=re.M) + "\n"
+    _check(text)
+    return text
+
+
+def _sections(name: str) -> dict[str, str]:
+    """Return the sections of a part by name."""
+    parts = re.split(r"^#@ (\w+)\n", _template(name), flags=re.M)[1:]
+    return {key: text.strip("\n") for key, text in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def clip_fps(refresh_hz: float) -> float:
+    """Return the whole frame rate nearest to 30 that shows each frame for whole refreshes."""
+    whole = [
+        refresh_hz / each
+        for each in range(1, 16)
+        if abs(refresh_hz / each - round(refresh_hz / each)) < 1e-6
+    ]
+    return min(whole or [refresh_hz], key=lambda fps: abs(fps - WANTED_FPS))
+
+
+def whole_frames_s(frames: int, fps: float) -> float:
+    """Return how long so many frames last, in as few digits as say it."""
+    return float(shortest(frames / fps, lambda s: abs(s * fps - frames) <= 1e-6))
+
+
+def explained(text: str, model: type[BaseModel]) -> str:
+    """Return a TOML text with a comment above the first use of every key.
+
+    Parameters
+    ----------
+    text : str
+        With ``#? key = value`` for keys that stay commented out.
+    model : type of BaseModel
+        What reads the file.
+    """
+    return "\n".join(_explain(text.splitlines(), model)) + "\n"
+
+
+def _explain(lines: list[str], model: type[BaseModel]) -> Iterator[str]:
+    current, told = model, set[tuple[str, str]]()
+    kinds: dict[str, str] = {}
+    quoted = False  # inside a text of several lines
+    for number, line in enumerate(lines):
+        if header := _HEADER.match(line):
+            kinds[header[2]] = _kind(lines[number + 1 :])
+            current = _section(model, header[2].split("."), kinds)
+            yield "# " + line.removeprefix("#? ") if header[1] else line
+            continue
+        key = None if quoted else _KEY.match(line)
+        quoted ^= line.count('"""') % 2 == 1
+        if not key:
+            yield line
+            continue
+        owner = _owner(current, key[2])
+        if (owner.__name__, key[2]) not in told:
+            told.add((owner.__name__, key[2]))
+            yield from _comment(owner, key[2])
+        yield "# " + line.removeprefix("#? ") if key[1] else line
+
+
+@cache
+def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
+def _comment(owner: type[BaseModel], key: str) -> list[str]:
+    """Return what the schema says of a key: meaning, then unit, range and default."""
+    published = _schema_of(owner)
+    schema: dict[str, Any] = published["properties"][key]
+    said = " ".join(schema.get("description", "").split())
+    details = _details(schema, published.get("$defs", {}))
+    if not owner.model_fields[key].is_required():
+        default = schema.get("default")
+        left_out = default is None or default in ("", [], {})
+        details.append("may be left out" if left_out else f"default {_toml(default)}")
+    text = f"{said} ({', '.join(details)})" if details else said
+    return textwrap.wrap(
+        text.strip(),
+        _WIDTH,
+        initial_indent="# ",
+        subsequent_indent="#   ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _details(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    """Return unit, range and choices of a value; nothing for what its example shows anyway."""
+    options = [entry for entry in schema.get("anyOf", ()) if entry.get("type") != "null"]
+    if len(options) == 1:
+        return _details(options[0], definitions)
+    if "discriminator" in schema:
+        kinds = " | ".join(schema["discriminator"]["mapping"])
+        return [f"{schema['discriminator']['propertyName']} = {kinds}"]
+    if "$ref" in schema:
+        entry = definitions[str(schema["$ref"]).rpartition("/")[2]]
+        return ["with " + ", ".join(entry["properties"])]
+    if "enum" in schema:
+        return [" | ".join(map(_toml, schema["enum"]))]
+    if schema.get("type") == "boolean":
+        return ["true | false"]
+    if schema.get("pattern") == NAME_PATTERN:
+        return ["lower-case words joined by dashes"]
+    bounds = bounds_in_words(schema)
+    return [schema["unit"], *bounds] if "unit" in schema else bounds
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _section(model: type[BaseModel], names: list[str], kinds: dict[str, str]) -> type[BaseModel]:
+    """Return the model of a section; where several may stand there, the one of its kind."""
+    for count, name in enumerate(names, start=1):
+        if name in model.model_fields:
+            kind = kinds.get(".".join(names[:count]), "")
+            model = _model_in(model.model_fields[name].annotation, kind)
+        # else: a key of a table, such as the language in text.languages.en
+    return model
+
+
+def _model_in(annotation: object, kind: str) -> type[BaseModel]:
+    found = list(_models(annotation))
+    for entry in found:
+        tags = [getattr(entry.model_fields.get(key), "annotation", None) for key in _TAGS]
+        if kind and any(kind in get_args(tag) for tag in tags):
+            return entry
+    return found[0]
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) is not None:
+        for argument in get_args(annotation):
+            yield from _models(argument)
+
+
+def _owner(model: type[BaseModel], key: str) -> type[BaseModel]:
+    """Return the class that defines a key, so that kinds which share it are told it once."""
+    return next(
+        entry
+        for entry in reversed(model.__mro__)
+        if issubclass(entry, BaseModel) and key in entry.model_fields
+    )
+
+
+def _kind(lines: list[str]) -> str:
+    section = []
+    for line in lines:
+        if _HEADER.match(line):
+            break
+        section.append(line)
+    found = re.search(r'^(#\? )?(kind|rule) = "(.+)"$', "\n".join(section), flags=re.M)
+    return found[3] if found else ""
+
+
+def _template(name: str) -> str:
+    path = Path(str(files("protocols"))) / "templates" / name
+    text = path.read_text(encoding="utf-8")
+    if name == "display.toml":
+        _check(text)
+    return text
+
+
+def _check(text: str) -> None:
+    """Let a mistake of ours show here, not at a user's."""
+    tomllib.loads(re.sub(r"@\w+@", "0", text))

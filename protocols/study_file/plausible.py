@@ -1,0 +1,166 @@
+"""Notes of `protocol check` on what a study or a display may well say by mistake; never refusals.
+
+Each bound is far from what laboratories do, so that a note is worth reading: mostly a number in
+another unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from protocols.counterbalancing import arrival_shows
+from protocols.display import Display
+from protocols.errors import Problem
+from protocols.feasibility import clip_size_px, session_duration_s
+from protocols.recipes.warped_clips import StereoScene, WarpedClips
+from protocols.study_file.schema import StudyProtocol
+
+LONGEST_S: Final = {
+    "trial.fixation_s": 10,
+    "trial.fixation_timeout_s": 600,
+    "trial.iti_s": 30,
+    "trial.feedback_s": 10,
+    "task.stimulus_s": 60,
+    "task.gap_s": 10,
+    "gaze.violation_s": 1,
+    "gaze.blink_s": 2,
+    "gaze.blink_margin_s": 1,
+    "gaze.silence_s": 5,
+    "response.timeout_s": 600,
+    "design.break_s": 1800,
+    "analysis.exclusions.rt_min_s": 5,
+}
+"""The longest times that are taken without a word."""
+LONGEST_CLIP_S: Final = 120
+LONGEST_SESSION_S: Final = 2 * 60 * 60
+DISTANCE_MM: Final = (250, 5000)
+PITCH_MM: Final = (0.04, 1.5)
+WIDEST_DEG: Final = 100
+SMALLEST_PX: Final = 32
+WIDEST_BASELINE_M: Final = 2
+
+
+def display_notes(display: Display) -> list[Problem]:
+    """Return what may be wrong with a display's measures."""
+    found = []
+    low, high = DISTANCE_MM
+    if not low <= display.distance_mm <= high:
+        meant = 10 * display.distance_mm if display.distance_mm < low else display.distance_mm / 10
+        found.append(
+            Problem(
+                "display.distance_mm",
+                f"the eye is {display.distance_mm:g} mm from the screen; millimetres are meant:"
+                f" should it be {meant:g}?",
+            )
+        )
+    low_mm, high_mm = PITCH_MM
+    if not low_mm <= display.pitch_x_mm <= high_mm:
+        meant = 10 * display.width_mm if display.pitch_x_mm < low_mm else display.width_mm / 10
+        found.append(
+            Problem(
+                "display.width_mm",
+                f"a pixel is {display.pitch_x_mm:.3g} mm wide ({display.width_mm:g} mm for"
+                f" {display.width_px} px); millimetres are meant: should it be {meant:g}?",
+            )
+        )
+    return found
+
+
+def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Problem]:
+    """Return what may be wrong with a study on its display.
+
+    Parameters
+    ----------
+    trials : int
+        Of a whole session, practice and catch trials included.
+    """
+    return [
+        *_times(study),
+        *_sizes(study, display),
+        *_scenes(study),
+        *_true_view(study),
+        *_length(study, trials),
+        *_arrival(study),
+    ]
+
+
+def _times(study: StudyProtocol) -> Iterator[Problem]:
+    for path, longest_s in LONGEST_S.items():
+        value: object = study
+        for name in path.split("."):
+            value = getattr(value, name, None)
+        if isinstance(value, (int, float)) and value > longest_s:
+            yield _long(path, float(value))
+    clip_s = study.stimuli.clip_s
+    if clip_s is not None and clip_s > LONGEST_CLIP_S:
+        yield _long(f"{study.stimuli.section}.duration_s", clip_s)
+
+
+def _long(path: str, value_s: float) -> Problem:
+    told = f"{value_s / 60:.3g} minutes" if value_s >= 120 else f"{value_s:g} seconds"
+    return Problem(
+        path, f"{value_s:g} s are {told}; seconds are meant: should it be {value_s / 1000:g}?"
+    )
+
+
+def _sizes(study: StudyProtocol, display: Display) -> Iterator[Problem]:
+    size_px = clip_size_px(study, display)
+    angles_deg = display.angles_deg(*size_px)
+    section = study.stimuli.section
+    if min(size_px) < SMALLEST_PX:
+        yield Problem(
+            section,
+            f"stimuli are {size_px[0]} x {size_px[1]} px on this display, which shows little;"
+            " should they be larger?",
+        )
+    if max(angles_deg) > WIDEST_DEG:
+        yield Problem(
+            section,
+            f"stimuli are {angles_deg[0]:.0f} x {angles_deg[1]:.0f} deg on this display, more than"
+            " an eye sees at rest; are the display's measures and distance right?",
+        )
+
+
+def _scenes(study: StudyProtocol) -> Iterator[Problem]:
+    if not isinstance(study.stimuli, WarpedClips):
+        return
+    for index, scene in enumerate(study.stimuli.scenes):
+        if isinstance(scene, StereoScene) and scene.baseline_m > WIDEST_BASELINE_M:
+            yield Problem(
+                f"stimuli.scenes[{index}].baseline_m",
+                f"the cameras are {scene.baseline_m:g} m apart; metres are meant: should it be"
+                f" {scene.baseline_m / 1000:g}?",
+            )
+
+
+def _true_view(study: StudyProtocol) -> Iterator[Problem]:
+    view = study.stimuli.clips.true_view if isinstance(study.stimuli, WarpedClips) else None
+    dot_deg = study.trial.fixation_x_deg, study.trial.fixation_y_deg
+    if view is not None and (view.x_deg, view.y_deg) != dot_deg:
+        yield Problem(
+            "stimuli.clips.true_view",
+            f"the true view is around ({view.x_deg:g}, {view.y_deg:g}) deg, and the dot at"
+            f" ({dot_deg[0]:g}, {dot_deg[1]:g}) deg (trial.fixation_x_deg, fixation_y_deg); should"
+            " they be the same place?",
+        )
+
+
+def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
+    length_s = session_duration_s(study, trials)
+    if length_s > LONGEST_SESSION_S:
+        yield Problem(
+            "design",
+            f"a session takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"
+            " 1.5 s; people tire. Use fewer repeats, scenes or sizes, or several sessions",
+        )
+
+
+def _arrival(study: StudyProtocol) -> Iterator[Problem]:
+    if study.privacy.secret_sha256 is not None and arrival_shows(study):
+        yield Problem(
+            "design.places",
+            "the order in which participants arrive shows in the order of their trials, in what"
+            " comes first and in the keys, although the study has a secret; so public exports"
+            ' leave these out. If nobody took part yet, add places = "drawn" to [design]',
+        )

@@ -1,0 +1,235 @@
+"""Turns what pydantic found wrong into places, values and cures that a person can act on."""
+
+from __future__ import annotations
+
+import re
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from protocols.errors import Problem
+from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS
+from protocols.suggest import cure_for_key, cure_for_key_name, did_you_mean, split_unit
+from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
+
+MOST_PROBLEMS = 150
+"""Mistakes of one file that are told; their count stands among the lines that a command prints."""
+_WANTED_TYPE = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "finite_number": "a finite number",
+}
+_BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+    "multiple_of": ("a multiple of", "multiple_of"),
+}
+
+
+def problems_of(error: ValidationError, raw: object, model: type[BaseModel]) -> list[Problem]:
+    """Return one problem per place in the order of the file's model, then those between places.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What validating `raw` against `model` raised.
+    raw : object
+        The parsed file: tables as dicts.
+    model : type
+        The class of the whole file.
+    """
+    found: dict[str, list[str]] = {}
+    between: list[Problem] = []  # what the model checks itself: every mistake is one of its own
+    details = error.errors()
+    if len(details) > MOST_PROBLEMS:
+        left = f"{len(details) - MOST_PROBLEMS:,} more mistakes; mend these first"
+        between.append(Problem("", left))
+    for detail in details[:MOST_PROBLEMS]:
+        for problem in _problems(detail, raw, model):
+            if not detail["loc"]:
+                between.append(problem)
+                continue
+            messages = found.setdefault(problem.place, [])
+            if problem.message not in messages:
+                messages.append(problem.message)
+    joined = [Problem(place, _either(messages)) for place, messages in found.items()]
+    return joined + list(dict.fromkeys(between))
+
+
+def _either(messages: Sequence[str]) -> str:
+    """Join what the members of a union of types said about one value."""
+    wanted = [message.partition(" (got ") for message in messages]
+    if len(messages) > 1 and all(head.startswith("must be ") for head, _, _ in wanted):
+        heads = [wanted[0][0], *(head.removeprefix("must be ") for head, _, _ in wanted[1:])]
+        return " or ".join(heads) + "".join(wanted[0][1:])
+    return "; ".join(messages)
+
+
+def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iterator[Problem]:
+    kind, found, context = detail["type"], detail["input"], detail.get("ctx", {})
+    whole = not detail["loc"]
+    if kind == "value_error" and whole:  # StudyProtocol's own checks: one line each
+        for line in str(context["error"]).splitlines():
+            place, colon, message = line.partition(": ")
+            yield Problem(place, message) if colon and " " not in place else Problem("", line)
+        return
+    place, owner = _locate(detail["loc"], raw, model)
+    key = str(detail["loc"][-1]) if detail["loc"] else ""
+    if kind == "missing" and isinstance(detail["loc"][-1], int):  # a list of fixed length
+        count = detail["loc"][-1] + 1
+        yield Problem(place, f"must have {count} entries or more (got {_show(found)})")
+    elif kind == "missing":
+        yield Problem(place, "missing")
+    elif kind == "extra_forbidden":
+        known = list(owner.model_fields) if owner else []
+        cure = cure_for_key(key, found, known)
+        yield Problem(place, "unknown key" + (cure or f"; known keys: {', '.join(known)}"))
+    elif kind in _BOUNDS:
+        word, name = _BOUNDS[kind]
+        unit = UNIT_OF_SUFFIX.get(split_unit(key)[1], "")
+        bound = f"{context[name]:,.10g}" + (f" {unit}" if unit else "")
+        yield Problem(place, f"must be {word} {bound} (got {_show(found)})")
+    elif kind in _WANTED_TYPE:
+        yield Problem(place, f"must be {_WANTED_TYPE[kind]} (got {_show(found)})")
+    elif kind == "literal_error":
+        choices = re.findall("'([^']*)'", context["expected"])
+        near = did_you_mean(found, choices) if _is_text(found) else ""
+        yield Problem(place, f"must be {context['expected']} (got {_show(found)}){near}")
+    elif kind == "union_tag_invalid":
+        tags = context["expected_tags"].replace("'", "").split(", ")
+        yield Problem(
+            f"{place}.{_tag(context)}",
+            f"must be one of {', '.join(tags)} (got {_show(context['tag'])})"
+            + did_you_mean(context["tag"], tags),
+        )
+    elif kind == "union_tag_not_found":
+        yield Problem(f"{place}.{_tag(context)}", "missing")
+    elif kind == "string_pattern_mismatch":
+        wanted = (
+            "lower-case words and numbers joined by single dashes or underscores"
+            if context["pattern"] == NAME_PATTERN
+            else KEYS_IN_WORDS
+            if context["pattern"] == KEY_PATTERN
+            else f"text that matches {context['pattern']}"
+        )
+        meant = cure_for_key_name(str(found)) if wanted == KEYS_IN_WORDS else ""
+        yield Problem(place, f"must be {wanted} (got {_show(found)}){meant}")
+    elif kind in {"too_short", "string_too_short"}:
+        least = context.get("min_length", 1)
+        if isinstance(found, (tuple, list)) and len(found) >= least:
+            return  # an entry is wrong, and said to be: there are enough
+        what = "characters" if kind == "string_too_short" else "entries"
+        yield Problem(place, f"must have at least {least} {what} (got {_show(found)})")
+    elif kind == "value_error":
+        yield Problem(place, str(context["error"]))
+    else:
+        yield Problem(place, f"{detail['msg']} (got {_show(found)})")
+
+
+def _tag(context: Mapping[str, Any]) -> str:
+    """Return the key that says which of several models a table is: `kind`, or a rule's `rule`."""
+    return str(context.get("discriminator", "kind")).strip("'")
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _show(value: object) -> str:
+    """Return a value as TOML writes it, cut short."""
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, Mapping):
+        text = "{" + ", ".join(f"{key} = {_show(entry)}" for key, entry in value.items()) + "}"
+    elif isinstance(value, (tuple, list)):
+        text = "[" + ", ".join(_show(entry) for entry in value) + "]"
+    else:
+        text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _locate(
+    loc: tuple[int | str, ...], raw: object, model: type[BaseModel]
+) -> tuple[str, type[BaseModel] | None]:
+    """Return the place as the file's author would write it, and the model that owns the key.
+
+    pydantic puts the names of union members into its locations; they are not in the file.
+    """
+    place, owner = "", None
+    annotation: object = model
+    for index, step in enumerate(loc):
+        models = [entry for entry in _members(annotation) if _is_model(entry)]
+        last = index == len(loc) - 1
+        if isinstance(step, int):
+            if not isinstance(raw, (tuple, list)) or step >= len(raw):
+                continue
+            place, raw = f"{place}[{step}]", raw[step]
+            annotation = _item(annotation, step)
+            continue
+        owner = _choose(models, raw) or owner
+        if len(models) > 1:  # the tag of a discriminated union, which the file has no key for
+            annotation = owner
+            continue
+        in_file = isinstance(raw, Mapping) and step in raw
+        field = step in owner.model_fields if owner and models else False
+        if not in_file and not (last and (field or not models)):
+            continue
+        if not in_file and last and not field:
+            continue
+        place = f"{place}.{step}" if place else step
+        raw = raw.get(step) if isinstance(raw, Mapping) else None
+        if owner and models and field:
+            annotation = owner.model_fields[step].annotation
+        else:
+            annotation = _item(annotation, step)
+    return place, owner
+
+
+def _is_model(entry: object) -> bool:
+    return isinstance(entry, type) and issubclass(entry, BaseModel)
+
+
+def _members(annotation: object) -> list[Any]:
+    """Return the alternatives of a type, with wrappers taken off."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _members(get_args(annotation)[0])
+    if origin in (Union, types.UnionType):
+        return [member for part in get_args(annotation) for member in _members(part)]
+    return [annotation]
+
+
+def _item(annotation: object, step: int | str) -> object:
+    """Return the type of an entry of a list or table."""
+    for member in _members(annotation):
+        arguments = get_args(member)
+        if get_origin(member) is tuple and isinstance(step, int):
+            several = len(arguments) > 1 and arguments[1] is not Ellipsis
+            return arguments[min(step, len(arguments) - 1)] if several else arguments[0]
+        if get_origin(member) is dict and isinstance(step, str):
+            return arguments[1]
+    return None
+
+
+def _choose(models: Sequence[type[BaseModel]], raw: object) -> type[BaseModel] | None:
+    """Return the member of a discriminated union that `raw` says it is."""
+    if len(models) > 1 and isinstance(raw, Mapping):
+        for entry in models:
+            for tag in ("kind", "rule"):
+                field = entry.model_fields.get(tag)
+                if field and raw.get(tag) in get_args(field.annotation):
+                    return entry
+    return models[0] if models else None

@@ -1,0 +1,1 @@
+"""Files of pictures and clips: channels, planes, flow, frames and videos."""

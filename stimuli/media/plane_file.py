@@ -1,0 +1,466 @@
+"""Files of one number a pixel: disparity and depth, and what in them stands for "unknown".
+
+Numbers are read as they are stored. A number stands for "unknown" for sure if it is 0 in a file of
+integers, not finite in a file of floats, or what the file's own header names. Others do where no
+picture can have them: StereoSGBM's -1 (its -16 before it is divided by 16), a depth of 0. Where a
+number looks like a stand-in, but may be one, the person is asked.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError, note
+from pipeline.image_file import check_fits, check_numbers, count_pictures, read_pixels
+from pipeline.picture_limits import check_need, check_values
+from protocols.outside import check_zip, reading
+from stimuli.exr import check_depth_unit
+from stimuli.media.channels import EMPTY_DEPTH, lone_plane
+from stimuli.media.exr_parts import read_parts
+
+NUMPY_FILES: Final = (".npy", ".npz")
+DepthIs = Literal["distance", "inverse", "ray"]
+DEPTH_IS: Final[tuple[DepthIs, ...]] = get_args(DepthIs)
+Unknown = Sequence[float] | None
+"""Numbers that stand for "unknown"; none, if it is empty; None where nobody has said."""
+
+_MANY = 1e-3  # share of the pixels from which a number may stand for something
+_APART = 1 / 16  # of an integer type's range, between a stand-in and the next number
+_APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
+_UNITS = "units_per_px (--units-per-px)"
+_NEARLY_ALL = 0.9
+_LONE = 100.0  # times nearer than all else, from which on a distance is doubted
+_LISTED = 6  # numbers that a message lists
+_FAR = 2.0  # widths of the picture; a single disparity from there on may be a stand-in
+_FLOAT_STAND_INS = (65504.0, 65520.0, 65535.0)
+_WRONG_ORDER = 0.5  # share of floats beyond any distance
+_ROUGH, _SMOOTHER = 0.05, 4.0  # mean step of integers, of their range; and how much less it was
+_SMALLEST, _LARGEST = 1e-12, 1e12  # of any distance, in whatever unit
+_FORMATS = "PNG of 16 bits, TIFF, OpenEXR, PGM, PFM, .npy or .npz"
+
+
+def load_plane(path: Path) -> tuple[NDArray[Any], bool]:
+    """Read one number a pixel as stored, such as a disparity map or a mask.
+
+    Returns
+    -------
+    plane : ndarray of a real type, shape (H, W)
+        The stored numbers, in the type that the file stores.
+    integer : bool
+        Whether the file stores integers.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not a whole image of one channel or a numpy file of one array, or of a format that
+        loses numbers.
+    """
+    plane, _ = _read(path)
+    return plane, plane.dtype.kind in "iu"
+
+
+def read_disparity(
+    path: Path, *, units_per_px: float, offset_px: float, unknown: Unknown = None
+) -> NDArray[np.float32]:
+    """Read a disparity in pixels, shape (H, W); NaN where it is unknown.
+
+    Raises
+    ------
+    FileNotFoundError, InputError
+        As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
+    """
+    stored, named = _read(path)
+    values = _doubles(stored)
+    missing = _unknown(stored, named, unknown)
+    missing |= ~np.isfinite(values) | (np.abs(values) >= EMPTY_DEPTH)
+    impossible = ~missing & (values / units_per_px + offset_px <= 0)
+    if impossible.any():
+        _check_sign(path, values[impossible & (values < 0)], int((~missing).sum()))
+    if unknown is None:
+        lowest = (-1.0, -units_per_px)
+        missing |= _impossible_stand_in(path, stored, impossible, lowest)
+        _ask(path, stored, missing, (*lowest, -16.0), _APART_PX * units_per_px, units_per_px)
+    impossible &= ~missing
+    if unknown is None:
+        _ask_about_impossible(path, stored, values / units_per_px, missing, impossible)
+    if impossible.any():
+        held = _held(stored, impossible)
+        raise InputError(
+            f"{path}: disparity must be greater than {0 - offset_px:g} px, or the depth is not"
+            f" positive (holds {held}); if it stands for unknown,"
+            f" {_say(*np.unique(stored[impossible]), told=unknown)}; else, is the offset right"
+            " (offset_px, --offset-px)?"
+        )
+    values = np.where(missing, np.nan, values / units_per_px)
+    return _some_known(path, values, "disparity").astype(np.float32)
+
+
+def read_depth(
+    path: Path, scale: float, *, is_a: DepthIs = "distance", unknown: Unknown = None
+) -> NDArray[np.float64]:
+    """Read depth, shape (H, W), in metres once multiplied by `scale`.
+
+    NaN where it is unknown, inf where there is nothing.
+
+    Raises
+    ------
+    FileNotFoundError, InputError
+        As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
+    """
+    stored, named = _read(path, scale)
+    values = _doubles(stored)
+    missing = _unknown(stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
+    far = np.isinf(values) & (is_a == "inverse")  # a distance of 0
+    impossible = ~missing & (far | (values < 0 if is_a == "inverse" else values <= 0))
+    if unknown is None:
+        held = np.unique(stored[impossible])[:1].tolist()
+        missing |= _impossible_stand_in(path, stored, impossible, held)
+        nearest = () if is_a == "inverse" else _lone(values[~missing & ~impossible])
+        _ask(path, stored, missing, nearest, 0.0, 1.0)
+        impossible &= ~missing
+    if impossible.any():
+        rule = "at or above 0, and finite" if is_a == "inverse" else "greater than 0"
+        raise InputError(
+            f"{path}: depth must be {rule} (holds {_held(stored, impossible)}); if it stands for"
+            f" unknown, {_say(*np.unique(stored[impossible]), told=unknown)}; else render it again"
+        )
+    if is_a == "inverse":
+        with np.errstate(divide="ignore"):
+            depth = scale / values
+    else:
+        depth = np.where(values >= EMPTY_DEPTH, np.inf, values * scale)
+    return _some_known(path, np.where(missing, np.nan, depth), "depth")
+
+
+def _some_known(path: Path, values: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+    if np.isnan(values).all():
+        raise InputError(
+            f"{path}: {what} must be known for at least one pixel (each is NaN, or a number that"
+            " stands for unknown); is it the right file?"
+        )
+    return values
+
+
+def along_axis(
+    depth_m: NDArray[np.float32], intrinsics_px: tuple[float, float, float, float]
+) -> NDArray[np.float32]:
+    """Return distances along each pixel's ray, shape (H, W), as distances along the optical axis.
+
+    `intrinsics_px` are fx, fy, cx and cy, the centre of the left top pixel being at (0, 0).
+
+    Raises
+    ------
+    InputError
+        If a focal length is not greater than 0.
+    """
+    fx_px, fy_px, cx_px, cy_px = intrinsics_px
+    if not (fx_px > 0 and fy_px > 0):
+        raise InputError(f"focal lengths must be greater than 0 (got {fx_px:g} and {fy_px:g})")
+    height, width = depth_m.shape
+    x = (np.arange(width) - cx_px) / fx_px
+    y = (np.arange(height)[:, None] - cy_px) / fy_px
+    return np.asarray(depth_m / np.sqrt(1 + x**2 + y**2), np.float32)
+
+
+def _ask_about_impossible(
+    path: Path,
+    stored: NDArray[Any],
+    pixels: NDArray[np.float64],
+    missing: NDArray[np.bool_],
+    negative: NDArray[np.bool_],
+) -> None:
+    """Refuse one single disparity that cannot be, with what would say that it stands for unknown.
+
+    Raises
+    ------
+    InputError
+        If all impossible disparities are equal: one below the least that can be, or, at many
+        pixels, one far beyond the picture's width.
+    """
+    width = pixels.shape[1]
+    far = ~missing & (pixels >= _FAR * width)
+    others = pixels[~missing & ~far]
+    many = far.sum() >= max(2, _MANY * pixels.size)
+    lonely = bool(many and others.size and others.max() < width)
+    for bad, rule, doubt in (
+        (negative, "greater than what makes depth infinite", "offset_px (--offset-px)"),
+        (far & lonely, f"less than the picture's width, {width} px", _UNITS),
+    ):
+        held = pixels[bad]
+        if held.size and (held == held[0]).all():
+            value = stored[bad][0]
+            raise InputError(
+                f"{path}: disparity must be {rule} (got {held[0]:g} px, stored as"
+                f" {_digits(value)}, at"
+                f" {held.size} pixels); if it stands for unknown, {_say(value)}; else, is"
+                f" {doubt} right?"
+            )
+
+
+def _unknown(
+    stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
+) -> NDArray[np.bool_]:
+    """True where a number stands for "unknown" for sure: by type, header, or what was told."""
+    numbers = [*(told or ()), *(() if named is None else (named,))]
+    if zero and stored.dtype.kind in "iu":
+        numbers.append(0)
+    missing = np.zeros(stored.shape, np.bool_)
+    for number in numbers:  # 0.1 of half or float is another number than 0.1
+        missing |= stored == (stored.dtype.type(number) if stored.dtype.kind == "f" else number)
+    return missing
+
+
+def _impossible_stand_in(
+    path: Path, stored: NDArray[Any], impossible: NDArray[np.bool_], numbers: Sequence[float]
+) -> NDArray[np.bool_]:
+    """The impossible pixels, where all hold one of `numbers`, which then stands for "unknown"."""
+    held = np.unique(stored[impossible])
+    if held.size != 1 or float(held[0]) not in [float(number) for number in numbers]:
+        return np.zeros(stored.shape, np.bool_)
+    note(path, f"{_digits(held[0])}, at {int(impossible.sum())} pixels, is taken for unknown")
+    return impossible
+
+
+def _ask(
+    path: Path,
+    stored: NDArray[Any],
+    missing: NDArray[np.bool_],
+    lowest: Sequence[float],
+    apart: float,
+    units: float,
+) -> None:
+    """Refuse a number that many pixels hold, far from all others, and that others use for unknown.
+
+    Raises
+    ------
+    InputError
+        With what would say what it is.
+    """
+    known = _doubles(stored[~missing])
+    if not known.size:
+        return
+    low, high = float(known.min()), float(known.max())
+    above, below = known[known > low], known[known < high]
+    if low in lowest and above.size and above.min() - low >= apart:
+        value, count = stored[~missing].min(), known.size - above.size
+    elif (
+        high in _highest(stored.dtype, units)
+        and below.size
+        and high - below.max()
+        > (below.max() - low if stored.dtype.kind == "f" else _largest(stored.dtype, high) * _APART)
+    ):
+        value, count = stored[~missing].max(), known.size - below.size
+    else:
+        return
+    if count < max(2, _MANY * stored.size):
+        return
+    raise InputError(
+        f"{path}: each number must be known or said to be unknown ({count} pixels hold"
+        f" {_digits(value)},"
+        " far from all others: programs write it where they found nothing); if it stands for"
+        f" unknown, {_say(value)}; if it is a number like others, say so by unknown = [] in a"
+        " study, or --unknown none"
+    )
+
+
+def _check_sign(path: Path, below: NDArray[np.float64], known: int) -> None:
+    """Refuse a disparity below 0 nearly everywhere, which grows the other way.
+
+    Raises
+    ------
+    InputError
+        With what turns it.
+    """
+    if below.size > _NEARLY_ALL * known and (below != below[0]).any():
+        raise InputError(
+            f"{path}: disparity must be greater than 0, and the larger the nearer ({below.size} of"
+            f" {known} known numbers are below 0: disparity of the other convention); write"
+            " it with its sign turned"
+        )
+
+
+def _held(stored: NDArray[Any], where: NDArray[np.bool_]) -> str:
+    """Numbers at some pixels, and at how many each, in words."""
+    numbers, counts = np.unique(stored[where], return_counts=True)
+    listed = [
+        f"{_digits(number)} at {count} pixels"
+        for number, count in zip(numbers[:_LISTED], counts[:_LISTED], strict=True)
+    ]
+    more = numbers.size - _LISTED
+    return ", ".join([*listed, *([f"{more} other such numbers"] if more > 0 else [])])
+
+
+def _say(*values: Any, told: Unknown = None) -> str:
+    """Cure in words: how to say that numbers stand for "unknown", beside those that were told."""
+    numbers = [*dict.fromkeys([*map(float, told or ()), *values])]
+    if len(numbers) > _LISTED:
+        return "store NaN in its place, in a file of floats"
+    words = [_digits(number) for number in numbers]
+    options = " ".join(f"--unknown {word}" for word in words)
+    return f"say so by unknown = [{', '.join(words)}] in a study, or {options}"
+
+
+def _digits(value: Any) -> str:
+    """A stored number in as few digits as name it and no other of its type."""
+    if isinstance(value, float | np.floating):
+        return np.format_float_positional(value, trim="-")
+    return str(value)
+
+
+def _lone(values: NDArray[np.float64]) -> tuple[float, ...]:
+    """The least of some numbers, where all others are more than a hundred times as large."""
+    others = values[values > values.min(initial=np.inf)]
+    return (values.min(),) if others.size and values.min() * _LONE < others.min() else ()
+
+
+def _highest(dtype: np.dtype[Any], units: float) -> tuple[float, ...]:
+    """Large numbers that programs write for "unknown": the largest, and -1 and -16 without sign."""
+    if dtype.kind == "f":
+        return _FLOAT_STAND_INS
+    largest = {_largest(dtype, 0.0), float(np.iinfo(dtype).max)}
+    return tuple(stand for most in largest for stand in (most, most + 1 - units, most - 15))
+
+
+def _largest(dtype: np.dtype[Any], number: float) -> float:
+    """The largest integer of a type; of a wide one with numbers of 16 bits, theirs."""
+    most = float(np.iinfo(dtype).max)
+    return 65535.0 if dtype.itemsize > 2 and number <= 65535 else most
+
+
+def check_byte_order(path: Path, stored: NDArray[Any]) -> None:
+    """Refuse numbers that make sense only with their bytes in the other order.
+
+    Raises
+    ------
+    InputError
+        With the first number in both orders.
+    """
+    if stored.dtype.itemsize == 1:
+        return
+    if stored.dtype.kind == "f":
+        wrong = _absurd(stored) > _WRONG_ORDER > _absurd(stored.byteswap())
+    else:
+        rough = _roughness(stored)
+        wrong = rough > _ROUGH and _roughness(stored.byteswap()) < rough / _SMOOTHER
+    if wrong:
+        other = stored.byteswap()
+        raise InputError(
+            f"{path}: must hold its numbers in the byte order that it states (the first is"
+            f" {stored.flat[0]:g}, and {other.flat[0]:g} with its bytes turned round); write it"
+            " again, with the order that its numbers have"
+        )
+
+
+def _doubles(stored: NDArray[Any]) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore", over="ignore"):  # damaged floats may be signals
+        return stored.astype(np.float64)
+
+
+def _absurd(values: NDArray[Any]) -> float:
+    """Share of the numbers other than 0 that are no distance in any unit."""
+    size = np.abs(_doubles(values))
+    size = size[np.isfinite(size) & (size != 0)]
+    return float(((size < _SMALLEST) | (size > _LARGEST)).mean()) if size.size else 0.0
+
+
+def _roughness(values: NDArray[Any]) -> float:
+    """Mean step along the rows, of the whole range."""
+    extent = float(values.max()) - float(values.min())
+    steps = np.abs(np.diff(values.astype(np.float64), axis=1))
+    return float(steps.mean()) / extent if extent > 0 and steps.size else 0.0
+
+
+def _read(path: Path, scale: float = 0.0) -> tuple[NDArray[Any], float | None]:
+    """Numbers as stored, and the one that the header names for "unknown".
+
+    A `scale` of 1 is that of depth in metres.
+    """
+    if path.suffix.lower() in NUMPY_FILES:
+        with reading(path, "a numpy file of one array", InputError):
+            array = _load_array(path)
+        check_byte_order(path, array)
+        return array, None
+    check_fits(path, "read")
+    pixels = read_pixels(path, stretched=False)
+    named = check_numbers(path, pixels)
+    if scale == 1:
+        cure = "; say how many metres a unit has (--depth-scale, or depth_scale in a study)"
+        check_depth_unit(path, pixels.attributes, cure)
+    data, names = pixels.data, pixels.channels
+    if pixels.kind == "openexr" and (len(names) > 1 or count_pictures(path) > 1):
+        planes = read_parts(path, judged=True).planes
+        data, names = np.stack(list(planes.values()), axis=-1), tuple(planes)
+        if (plane := lone_plane(path, planes)) is not None:
+            return plane, named
+    if names[-1:] == ("A",) and data.shape[-1] > 1:
+        opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
+        if (data[..., -1] == opaque).all():
+            data, names = data[..., :-1], names[:-1]
+    if data.shape[-1] == 3 and (data == data[..., :1]).all():
+        data = data[..., :1]  # grey, stored as colour
+    if data.shape[-1] == 1:
+        check_byte_order(path, data[..., 0])
+        return data[..., 0], named
+    if names == ("R", "G", "B"):
+        raise InputError(
+            f"{path}: must have one channel, of the numbers themselves (has R, G, B that differ: a"
+            " colour-mapped picture of them, or numbers packed in three channels); made grey it"
+            f" would be wrong: ask whoever made it for the numbers, as {_FORMATS}"
+        )
+    raise InputError(
+        f"{path}: must have one channel (has {', '.join(names)}); write the one that is"
+        f" meant to a file of its own, as {_FORMATS}"
+    )
+
+
+def _load_array(path: Path) -> NDArray[Any]:
+    """Return the one array of a numpy file, after a look at the size that it states."""
+    if not zipfile.is_zipfile(path):
+        with path.open("rb") as file:
+            _check_header(path, file)
+            file.seek(0)
+            array = np.asarray(np.load(file, allow_pickle=False))
+    else:
+        with path.open("rb") as file:
+            check_zip(path, file, InputError)
+            with zipfile.ZipFile(file) as packed:
+                for name in packed.namelist():
+                    with packed.open(name) as member:
+                        _check_header(path, member)
+        with np.load(path, allow_pickle=False) as loaded:
+            array = np.asarray(loaded[_only_key(path, loaded.files)])
+    if array.ndim == 3 and array.shape[-1] == 1:
+        array = array[..., 0]
+    if array.ndim != 2 or array.dtype.kind not in "fui":
+        raise InputError(
+            f"{path}: must hold numbers of shape (H, W) (has {array.dtype} of shape {array.shape})"
+        )
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
+
+
+def _check_header(path: Path, file: IO[bytes]) -> None:
+    """Refuse an array by the size that it states."""
+    first = np.lib.format.read_magic(file) == (1, 0)
+    header = np.lib.format.read_array_header_1_0 if first else _later_header
+    shape = header(file)[0]
+    check_values(path, *shape)
+    check_need(path, "read", math.prod(shape), 1)
+
+
+def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:
+    return np.lib.format.read_array_header_2_0(file)
+
+
+def _only_key(path: Path, keys: list[str]) -> str:
+    if len(keys) != 1:
+        raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
+    return keys[0]

@@ -1,0 +1,1 @@
+"""Commands on single pictures and clips."""

@@ -1,0 +1,269 @@
+"""`metamerlab warp`: one picture, warped and filled by any method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from protocols.disk.result_folder import check_result
+from protocols.errors import StudyError
+from study_app.cli.pictures.one_picture_options import (
+    FILE_ENDINGS,
+    SeedOption,
+    SettingsOption,
+    check_outputs,
+    choose_methods,
+    list_option,
+    method_option,
+    print_methods,
+    renderer,
+)
+from study_app.cli.pictures.warp_options import (
+    EyeOptions,
+    HoleOptions,
+    SourceOptions,
+    WarpFigureOptions,
+)
+from study_app.cli.terminal import PlainConsole, say, table_of
+
+if TYPE_CHECKING:
+    from pipeline.frame import WarpedFrame
+    from pipeline.quality import Quality
+    from stimuli.choice import Choice
+    from stimuli.one_frame import FillResult
+    from stimuli.single.upsampled import Eye
+    from study_app.cli.pictures.warp_source import LoadedSource
+
+DEFAULT_METHOD = "metameric"
+_SOURCE_HELP = (
+    "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
+    " two poses (--depth); an image of a stereo pair (with --disparity); any picture with a mask"
+    " of its holes (--mask); or a built-in pair: motorcycle."
+)
+
+
+def _print_methods(console: Console) -> None:
+    from pipeline.methods.registry import METHODS, method_parameters
+
+    print_methods(console, METHODS, method_parameters)
+
+
+@dataclass(frozen=True)
+class MethodOptions:
+    """Methods, their parameters, and the seed."""
+
+    methods: Annotated[list[str] | None, method_option("Fill method", DEFAULT_METHOD)] = None
+    settings: SettingsOption = None
+    _list: Annotated[bool, list_option("the methods and their parameters", _print_methods)] = False
+    seed: SeedOption = 0
+
+
+def warp(
+    source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
+    out: Annotated[
+        Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
+    ] = Path("filled.png"),
+    *,
+    method: MethodOptions,
+    holes: HoleOptions,
+    given: SourceOptions,
+    eye: EyeOptions,
+    looks: WarpFigureOptions,
+) -> None:
+    """Warp one picture and fill its holes.
+
+    Holes are pixels that the new view shows and the old one did not see.
+    If the true view is known (--truth, --right), the fill is measured inside them.
+
+    Examples:
+
+        metamerlab warp motorcycle filled.png --methods telea
+
+        metamerlab warp frame.exr filled.png --steps steps/
+
+        metamerlab warp motorcycle --compare sheet.png
+
+        metamerlab warp motorcycle --true-within 5 --gaze 300,250 -m metameric -m push-pull
+        --compare sheet.png
+
+        metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
+
+        metamerlab warp photo.png out.png --depth depth.png
+
+        metamerlab warp photo.png out.png --mask holes.png
+
+        metamerlab warp photo.png out.png --depth depth.png -m coherence-transport
+        --set fovea_deg=5 --gaze 300,250
+
+        metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
+
+        metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
+        --camera 518,519,325.5,253.5 --pose pose.txt:1 --target-pose pose.txt:2
+    """
+    from pipeline.warp.settings import WarpSettings
+    from study_app.cli.pictures.warp_source import load
+
+    if given.mask is not None and holes != HoleOptions():
+        raise StudyError("--mask says what is hole: leave out --rim-px and --depth-speckle")
+    WarpSettings(rim_px=holes.rim_px or 0)  # checks its range before anything is read
+    given = given.with_unknown()
+    choices = _choices(method.methods, method.settings, looks.compare is not None)
+    check_outputs(
+        {"OUT": (out, FILE_ENDINGS), "--compare": (looks.compare, (".png",))},
+        [looks.steps],
+        [Path(source), *given.files],
+    )
+    if looks.steps is not None:
+        check_result(looks.steps, replace=True)
+    loaded = load(source, given)
+    asked = {name: value for name, value in vars(holes).items() if value is not None}
+    loaded = replace(loaded, settings=replace(loaded.settings, **asked))
+    choices, seen = _look(choices, loaded, eye)
+    _run(loaded, choices, method.seed, out, looks, seen)
+
+
+def _run(
+    loaded: LoadedSource,
+    choices: list[Choice],
+    seed: int,
+    out: Path,
+    looks: WarpFigureOptions,
+    eye: Eye | None,
+) -> None:
+    from pipeline.gl.context import describe
+    from pipeline.warp.speckle import mends
+    from stimuli import pictures
+    from stimuli.exr import save_colour
+    from stimuli.one_frame import comparison, warp_and_fill
+    from stimuli.single.upsampled import periphery, upsampled, upsampled_sheet
+    from stimuli.single.warp_steps import write_steps
+
+    compare, steps = looks.compare, looks.steps
+    frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, False) as ctx:
+        if ctx is not None:
+            console.print(f"renderer: {describe(ctx)}")
+        with console.status("warping and filling ..."):
+            warped, fills = warp_and_fill(
+                ctx, frame, choices, seed=seed, settings=settings, truth=truth,
+                truth_mask=None if eye is None else periphery(eye), hole=loaded.hole,
+            )  # fmt: skip
+    mended = len(mends(frame.source.depth_m)[0]) if settings.depth_speckle else 0
+    _print_results(console, warped, fills, settings.rim_px, mended, eye)
+    plain = fills
+    if eye is not None and truth is not None:
+        fills = upsampled(fills, truth, eye)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_colour(out, fills[0].colour)
+    console.print(f"wrote {out} ({fills[0].choice.label})")
+    if compare is not None:
+        compare.parent.mkdir(parents=True, exist_ok=True)
+        if eye is not None and truth is not None:
+            sheet = upsampled_sheet(warped, fills, truth, eye)
+        else:
+            sheet = comparison(warped, fills, truth)
+        pictures.save_picture(compare, sheet)
+        console.print(f"wrote {compare} ({len(fills)} methods)")
+    if steps is not None:
+        with console.status("writing every step ..."):
+            written = write_steps(steps, frame, warped, plain, seed=seed)
+        console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
+
+
+def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
+    from pipeline.methods.registry import METHODS, check_method, method_parameters
+    from stimuli.choice import Choice
+
+    every = [entry.name for entry in METHODS if not entry.takes_path]
+    chosen = choose_methods(
+        methods, settings, every=every, default=DEFAULT_METHOD, known=method_parameters,
+        sheet=compare,
+    )  # fmt: skip
+    for name, parameters in chosen:
+        check_method(name, parameters)
+    return [Choice(name, parameters) for name, parameters in chosen]
+
+
+def _look(
+    choices: list[Choice], loaded: LoadedSource, eye: EyeOptions
+) -> tuple[list[Choice], Eye | None]:
+    """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
+    from pipeline.foveation.geometry import FlatGeometry
+    from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze, width_deg
+    from stimuli.single.upsampled import Eye
+
+    by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
+    if eye.true_within is None and not by_gaze:
+        for name, given in (("--gaze", eye.gaze), ("--display", eye.display), ("--fov", eye.fov)):
+            if given is not None:
+                raise StudyError(
+                    f"{name} says where the true view is shown, or where coherence-transport works:"
+                    " give --true-within DEG, or -m coherence-transport --set fovea_deg=DEG"
+                )
+        return choices, None
+    if eye.true_within is not None and loaded.truth is None:
+        raise StudyError(
+            "--true-within needs the true view: give --truth, or --right with a stereo pair"
+        )
+    height, width = loaded.frame.source.colour.shape[:2]
+    looking = look_at((height, width), display=eye.display, fov_deg=eye.fov)
+    geometry = looking.geometry
+    assert isinstance(geometry, FlatGeometry)
+    say(looking.words)
+    gaze_px = read_gaze(eye.gaze, geometry)
+    if by_gaze:
+        say(gaze_words(gaze_px, geometry))
+        across, down = (round(angle, 4) for angle in geometry.angles_deg(gaze_px))
+        told = {"gaze_x_deg": across, "gaze_y_deg": down, "width_deg": width_deg(geometry)}
+        twice = sorted(told.keys() & choices[0].parameters)
+        if twice:
+            raise StudyError(
+                f"--gaze, --display and --fov say {twice[0]}: use them, and leave it out of --set"
+            )
+        choices = [replace(one, parameters={**one.parameters, **told}) for one in choices]
+    return choices, None if eye.true_within is None else Eye(geometry, gaze_px, eye.true_within)
+
+
+def _print_results(
+    console: Console, warped: WarpedFrame, fills: list[FillResult], rim_px: int, mended: int,
+    eye: Eye | None,
+) -> None:  # fmt: skip
+    height, width = warped.size
+    holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
+    if rim_px > 0:
+        holes += f", with a rim of {rim_px} px"
+    if mended > 0:
+        holes += f"; outliers of depth mended: {mended}"
+    console.print(f"{width} x {height} px, {holes}")
+    every = [(fill.choice, fill.quality_all) for fill in fills]
+    if eye is not None:
+        _print_quality(console, "inside holes where nothing of the true view is shown", every)
+        return
+    _print_quality(console, "inside the holes that do not touch the border",
+                   [(fill.choice, fill.quality) for fill in fills])  # fmt: skip
+    _print_quality(console, "inside all holes", every)
+
+
+def _print_quality(
+    console: Console, title: str, found: list[tuple[Choice, Quality | None]]
+) -> None:
+    if not any(quality for _, quality in found):
+        return
+    heads = ("method", "PSNR dB", "SSIM", "high-frequency ratio", "band error")
+    rows = [
+        (
+            choice.label,
+            f"{quality.psnr_db:.2f}",
+            f"{quality.ssim:.3f}",
+            f"{quality.high_frequency_ratio:.2f}",
+            f"{quality.band_error:.3f}",
+        )
+        for choice, quality in found
+        if quality is not None
+    ]
+    console.print(table_of(heads, rows, right=1, title=title, title_justify="left", box=None))

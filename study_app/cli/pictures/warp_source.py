@@ -1,0 +1,271 @@
+"""Input of `metamerlab warp`: a file, a picture with motion or depth, or a stereo pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frame import SourceFrame, check_file_size
+from pipeline.image_file import check_fits
+from pipeline.warp.settings import WarpSettings
+from protocols.errors import StudyError
+from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
+from stimuli.media.plane_file import DEPTH_IS, DepthIs
+from stimuli.one_picture import NEARER, from_depth, from_flow, from_the_side, read_pose
+from stimuli.scenes.pair_check import judge_pair
+from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
+from stimuli.score.pair import read_colour, read_hole_mask
+from study_app.cli.options import one_of
+from study_app.cli.pictures.warp_options import (
+    FileOptions,
+    PairOptions,
+    PictureOptions,
+    SourceOptions,
+)
+from study_app.cli.terminal import say
+
+DEFAULT_PARALLAX = 0.03
+"""Parallax of near things, in widths of the picture."""
+
+
+_FILE_ONLY = "--clip, --encoded and --channel belong to files of colour, depth and flow"
+
+
+class _DepthFile(TypedDict):
+    depth_scale: float
+    depth_is: DepthIs
+    unknown: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
+class LoadedSource:
+    """Input of a warp, its settings where nothing else is said, and the truth if it is known."""
+
+    frame: WarpInput
+    settings: WarpSettings
+    truth: NDArray[np.float32] | None
+    hole: NDArray[np.bool_] | None = None
+    """Pixels to fill besides those that the warp uncovers."""
+
+
+def load(source: str, given: SourceOptions) -> LoadedSource:
+    """Read what to warp.
+
+    With a mask the picture stays as it is, without depth, and what the mask marks is its hole.
+
+    Raises
+    ------
+    StudyError
+        If the source is nothing that can be warped, or an option belongs to another kind.
+    OSError, InputError
+        If a file is missing or not what it must be.
+    """
+    file, picture, pair, truth, mask = (
+        given.file, given.picture, given.pair, given.truth, given.mask
+    )  # fmt: skip
+    if truth is not None and pair.right is not None:
+        raise StudyError("--truth and --right name the same picture: give one of them")
+    if source in BUILT_IN and not Path(source).exists():
+        wanted = "--flow, --depth, cameras and poses need" if mask is None else "--mask needs"
+        if mask is not None or picture != PictureOptions():
+            raise StudyError(
+                f"{source}: is a built-in pair, whose disparity makes its holes; {wanted} a picture"
+                " file in its place, such as photo.png"
+            )
+    one_of("--nearer", picture.nearer, NEARER)
+    one_of("--depth-is", picture.depth_is, DEPTH_IS)
+    for path in filter(None, (Path(source), truth, pair.right, mask)):
+        check_fits(path, "warp")
+    if mask is None:
+        loaded = _load(source, file, pair, picture)
+    elif (pair, picture) != (PairOptions(), PictureOptions()):
+        raise StudyError(
+            "--mask fills a picture as it is: give it without --flow, --depth, --disparity and"
+            " what belongs to them"
+        )
+    else:
+        loaded = _load_masked(Path(source), file, mask)
+    if truth is None:
+        return loaded
+    shown = _load_colour(truth, file)
+    check_file_size(truth, shown, source, loaded.frame.source.colour)
+    return replace(loaded, truth=shown)
+
+
+def _load_colour(path: Path, file: FileOptions) -> NDArray[np.float32]:
+    return load_colour(
+        path,
+        transfer=Transfer.ENCODED if file.encoded else None,
+        clip=file.clip,
+        channels=_channels(file.channels),
+    )
+
+
+def _load_masked(path: Path, file: FileOptions, mask: Path) -> LoadedSource:
+    """A picture whose camera stays: all of it lies at one depth, and nothing moves."""
+    colour = _load_colour(path, file)
+    shown = read_colour(mask)
+    check_file_size(mask, shown, path, colour)
+    hole = read_hole_mask(mask, colour.shape[:2])
+    must = f"{mask}: must be white in holes and black elsewhere (all of it is"
+    if hole.all():
+        light = "white" if shown.min() == 1 else f"at least {100 * shown.min():.0f} % of white"
+        raise StudyError(f"{must} {light}); paint black what is to stay")
+    if not hole.any():
+        raise StudyError(f"{must} black); paint white what is to be filled")
+    depth_m = np.ones(hole.shape, np.float32)
+    frame = WarpInput(SourceFrame(colour, depth_m), np.zeros((*hole.shape, 2), np.float32))
+    return LoadedSource(frame, WarpSettings(), None, hole)
+
+
+def _load(
+    source: str, file: FileOptions, pair: PairOptions, picture: PictureOptions
+) -> LoadedSource:
+    path = Path(source)
+    if picture != PictureOptions():
+        if pair != PairOptions():
+            raise StudyError(
+                "options of stereo pairs (--disparity, --right, --to-left, --amount ...) do not go"
+                " with --flow or --depth"
+            )
+        if file != FileOptions():
+            raise StudyError(_FILE_ONLY)
+        return LoadedSource(_load_picture(path, picture), PAIR_WARP, None)
+    if path.suffix.lower() == ".exr" and pair.disparity is None:
+        if pair != PairOptions():
+            raise StudyError(
+                "options of stereo pairs (--right, --to-left, --amount, --focal-px ...) do not go"
+                " with a file that has its flow (its truth is named by --truth)"
+            )
+        transfer = Transfer.ENCODED if file.encoded else None
+        names = _channels(file.channels)
+        frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
+        return LoadedSource(frame, WarpSettings(), None)
+    if file != FileOptions():
+        raise StudyError(_FILE_ONLY)
+    loaded = _load_pair(source, pair)
+    # Half way between the cameras there is no photograph to compare with.
+    truth = loaded.right if pair.amount == 1.0 else None
+    return LoadedSource(loaded.warp_input(pair.amount), PAIR_WARP, truth)
+
+
+def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
+    moved = (options.camera, options.pose, options.target_pose)
+    told: _DepthFile = {
+        "depth_scale": options.depth_scale,
+        "depth_is": one_of("--depth-is", options.depth_is, DEPTH_IS),
+        "unknown": options.unknown,
+    }
+    if options.flow is not None:
+        if any(part is not None for part in (*moved, options.parallax)):
+            raise StudyError(
+                "--flow says where pixels go: --camera, --pose, --target-pose and --parallax do not"
+                " go with it"
+            )
+        nearer = one_of("--nearer", options.nearer, NEARER)
+        return from_flow(path, options.flow, options.depth, nearer=nearer, **told)
+    if options.depth is not None and moved == (None, None, None):
+        share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
+        say(
+            f"the camera moves sideways until what is near moves by {100 * abs(share):g} % of the"
+            " width (--parallax; or give --camera and poses)"
+        )
+        return from_the_side(path, options.depth, share, **told)
+    if options.depth is None or options.camera is None or options.target_pose is None:
+        raise StudyError(
+            "a picture needs --flow FILE or --depth FILE. With --depth alone the camera moves"
+            " sideways; to move it otherwise, give --camera FX,FY,CX,CY and --target-pose (and"
+            " --pose, if the picture's camera is not at the world's origin)"
+        )
+    if options.parallax is not None:
+        raise StudyError("--parallax replaces --camera and poses: give one or the other")
+    pose = np.eye(4) if options.pose is None else read_pose(options.pose)
+    return from_depth(
+        path,
+        options.depth,
+        intrinsics_px=_intrinsics(options.camera),
+        pose=pose,
+        target_pose=read_pose(options.target_pose),
+        **told,
+    )
+
+
+def _intrinsics(text: str) -> tuple[float, float, float, float]:
+    try:
+        fx_px, fy_px, cx_px, cy_px = (float(part) for part in text.split(","))
+    except ValueError:
+        raise StudyError(
+            f"--camera must be FX,FY,CX,CY in pixels, such as 518,519,325.5,253.5 (got {text!r})"
+        ) from None
+    return fx_px, fy_px, cx_px, cy_px
+
+
+def _load_pair(source: str, options: PairOptions) -> StereoPair:
+    path = Path(source)
+    if source in BUILT_IN and not path.exists():
+        if options.to_left:
+            raise StudyError(
+                f"{source}: only the left photograph's disparity is known; no --to-left"
+            )
+        if replace(options, amount=1.0) != PairOptions():
+            raise StudyError(
+                f"{source}: brings its own disparity, right photograph and cameras; --disparity,"
+                " --right, --units-per-px, --focal-px, --baseline-m and --offset-px are for a pair"
+                " of yours"
+            )
+        return built_in_pair(source)
+    if options.disparity is not None:
+        pair = load_pair(
+            path,
+            options.disparity,
+            options.right,
+            units_per_px=options.units_per_px,
+            focal_px=options.focal_px,
+            baseline_m=options.baseline_m,
+            offset_px=options.offset_px,
+            unknown=options.unknown,
+        )
+        pair = replace(pair, mirrored=options.to_left)
+        if options.right is not None:
+            _check_pair(pair, options)
+        return pair
+    if options.unknown is not None:
+        raise StudyError("--unknown is about the numbers of --disparity or --depth: give one")
+    if path.exists():
+        raise StudyError(
+            f"{path}: must be an .exr file with colour, depth and flow, or come with"
+            " --disparity FILE, --flow FILE or --depth FILE (the camera then moves sideways, or"
+            " between two poses)"
+        )
+    raise StudyError(f"{source}: no such file, and not a built-in pair ({', '.join(BUILT_IN)})")
+
+
+def _check_pair(pair: StereoPair, options: PairOptions) -> None:
+    verdict = judge_pair(pair, units_per_px=options.units_per_px)
+    said = str(verdict).replace("units_per_px = ", "--units-per-px ")
+    if verdict.wide is not None:
+        raise StudyError(f"{options.disparity}: {said}")
+    if verdict.refused:
+        raise StudyError(
+            f"{options.right}: {said}; without --right the picture is warped unmeasured"
+        )
+    if verdict.doubtful:
+        say(f"note: {options.right}: {said}")
+
+
+def _channels(settings: Iterable[str] | None) -> Channels:
+    known = [field.name for field in fields(Channels)]
+    given: dict[str, tuple[str, ...]] = {}
+    for setting in settings or ():
+        what, equals, name = setting.partition("=")
+        if what not in known or not equals or not name:
+            raise StudyError(
+                f"--channel must be WHAT=NAME with WHAT one of {', '.join(known)} (got {setting!r})"
+            )
+        given[what] = (name,)
+    return Channels(**given)

@@ -1,0 +1,205 @@
+"""The commands of `metamerlab session` about what was recorded: following it, deleting it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.live import Live
+from rich.table import Table
+
+from protocols.errors import StudyError
+from protocols.journal import SessionEnd
+from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
+from protocols.load import load_protocol
+from protocols.prose import count_of
+from study_app.cli.options import (
+    SESSIONS_PROTOCOL_HELP,
+    DisplayOption,
+    SessionArgument,
+    SessionsOption,
+)
+from study_app.cli.sessions.archive_commands import IdentityOption, is_archive, verify_archive
+from study_app.cli.terminal import PlainConsole, say, table_of
+from study_app.operator_view import rows
+from study_app.recorder import utc_now
+from study_app.session_folders import SessionFolder
+from study_app.verification import verify as verify_session
+from study_app.withdrawal import find_participant
+from study_app.withdrawal import withdraw as withdraw_participant
+
+
+def withdraw(
+    participant: Annotated[str, typer.Argument(help="The participant's code.")],
+    out: SessionsOption = Path("sessions"),
+    study: Annotated[
+        str | None, typer.Option(help="Needed if the code took part in several studies.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a participant's data for good. One line without data remains, the slot is free.
+
+    Example: metamerlab session withdraw P01 --out sessions
+    """
+    folder = find_participant(out, participant, study).folder
+    if not yes and not typer.confirm(f"Delete everything recorded in {folder}?"):
+        raise StudyError(f"{folder}: nothing was deleted")
+    count = withdraw_participant(out, participant, utc_now, study)
+    gone = count_of(count, "file")
+    say(f"{folder}: {gone} deleted; one line stays that says so, and the slot is free")
+
+
+def watch(
+    session: SessionArgument,
+    once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
+) -> None:
+    """Follow a running session from another terminal: trials, missed refreshes, gaze quality.
+
+    It only reads the journal, so it cannot disturb the session.
+
+    Example: metamerlab session watch sessions/demo/P01
+    """
+    path = session / JOURNAL_NAME
+    if not path.is_file():
+        raise StudyError(f"{session}: must be the folder of one session (found no journal)")
+    if once:
+        print_rows(rows(read_journal(path, lenient=True).events))
+        return
+    try:
+        with Live(_table(path), refresh_per_second=2) as live:
+            while not _over(path):
+                time.sleep(0.5)
+                live.update(_table(path))
+    except KeyboardInterrupt:
+        return
+
+
+def verify(
+    sessions: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder of one session, of a study's, or of all sessions; or an archive."
+        ),
+    ],
+    protocol: Annotated[
+        Path | None,
+        typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
+    ] = None,
+    identity: IdentityOption = None,
+    render: Annotated[
+        bool,
+        typer.Option(
+            "--render",
+            help="Draw frames that followed the gaze again, and compare them with what was kept."
+            " Needs --protocol and --stimuli.",
+        ),
+    ] = False,
+    stimuli: Annotated[
+        Path | None, typer.Option(help="With --render: folder of the study's built stimuli.")
+    ] = None,
+    display: DisplayOption = None,
+    captured: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --render: folder of captures of the whole screen (.png), of the last run of"
+            " a session with --strip."
+        ),
+    ] = None,
+) -> None:
+    """Verify that all records are as they were written: journals, gaze, flips, display reports.
+
+    Compares every line of a journal with its checksum, and every file with its hash in the
+    journal. With a protocol, also compares trials, conditions, answers, times and order with the
+    plan. An archive, packed or unpacked, brings its protocol and list of files. Changes nothing.
+    Ends with status 2 if anything differs.
+
+    Examples:
+
+        metamerlab session verify sessions --protocol demo
+
+        metamerlab session verify backup.zip
+
+        metamerlab session verify sessions --protocol live-detection --render --stimuli clips
+    """
+    with ExitStack() as open_now:
+        if not render and (stimuli or display or captured):
+            raise StudyError("--stimuli, --display and --captured are for --render; add it")
+        if is_archive(sessions):
+            if protocol is not None or render:
+                raise StudyError(
+                    "--protocol and --render: must be left out: an archive has its own protocol; to"
+                    " draw frames again, unpack it and name the folder of sessions"
+                )
+            verify_archive(sessions, identity)
+            return
+        study = load_protocol(protocol) if protocol else None
+        paths = find_journals(sessions)
+        if not paths:
+            raise StudyError(
+                f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
+            )
+        drawer, screens, drawn = None, {}, 0
+        if render:
+            from study_app.cli.sessions.drawn_again import open_drawer, read_captures
+
+            if protocol is None or stimuli is None:
+                raise StudyError("--render: needs the study and its stimuli; give --protocol and"
+                                 " --stimuli")  # fmt: skip
+            drawer = open_now.enter_context(open_drawer(protocol, display, stimuli))
+            screens = read_captures(captured) if captured is not None else {}
+            if screens and len(paths) > 1:
+                raise StudyError("--captured: is of one session; name its folder")
+        wrong = flips = 0
+        for path in paths:
+            session = SessionFolder(path.absolute().parent, read_journal(path, lenient=True))
+            found = verify_session(session, study)
+            again = None
+            if drawer is not None and not found.problems:
+                again, compared = drawer.redraw(session, screens)
+                found = replace(found, problems=again.problems)
+                drawn, flips = drawn + again.drawn + compared, flips + again.flips
+            lines = len(session.journal.events) + len(session.journal.damaged)
+            verdict = "NOT as it was recorded" if found.problems else "whole"
+            say(
+                f"{session.study}/{session.participant}: {verdict} ({session.state}, {lines} lines,"
+                f" {found.files} files)"
+            )
+            if again is not None:
+                say(
+                    f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal}"
+                    f" bit-equal; {compared} of {count_of(len(screens), 'capture')} compared"
+                )
+            for problem in found.problems:
+                say(f"  {problem}")
+            for note in found.notes:
+                say(f"  note: {note}")
+            wrong += bool(found.problems)
+        if drawer is not None and not wrong and flips and not drawn:
+            raise StudyError(
+                f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
+                " gaze in a window)"
+            )
+        if wrong:
+            raise StudyError(
+                f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
+                " copy; nothing was changed"
+            )
+
+
+def print_rows(entries: Iterable[tuple[str, str]]) -> None:
+    """Print names and values as a table."""
+    PlainConsole().print(table_of((), entries))
+
+
+def _table(path: Path) -> Table:
+    return table_of((), rows(read_journal(path, lenient=True).events))
+
+
+def _over(path: Path) -> bool:
+    events = read_journal(path, lenient=True).events
+    return bool(events) and isinstance(events[-1], SessionEnd)

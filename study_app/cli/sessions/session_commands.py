@@ -1,0 +1,427 @@
+"""`metamerlab session`: run a session with a participant, or without one."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
+from protocols.latency import LatencySummary
+from protocols.load import load_study
+from protocols.manifest import read_manifest
+from protocols.plan import make_plan
+from protocols.prose import count_of
+from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.pairs import PairTask
+from protocols.tasks.rates import RatesAnalysis
+from protocols.units import Scalar
+from study_app.cli.option_groups import CommandGroup
+from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
+from study_app.cli.progress import going_on
+from study_app.cli.sessions.session_run_commands import register
+from study_app.cli.sessions.undecided import require_decisions
+from study_app.cli.terminal import Description, PlainConsole, say, table_of
+from study_app.gaze.simulated import HUMAN, STEADY
+from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
+from study_app.operator_view import standing
+from study_app.session_folders import SessionFolder, find_sessions
+from study_app.simulate import SimulatedStudy, participant_code, simulate_study
+from study_app.verification import checksums_of
+
+GAZE_HZ = 250.0
+"""Samples of a simulated eye."""
+
+app = CommandGroup(
+    help="""Run sessions with participants or artificial observers.
+
+    Examples:
+
+        metamerlab session check-display fhd27-60hz
+
+        metamerlab session run demo --stimuli clips --participant P01
+
+        metamerlab session simulate demo --out sessions --participants 11
+
+        metamerlab session list sessions
+
+        metamerlab session status sessions/demo/S001
+    """,
+)
+register(app)
+
+
+@dataclass(frozen=True)
+class ObserverOptions:
+    """Options of the artificial observers; what is left out stays as the task's own."""
+
+    utility: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="METHOD=LOGIT, may be given more than once. Two methods 1.1 apart are preferred"
+            " 75 to 25. Default: "
+            + ", ".join(f"{name}={value:g}" for name, value in DEFAULT_UTILITIES.items())
+        ),
+    ] = None
+    strength: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="VALUE=SENSITIVITY, for tasks with a right answer: d' of a value of analysis.by at"
+            " the middle level; may be given more than once."
+        ),
+    ] = None
+    critical: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by"
+            " cannot be discriminated; may be given more than once."
+        ),
+    ] = None
+    slope: Annotated[
+        float | None, typer.Option(help="Change of the sensitivity over the range of levels.")
+    ] = None
+    criterion: Annotated[
+        float | None, typer.Option(help="Tendency to say no, in units of the noise (yes-no).")
+    ] = None
+    participant_sd: Annotated[
+        float | None,
+        typer.Option(min=0, help="Deviation between participants, in logits, d' or ln critical."),
+    ] = None
+    scene_sd: Annotated[
+        float | None,
+        typer.Option(min=0, help="Deviation between scenes, in logits, d' or ln critical."),
+    ] = None
+    lapse: Annotated[
+        float | None, typer.Option(min=0, max=1, help="Share of blind answers. Default: .02.")
+    ] = None
+    order_bias: Annotated[
+        float | None, typer.Option(help="Logit in favour of the first of two.")
+    ] = None
+
+    def model(self, study: StudyProtocol) -> ObserverModel:
+        """Return the default population of the task with what was asked for in its place.
+
+        Raises
+        ------
+        StudyError
+            If an option is not one of the task's observers, or names a value that is unknown.
+        """
+        model, task = default_model(study), study.task
+        options = {name: value for name, value in vars(self).items() if value not in (None, [])}
+        if named := options.pop("utility", None):
+            known = study.stimuli.values(task.compare) if isinstance(task, PairTask) else ()
+            options["utilities"] = dict(DEFAULT_UTILITIES) | _numbers("--utility", named, known)
+        for name in options.keys() & {"strength", "critical"}:
+            analysis = study.analysis
+            known = analysis.known(task, study.pool) if isinstance(analysis, RatesAnalysis) else ()
+            options[name] = _numbers(f"--{name}", options[name], known)
+        if (options.keys() & {"strength", "slope"}) and hasattr(model, "critical"):
+            options.setdefault("critical", {})  # they are for what has no critical level
+        has = {field.name for field in dataclasses.fields(model)}
+        for name in options:
+            if name not in has:
+                option = "--utility" if name == "utilities" else "--" + name.replace("_", "-")
+                others = has & {"utilities", *vars(self)}
+                raise StudyError(
+                    f"{option}: must be left out for the task {task.kind!r}, whose observers have"
+                    f" {', '.join(sorted(others))}"
+                )
+        return dataclasses.replace(model, **options)
+
+
+@dataclasses.dataclass(frozen=True)
+class CrowdOptions:
+    """Number of observers, and their seed."""
+
+    participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class VirtualDisplayOptions:
+    """Faults of the virtual display, and the virtual eye."""
+
+    missed_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
+    ] = 0.0
+    late_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that come late.")
+    ] = 0.0
+    doubled_per_1000: Annotated[
+        float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
+    ] = 0.0
+    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = GAZE_HZ
+    steady_gaze: Annotated[
+        bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
+    ] = False
+
+
+@app.command()
+def simulate(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="Folder of sessions. Complete ones are kept.")],
+    crowd: CrowdOptions,
+    *,
+    observers: ObserverOptions,
+    desk: VirtualDisplayOptions,
+    display: DisplayOption = None,
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")
+    ] = None,
+    web: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder that 'session export-web' wrote: observers run its page in Chromium,"
+            " without a window."
+        ),
+    ] = None,
+) -> None:
+    """Run artificial observers through the real session, on a virtual display.
+
+    Journals have the usual format and are marked as simulated. With --web, observers go through
+    the page that participants get, and sessions come home as those of participants do.
+
+    Examples:
+
+        metamerlab session simulate demo --out sessions --participants 11
+
+        metamerlab session simulate my-study.toml --web web --stimuli clips --out sessions
+    """
+    study, screen = load_study(protocol, display)
+    if web is not None:
+        desk_only = {
+            "--late-per-1000": desk.late_per_1000, "--doubled-per-1000": desk.doubled_per_1000,
+            "--steady-gaze": desk.steady_gaze, "--gaze-hz": desk.gaze_hz != GAZE_HZ,
+        }  # fmt: skip
+        if given := [name for name, value in desk_only.items() if value]:
+            raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
+        if stimuli is None:
+            raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
+    simulation = SimulatedStudy(
+        study,
+        screen,
+        seed=crowd.seed,
+        model=observers.model(study),
+        gaze=STEADY if desk.steady_gaze else HUMAN,
+        gaze_rate_hz=desk.gaze_hz,
+        missed_per_flip=desk.missed_per_1000 / 1000,
+        late_per_flip=desk.late_per_1000 / 1000,
+        doubled_per_flip=desk.doubled_per_1000 / 1000,
+        manifest=read_manifest(stimuli) if stimuli else None,
+    )
+    plan = make_plan(
+        study,
+        simulation.manifest or virtual_manifest(study, simulation.display),
+        "S001",
+        0,
+    )
+    columns = (Description(), BarColumn(), MofNCompleteColumn())
+    terminal = PlainConsole(stderr=True)
+    with (
+        going_on(),
+        Progress(
+            *columns,
+            TimeRemainingColumn(),
+            console=terminal,
+            transient=True,
+            disable=not terminal.is_terminal,
+        ) as progress,
+    ):
+        task = progress.add_task("trials", total=crowd.participants * len(plan.trials))
+
+        def on_attempt(code: str, attempt: Attempt) -> None:
+            done = attempt.outcome == "completed"
+            progress.update(task, description=f"{code} trials", advance=float(done))
+
+        gc.freeze()  # what is loaded by now stays: no session need search it for garbage
+        try:
+            if web is None:
+                ended = simulate_study(simulation, out, crowd.participants, on_attempt=on_attempt)
+                outcomes = {code: outcome.main_done for code, outcome in ended.items()}
+            else:
+                from study_app.web.browser_observers import (
+                    simulate_in_browser,  # pictures and fonts
+                )
+
+                outcomes = simulate_in_browser(
+                    simulation, web, out, crowd.participants, on_attempt=on_attempt
+                )
+        finally:
+            gc.unfreeze()
+    made = count_of(len(outcomes), "simulated session")
+    say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
+    codes = {*map(participant_code, range(crowd.participants)), *outcomes}
+    require_decisions(
+        session for session in find_sessions(out, study.study.name) if session.participant in codes
+    )
+
+
+@app.command("list")
+def list_(
+    sessions: Annotated[Path, typer.Argument(help="Folder of sessions.")],
+    study: Annotated[str | None, typer.Option(help="Only this study.")] = None,
+) -> None:
+    """List all sessions of a folder: participant, slot, state, decisions.
+
+    Example: metamerlab session list sessions --study demo
+    """
+    found = find_sessions(sessions, study)
+    if not found:
+        raise StudyError(
+            f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
+            " the folder that was given as --out"
+        )
+    heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
+    latencies = list(map(_latency, found))
+    heads += ["sample to flip"] * any(latencies)
+    rows = [
+        (*_row(one), *[told] * any(latencies)) for one, told in zip(found, latencies, strict=True)
+    ]
+    PlainConsole().print(table_of(heads, rows))
+
+
+@app.command()
+def status(
+    session: SessionArgument,
+) -> None:
+    """Show the state of a session: blocks, void attempts, missed refreshes, gaze, damage.
+
+    Example: metamerlab session status sessions/demo/S001
+    """
+    found = next(
+        (s for s in _sessions_above(session) if s.folder.resolve() == session.resolve()), None
+    )
+    if found is None:
+        raise StudyError(
+            f"{session}: must be the folder of one session (found no journal there);"
+            " 'metamerlab session list' names them"
+        )
+    PlainConsole().print(table_of((), _details(found)))
+
+
+def _sessions_above(session: Path) -> list[SessionFolder]:
+    if not session.is_dir():
+        raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
+    absolute = session.resolve()
+    return find_sessions(absolute.parent.parent, absolute.parent.name)
+
+
+def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str, float]:
+    names = [str(value) for value in known]
+    found = {}
+    for entry in given:
+        name, equals, value = entry.partition("=")
+        if names and name not in names:
+            raise StudyError(f"{option}: NAME must be one of {', '.join(names)} (got {name!r})")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise StudyError(
+                f"{option}: must be NAME=NUMBER{' with a number' if equals else ''} (got {entry!r})"
+            ) from None
+    return found
+
+
+def _row(session: SessionFolder) -> tuple[str, ...]:
+    attempts = session.journal.attempts
+    voids = sum(attempt.outcome == "void" and attempt.role == "main" for attempt in attempts)
+    if session.state in {"damaged", "withdrawn", "stillborn"}:
+        slot, planned, data = "", "", ""
+    else:
+        start = session.journal.start
+        slot, planned = str(start.slot), f" of {start.trials}"
+        data = _data_of(start)
+        data += ", browser" if start.remote else ""
+    return (
+        session.study, session.participant, slot, session.state,
+        f"{session.main_done}{planned}", str(voids), data,
+    )  # fmt: skip
+
+
+def _latency(session: SessionFolder) -> str:
+    """Return how old gaze was in frames that followed it; empty where none did."""
+    live = [attempt.live for attempt in session.journal.attempts if attempt.live is not None]
+    found = LatencySummary.of(live)
+    if found.median_ms is None:
+        return "none" if live else ""
+    return f"{found.median_ms:.1f} ms, 95 % {found.p95_ms:.1f}, most {found.max_ms:.1f}"
+
+
+def _data_of(start: SessionStart) -> str:
+    """Return what a session's data are: with a mouse for an eye, or a timer, only a rehearsal."""
+    if start.simulated:
+        return "simulated"
+    stand_ins = [
+        name
+        for name, used in (
+            ("mouse", start.gaze is not None and start.gaze.source == "mouse"),
+            ("timer", start.timing_evidence == "software timer"),
+        )
+        if used
+    ]
+    return f"rehearsal ({' and '.join(stand_ins)})" if stand_ins else "real"
+
+
+def _browser(remote: Remote | None) -> list[tuple[str, str]]:
+    """Return what vouches for a session in a browser; nothing for one at a desk."""
+    if remote is None:
+        return []
+    machine, off_s = remote.machine, max(map(abs, remote.deviations_s.values()), default=0.0)
+    return [
+        (
+            "browser",
+            f"{machine.browser}, {machine.refresh_hz:g} Hz, screen pixels x{machine.scale}",
+        ),
+        ("frames", "files hashed before they were decoded; stamped by animation frames"),
+        ("times", f"up to {1000 * off_s:.3g} ms from those stated"),
+        ("slot from", remote.slot_from),
+    ]
+
+
+def _details(session: SessionFolder) -> list[tuple[str, str]]:
+    journal = session.journal
+    attempts = journal.attempts
+    details = [("session", f"{session.study} / {session.participant}"), ("state", session.state)]
+    details += [("damaged", f"line {line.line}: {line.reason}") for line in journal.damaged]
+    if journal.has_lines:
+        details.append(("checksums", checksums_of(journal)))
+    if journal.torn:
+        details.append(("last line", "torn: the program was killed while writing it"))
+    if session.state in {"damaged", "withdrawn", "stillborn"} and not attempts:
+        return details
+    if not journal.damaged:
+        start = journal.start
+        gaze = f"{start.gaze.source}, {start.gaze.rate_hz:g} Hz" if start.gaze else "none"
+        details += [
+            ("data", _data_of(start).replace("simulated", "SIMULATED")),
+            ("slot", str(start.slot)),
+            ("begun", start.at),
+            ("display", f"{start.display}, {start.refresh_hz:g} Hz"),
+            ("gaze", f"{start.gaze_mode} ({gaze})"),
+            *_browser(start.remote),
+            ("decisions", f"{session.main_done} of {start.trials}"),
+        ]
+    voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
+    reasons = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
+    details.append(("attempts", f"{len(attempts)}, void: {reasons or 'none'}"))
+    now = standing(journal.events)
+    details.append(("missed refreshes", f"{now.missed} of {now.shown}"))
+    if now.lost_share is not None:
+        details.append(("gaze lost", f"{100 * now.lost_share:.1f} % of the watched time"))
+    if told := _latency(session):
+        details.append(("sample to flip", told))
+    last = journal.events[-1] if journal.events else None
+    if isinstance(last, SessionEnd):
+        details.append(("ended", f"{last.reason}, {last.at}"))
+    if now.message:
+        details.append(("message", now.message))
+    return details

@@ -1,0 +1,307 @@
+"""The commands of `metamerlab session` that need a display or a participant's data."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from protocols.errors import StudyError
+from protocols.journal import AnyEvent, Attempt
+from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.latency import LatencySummary
+from protocols.load import load_display, load_study, shipped
+from protocols.prose import count_of
+from study_app.cli.error_messages import EXIT_USER_ERROR
+from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
+from study_app.cli.sessions import archive_commands, web_commands
+from study_app.cli.sessions.record_commands import print_rows, verify, watch, withdraw
+from study_app.cli.sessions.undecided import require_decisions
+from study_app.cli.terminal import PlainConsole, say
+from study_app.desktop.strip import FlipMarks
+from study_app.operator_view import attempt_line
+from study_app.session_folders import SessionFolder
+
+if TYPE_CHECKING:  # what opens a window is imported when a command runs
+    from study_app.conduct import RunOutcome
+    from study_app.desktop.display_check import DisplayCheck
+    from study_app.desktop.luminance import LuminanceFit
+    from study_app.desktop.window import Window
+    from study_app.gaze.source import CalibrationResult
+    from study_app.run import Listener, SessionOptions
+    from study_app.validation import PointQuality
+
+PacingOption = Annotated[
+    bool,
+    typer.Option(
+        "--software-pacing",
+        help="Use a timer instead of the display's vertical synchronisation, for rehearsals "
+        "and machines without a display. Recorded in the header.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class SessionArguments:
+    """Options of a session, begun or resumed."""
+
+    protocol: ProtocolArgument
+    stimuli: Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
+    participant: Annotated[
+        str,
+        typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name."),
+    ]
+    out: SessionsOption = Path("sessions")
+    display: DisplayOption = None
+    gaze: Annotated[
+        str | None,
+        typer.Option(
+            help="Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with"
+            " --simulate also replay:FILE. Needed if the protocol watches gaze. docs/trackers.md"
+            " says what may follow each."
+        ),
+    ] = None
+    strip: Annotated[
+        bool,
+        typer.Option("--strip", help="Number and CRC of every flip at the edges, for a camera."),
+    ] = False
+    photodiode: Annotated[
+        bool,
+        typer.Option(
+            "--photodiode", help="A patch at the lower right, white at every other frame."
+        ),
+    ] = False
+    markers: Annotated[
+        bool, typer.Option("--markers", help="Send the onset of every phase as LSL markers.")
+    ] = False
+    software_pacing: PacingOption = False
+    skip_validation: Annotated[
+        bool,
+        typer.Option(
+            "--skip-validation",
+            help="Start blocks without validating gaze. Recorded in the journal.",
+        ),
+    ] = False
+    simulate: Annotated[
+        bool,
+        typer.Option("--simulate", help="An artificial observer answers in the real window."),
+    ] = False
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0
+
+    def options(self, language: str | None = None) -> SessionOptions:
+        """Return what a session needs.
+
+        Raises
+        ------
+        StudyError
+            If there is no such study or display, or one is not in order.
+        """
+        from study_app.cli.pictures.live_renderer import FoveatingStudio
+        from study_app.run import SessionOptions
+
+        study, screen = load_study(self.protocol, self.display)
+        return SessionOptions(
+            protocol=study,
+            display=screen,
+            stimuli=self.stimuli,
+            root=self.out,
+            participant=self.participant,
+            language=language,
+            gaze=self.gaze,
+            pacing="software" if self.software_pacing else "vsync",
+            extras=FlipMarks(self.strip, self.photodiode),
+            markers=self.markers,
+            validate=not self.skip_validation,
+            simulate=self.simulate,
+            seed=self.seed,
+            studio=FoveatingStudio,
+        )
+
+
+def run(
+    language: Annotated[
+        str | None,
+        typer.Option(
+            help="Language of the texts, such as en. Default: the protocol's default_language."
+        ),
+    ] = None,
+    *,
+    session: SessionArguments,
+) -> None:
+    """Run a session: display check, consent, instructions, practice, blocks, questions, thanks.
+
+    The window covers the display's monitor. The quit key (escape in the shipped studies) asks
+    once. Completed trials are saved, and 'session resume' continues. Follow from another
+    terminal with 'session watch'. Ends with status 2 if no trial was completed.
+
+    Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
+    """
+    from study_app.run import run_session
+
+    options = session.options(language)
+    _say_gaze(options)
+    _tell(run_session(options, _listener()), options)
+
+
+def resume(session: SessionArguments) -> None:
+    """Resume a session that was quit or killed: same trials, same order, nothing twice.
+
+    Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
+    """
+    from study_app.run import resume_session
+
+    options = session.options()
+    _say_gaze(options)
+    _tell(resume_session(options, _listener()), options)
+
+
+def check_display_(
+    display: Annotated[str, typer.Argument(help="Display: a name or a .toml file.")],
+    out: SessionsOption = Path("sessions"),
+    flips: Annotated[int, typer.Option(min=60, help="Flips to measure.")] = 1200,
+    luminance: Annotated[
+        bool,
+        typer.Option(
+            "--luminance",
+            help="Show grey patches for a photometer; the readings give gamma and peak, which are"
+            " written into the display file.",
+        ),
+    ] = False,
+    software_pacing: PacingOption = False,
+) -> None:
+    """Measure a display: rate, intervals, missed refreshes, evidence, latency of the program.
+
+    Latency is that of a synthetic gaze to the flip of its frame. Writes a report into the folder
+    of sessions. Ends with status 2 if most flips missed a refresh.
+    A session measures again before it begins.
+
+    Example: metamerlab session check-display my-display.toml --luminance
+    """
+    from study_app.desktop.display_check import check_display, shortfall, verdict, write_report
+    from study_app.desktop.luminance import fit_gamma, store_luminance
+    from study_app.desktop.luminance_page import read_patches
+    from study_app.desktop.window import Window
+    from study_app.recorder import utc_now
+
+    described = load_display(display)
+    if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
+        raise StudyError(
+            f"{display}: the readings are written into your own display file; copy"
+            f" {shipped('displays').get(display, display)} to my-display.toml, and give that"
+        )
+    with Window(described, pacing="software" if software_pacing else "vsync") as window:
+        # No progress bar: its thread would disturb what is measured.
+        say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
+        check = check_display(window, utc_now, flips)
+        check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
+        report = write_report(out, check)
+        readings = read_patches(window) if luminance and not shortfall(check) else {}
+    print_rows(verdict(check, described))
+    say(f"report: {out / report.file}")
+    if late := shortfall(check):
+        raise StudyError(late)
+    if readings is None:
+        raise StudyError("luminance: stopped before the last reading; nothing was stored")
+    if readings:
+        fit = fit_gamma(readings)
+        store_luminance(Path(display), fit)
+        _print_fit(fit, display)
+
+
+def _own_latency(window: Window) -> LatencySummary:
+    from study_app.live.own_latency import GreySquare, measure_latency
+    from study_app.live.screen import WindowScreen
+
+    screen, square = WindowScreen(window, (0, 0), (0.0, 0.0), 1.0), GreySquare(window.ctx)
+    try:
+        return measure_latency(screen, square)
+    finally:
+        square.release()
+        screen.release()
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the group `session`."""
+    app.command()(run)
+    app.command()(resume)
+    app.command("check-display")(check_display_)
+    app.command()(watch)
+    app.command()(verify)
+    app.command()(withdraw)
+    archive_commands.register(app)
+    app.command("export-web")(web_commands.export_web)
+    app.command("import-web")(web_commands.import_web)
+
+
+def shipped_paths() -> list[Path]:
+    """Return the display files that come with metamerlab."""
+    return list(shipped("displays").values())
+
+
+def _listener() -> Listener:
+    from study_app.desktop.display_check import shortfall
+    from study_app.run import Listener
+    from study_app.validation import smallest_window_deg
+
+    console = PlainConsole()
+
+    def on_check(check: DisplayCheck) -> None:
+        console.print(f"display: {check.measured_hz:.3f} Hz, {check.evidence}")
+        if check.evidence == "unverified":
+            console.print("note: the intervals do not fit the display; see the report")
+        if late := shortfall(check):
+            console.print(f"note: {late}")
+
+    def on_validation(points: list[PointQuality], result: CalibrationResult) -> None:
+        for point in points:
+            console.print(
+                f"  ({point.x_px:5.0f}, {point.y_px:5.0f}) px  accuracy"
+                f" {point.accuracy_deg:.2f}  precision {point.precision_deg:.2f} deg"
+            )
+        console.print(
+            f"gaze: accuracy {result.accuracy_deg:.2f} deg, precision {result.precision_deg:.2f}"
+            f" deg; the window must be at least {smallest_window_deg(result):.2f} deg"
+        )
+
+    def on_attempt(attempt: Attempt, events: list[AnyEvent]) -> None:
+        console.print(attempt_line(attempt, events))
+
+    return Listener(on_check, on_validation, on_attempt, lambda text: say(f"note: {text}"))
+
+
+def _say_gaze(options: SessionOptions) -> None:
+    """Say of a session that no eye is watched in it."""
+    if options.protocol.gaze.mode == "none":
+        say("note: gaze is not controlled (gaze.mode = 'none' in the study)")
+    elif (options.gaze or "").partition(":")[0] == "mouse":
+        say("note: the mouse stands in for an eye; for rehearsals, not for data")
+
+
+def _tell(outcome: RunOutcome, options: SessionOptions) -> None:
+    folder = options.root / options.protocol.study.name / options.participant
+    if outcome.reason == "completed" and not outcome.main_done:
+        require_decisions(
+            [SessionFolder(folder, read_journal(folder / JOURNAL_NAME, lenient=True))]
+        )
+    planned = count_of(outcome.main_planned, "decision")
+    say(f"{folder}: {outcome.reason}, {outcome.main_done} of {planned}")
+    if outcome.given_up:
+        say(f"note: given up after too many void attempts: {', '.join(outcome.given_up)}")
+    if outcome.reason == "tracker-lost":
+        say(
+            "error: the gaze source must keep sending (it fell silent); everything up to here is"
+            " saved. Start it again, then run 'metamerlab session resume'",
+            file=sys.stderr,
+        )
+        raise typer.Exit(EXIT_USER_ERROR)
+
+
+def _print_fit(fit: LuminanceFit, display: str) -> None:
+    say(
+        f"luminance: peak {fit.peak_cd_m2:g}, black {fit.black_cd_m2:g} cd/m2, gamma"
+        f" {fit.gamma:.3f} (worst reading {100 * fit.worst_share:.1f} % of the peak off);"
+        f" written into {display}"
+    )

@@ -1,0 +1,177 @@
+"""The commands of `metamerlab session` for studies in a browser: export, and what comes home."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from protocols.browser.web_study import BUDGET_MB, DECODED_MB, MB
+from protocols.disk.hashing import sha256_file
+from protocols.display import Display
+from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
+from protocols.load import load_study
+from protocols.manifest import Manifest, read_manifest
+from protocols.prose import count_of
+from protocols.study_file.schema import StudyProtocol
+from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
+from study_app.cli.terminal import PlainConsole, say
+
+if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
+    from study_app.web.export import BrowserNeeds
+
+BudgetOption = Annotated[
+    float, typer.Option(min=1, max=1e6, help="Most that one participant may have to fetch, in MB.")
+]
+DecodedOption = Annotated[
+    float, typer.Option(min=1, max=1e6, help="Most that the stimuli of two trials may take, in MB.")
+]
+LINE_MB_PER_S = 2.5
+"""Of a participant at home: 20 Mbit/s."""
+
+
+def export_web(
+    protocol: ProtocolArgument,
+    stimuli: Annotated[Path, typer.Option(help="Folder of the built stimuli.")],
+    out: NewFolderOption,
+    jatos: Annotated[
+        Path | None, typer.Option(help="Also write a study archive for JATOS, NAME.jzip.")
+    ] = None,
+    budget_mb: BudgetOption = BUDGET_MB,
+    decoded_mb: DecodedOption = DECODED_MB,
+    display: DisplayOption = None,
+) -> None:
+    """Write a study as a folder that a browser runs: put it on any web server, or into JATOS.
+
+    The study needs a section [web]. The folder holds frames, pictures, texts and the page, and no
+    secret of the study. Links with ?slot=NUMBER give each participant a place in the
+    counterbalancing. Results come home with 'metamerlab session import-web'.
+
+    Examples:
+
+        metamerlab session export-web my-study.toml --stimuli clips --out web
+
+        metamerlab session export-web my-study.toml --stimuli clips --out web --jatos my-study.jzip
+    """
+    from study_app.web.export import WebBuild
+
+    study, screen = load_study(protocol, display)
+    if jatos is not None and (jatos.exists() or jatos.suffix not in (".jzip", ".zip")):
+        raise StudyError(
+            f"--jatos: must be a new file, NAME.jzip (got {jatos}"
+            f"{', which exists' if jatos.exists() else ''})"
+        )
+    folder = jatos.resolve().parent if jatos else Path()
+    if not folder.is_dir() or folder == out.resolve():
+        raise StudyError(
+            f"--jatos: must lie in a folder that exists, and not in --out (got {jatos})"
+        )
+    build = WebBuild(study, screen, read_manifest(stimuli))
+    needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
+    for line in needs_lines(needs):
+        say(line)
+    if jatos is not None:
+        from study_app.web import jzip
+
+        identity = f"{study.sha256}:{sha256_file(out / 'study.json')}"
+        people = study.study.participants
+        name, title = study.study.name, study.study.title
+        jzip.write(out, jzip.describe(name, title, "index.html", identity, people), jatos)
+        say(f"{jatos}: import it into JATOS as a study.")
+    say(f"{out}: complete. Links for {count_of(study.study.participants, 'participant')}:")
+    for slot in range(study.study.participants):
+        say(f"  index.html?slot={slot}")
+
+
+def import_web(
+    results: Annotated[
+        list[Path], typer.Argument(help="Archives of JATOS, texts of lines, or folders of these.")
+    ],
+    protocol: Annotated[Path, typer.Option(help="The study's file (.toml) that was exported.")],
+    stimuli: Annotated[Path, typer.Option(help="Folder of the stimuli that were exported.")],
+    sessions: Annotated[
+        Path, typer.Option("--sessions", "--out", help="Folder of sessions to add to.")
+    ] = Path("sessions"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Only say what would happen; write nothing.")
+    ] = False,
+    display: DisplayOption = None,
+) -> None:
+    """Make sessions of the lines that browsers sent, as 'metamerlab session run' writes them.
+
+    Every trial is run again on the times and keys that were observed, and must end as the browser
+    says. Lines that came twice, torn, mixed or in pieces are told apart. A participant whose lines
+    contradict the study or each other is named and left out. What is there already stays; lines
+    that came later are added. Ends with status 2 if a participant was left out.
+
+    Examples:
+
+        metamerlab session import-web jatos-results.zip --protocol my-study.toml --stimuli clips
+
+        metamerlab session import-web lines/ --protocol my-study.toml --stimuli clips --check
+    """
+    # Imported here: most commands of sessions need none of it.
+    from study_app.web.import_lines import import_results, read_results
+
+    study, screen = load_study(protocol, display)
+    manifest = read_manifest(stimuli)
+    inbox = read_results(results)
+    for damaged in inbox.damaged[:20]:
+        say(f"note: {damaged}; left out", file=sys.stderr)
+    if len(inbox.damaged) > 20:
+        say(f"note: and {len(inbox.damaged) - 20} more", file=sys.stderr)
+    found = import_results(inbox, study, screen, manifest, sessions, write=not check)
+    table = Table("participant", "state", "attempts", "ended", "", box=None, header_style="")
+    for one in found:
+        table.add_row(one.participant, one.state, str(one.attempts), one.reason or "-", one.message)
+    PlainConsole().print(table)
+    others = sorted({name for name, _ in inbox.found} - {study.study.name})
+    if others:
+        say(f"note: lines of other studies were left out: {', '.join(others)}")
+    refused = [one for one in found if one.state == "refused"]
+    if refused:
+        raise StudyError(
+            f"{count_of(len(refused), 'participant')} left out:"
+            f" {', '.join(one.participant for one in refused)}; the table says why"
+        )
+
+
+def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) -> Iterator[str]:
+    """Yield what `protocol check --web` says of a study.
+
+    Raises
+    ------
+    StudyError
+        If it cannot run in a browser.
+    """
+    from protocols.browser.web_design import web_design
+    from study_app.web.export import WebBuild, check_budget
+
+    build = WebBuild(study, screen, manifest or virtual_manifest(study, screen))
+    web_design(study.in_a_browser())
+    needs = build.needs()
+    yield from needs_lines(needs)
+    if study.gaze.mode != "none":
+        yield f"dropped in a browser: gaze is not watched there (gaze.mode = {study.gaze.mode!r})"
+    yield "dropped in a browser: gamma and luminance of the screen, viewing distance, photodiode"
+    check_budget(needs, build)
+
+
+def needs_lines(needs: BrowserNeeds) -> Iterator[str]:
+    """Yield what a study asks of a browser, in sentences."""
+    width, height = needs.window_px
+    rates = ", ".join(f"{rate:g}" for rate in needs.rates_hz)
+    yield f"in a browser: at {rates} Hz, in a window of at least {width} x {height} px"
+    for rate, wrong in needs.rates.items():
+        if wrong:
+            yield f"not at {rate:g} Hz: {wrong[0]}"
+    seconds = needs.fetched_bytes / MB / LINE_MB_PER_S
+    yield (
+        f"per participant: {needs.fetched_bytes / MB:.1f} MB ({seconds:.0f} s at 20 Mbit/s),"
+        f" {needs.decoded_bytes / MB:.0f} MB in memory, {needs.duration_s / 60:.0f} min"
+    )
