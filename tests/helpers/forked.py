@@ -51,6 +51,9 @@ def become(arguments, env, folder, out, err, tell):
     for number, descriptor in enumerate((os.open(os.devnull, os.O_RDONLY), out, err)):
         os.dup2(descriptor, number)
         os.close(descriptor)
+    told = dict(encoding=sys.stdout.encoding, closefd=False)  # pipes now, where files may have been
+    sys.stdout = sys.__stdout__ = open(1, "w", errors=sys.stdout.errors, **told)
+    sys.stderr = sys.__stderr__ = open(2, "w", 1, errors="backslashreplace", **told)
     os.environ.clear()
     os.environ.update(env)
     os.chdir(folder)

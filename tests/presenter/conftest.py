@@ -35,7 +35,7 @@ from study_app.desktop.strip import CapturedPicture
 WIDTH, HEIGHT = 640, 480
 # Before any of these texts where an artificial observer sits: it reads and decides fast.
 HASTY = """
-from study_app import page_turner
+from study_app.desktop import page_turner
 from study_app.observers.observer_model import ArtificialObserver
 thoughtful = ArtificialObserver.answer
 ArtificialObserver.answer = lambda self, trial, attempt: (thoughtful(self, trial, attempt)[0], 0.12)
@@ -47,7 +47,8 @@ page_turner._SIMULATED_PAGE_S, page_turner.NOTICE_S = 0.05, 0.1
 # journal meanwhile it does not take back.
 PACED = """
 import mmap, struct, sys, time
-from study_app import presenter, window
+from study_app import presenter
+from study_app.desktop import window
 from study_app.cli import main
 
 with open(sys.argv.pop(), "r+b") as file:

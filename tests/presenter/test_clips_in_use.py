@@ -15,7 +15,7 @@ from protocols.disk.locks import only_build
 ANOTHER_DESKTOP = """
 import os
 os.environ["WAYLAND_DISPLAY"] = "another"
-from study_app import window
+from study_app.desktop import window
 before = window.claim_screen
 def claimed():
     held = before()

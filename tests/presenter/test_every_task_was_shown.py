@@ -247,7 +247,7 @@ from protocols.manifest import read_manifest
 from protocols.plan import chosen, make_plan
 from protocols.script import trial_script
 from study_app.presenter import Presenter, PresenterSettings
-from study_app.stage import Picture
+from study_app.stage import FlipPicture
 from study_app.desktop.window import Window
 
 folder, buffer, out, number = map(Path, sys.argv[1:5])
@@ -271,7 +271,7 @@ with Window(display, pacing="software") as window:
             for told in (None, *phase.follows.values()):
                 for refreshes in sorted({0, 2, (phase.frames or 1) - 1}):
                     for _ in range(2):
-                        presenter.show(Picture(phase, refreshes, notice=told))
+                        presenter.show(FlipPicture(phase, refreshes, notice=told))
                     shots.append(picture())
 np.savez(out, shots=np.stack(shots), script=script.model_dump_json())
 """

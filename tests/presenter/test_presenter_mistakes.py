@@ -109,7 +109,7 @@ def test_a_session_without_a_decision_is_no_success(screen, make_study):
 # What a window manager does that shows a title bar first, and what a desktop does that scales.
 FRAMED = """
 import sys
-from study_app import window
+from study_app.desktop import window
 from study_app.cli import main
 answers = [(638, 455)] * (10**6 if "scaled" in sys.argv else 5)
 size = window.glfw.get_framebuffer_size

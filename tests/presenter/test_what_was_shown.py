@@ -48,7 +48,8 @@ def test_another_process_sees_every_logged_flip_in_order_with_the_right_frame(
 
 
 SABOTAGE = """
-from study_app import clips, draw, window
+from study_app import clips
+from study_app.desktop import draw, window
 
 read_frame = clips.read_frame
 def swapped_and_mirrored(folder, clip, index):
@@ -111,9 +112,9 @@ from protocols.manifest import read_manifest
 from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
 from study_app.opening import texts_of
-from study_app.desktop.strip import Extras
+from study_app.desktop.strip import FlipMarks
 from study_app.presenter import Presenter, PresenterSettings
-from study_app.stage import Picture
+from study_app.stage import FlipPicture
 from protocols.script import trial_script
 from study_app.desktop.window import Window
 
@@ -134,14 +135,14 @@ per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}
 with Window(display, pacing="software") as window:
     with Presenter(window, protocol, texts_of(protocol, "en"), manifest, folder / "clips",
-                   PresenterSettings(60.0, Extras(photodiode="patch" in sys.argv))) as presenter:
+                   PresenterSettings(60.0, FlipMarks(photodiode="patch" in sys.argv))) as presenter:
         presenter.prepare(plan.trials[0], script, 1)
         for name, shown in {
-            "fixate": Picture(phase["fixate"]),
-            "first": Picture(phase["first"], 2 * per_frame),
-            "odd": Picture(phase["first"], 3 * per_frame),
-            "second": Picture(phase["second"], 5 * per_frame),
-            "answer": Picture(phase["respond"]),
+            "fixate": FlipPicture(phase["fixate"]),
+            "first": FlipPicture(phase["first"], 2 * per_frame),
+            "odd": FlipPicture(phase["first"], 3 * per_frame),
+            "second": FlipPicture(phase["second"], 5 * per_frame),
+            "answer": FlipPicture(phase["respond"]),
         }.items():
             presenter.show(shown)
             presenter.show(shown)
