@@ -59,7 +59,7 @@ def test_what_cannot_be_shown_or_watched_is_refused_with_its_cure(screen, make_s
 
     little.write_text(good.replace("= 640", "= 800").replace("= 192.0", "= 240.0"))
     message = error_of(screen.run(*screen.session("run", study, "--simulate")))
-    assert "must run at 800x480, 60 Hz (found 640x480" in message
+    assert "must run at 800x480, 60 Hz, not scaled (found 640x480" in message
     little.write_text(good)
 
     arguments = screen.session("run", study, "--simulate")

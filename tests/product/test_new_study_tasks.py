@@ -194,7 +194,7 @@ def test_examples_of_optional_keys_are_valid_themselves(made, task):
     text = path.read_text(encoding="utf-8")
     columns = load_protocol(path).stimuli.columns()
     before, _, rest = text.partition("# A 3D file of yours")  # other kinds of scenes: whole entries
-    text = before + ("# How much" + rest.partition("# How much")[2] if rest else "")
+    text = before + ("# Size of" + rest.partition("# Size of")[2] if rest else "")
     examples = re.findall(r"^# (\w+) = .+$", text, flags=re.M)
     tried = 0
     for key in dict.fromkeys(examples):

@@ -18,9 +18,9 @@ HEAD = """
 import json, sys, warnings
 from pathlib import Path
 import numpy as np
-from stimuli.score.pair import Pair
+from stimuli.score.pair import ScoredPair
 from stimuli.score.measure_clips import measure_job
-from stimuli.score.viewing_conditions import Gaze, open_viewing, standard_fhd
+from stimuli.score.viewing_conditions import ViewerGaze, open_viewing, standard_fhd
 
 root = Path(sys.argv[1])
 files = {name: tuple(sorted((root / name).iterdir())) for name in ("test", "truth", "holes")}
@@ -28,10 +28,10 @@ files = {name: tuple(sorted((root / name).iterdir())) for name in ("test", "trut
 def make(frames=None, fps=30.0, same=False):
     cut = {name: paths[:frames] for name, paths in files.items()}
     height, width = 48, 64
-    return Pair("clip", cut["truth" if same else "test"], cut["truth"], cut["holes"],
+    return ScoredPair("clip", cut["truth" if same else "test"], cut["truth"], cut["holes"],
                 width, height, fps)
 
-def ours(family, pair, viewing=None, gaze=Gaze()):
+def ours(family, pair, viewing=None, gaze=ViewerGaze()):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return measure_job(family, pair, viewing or standard_fhd(), gaze).values
@@ -105,9 +105,9 @@ def test_fovvideovdp_is_that_of_pyfvvdp(files, tmp_path):
         values = ours("fovvideovdp", make())
         same = ours("fovvideovdp", make(same=True))
         at = (20.0, 24.0)
-        foveated = ours("fovvideovdp", make(), gaze=Gaze((at,)))
+        foveated = ours("fovvideovdp", make(), gaze=ViewerGaze((at,)))
         moving = ((10.0, 10.0), (20.0, 20.0), (30.0, 30.0), (40.0, 40.0))
-        followed = ours("fovvideovdp", make(), gaze=Gaze(moving))
+        followed = ours("fovvideovdp", make(), gaze=ViewerGaze(moving))
         still = ours("fovvideovdp", make(1, 0.0))
         ours_fhd = ours("fovvideovdp", make(), open_viewing("fhd27-60hz"))
         import torch, pyfvvdp, tempfile, shutil
