@@ -215,7 +215,7 @@ def test_power_of_ratings_rises_with_people_and_effect_and_keeps_alpha(rated, rn
     assert any("not by the report's mixed model" in note for note in found.warnings)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_p_of_simulated_ratings_is_near_that_of_the_reports_model(rated, rng):
     assumed = {"difference": 0.7, "participant_sd": 0.5, "scene_sd": 0.3}
     answers = rated.draw(assumed, 10, 8, rng)

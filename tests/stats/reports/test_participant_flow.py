@@ -197,4 +197,4 @@ def test_a_study_without_choices_has_no_table_of_them(demo_protocol, write_journ
     tidy = read_sessions(write_journals(tmp_path, people=2, protocol=study), study)
 
     assert tidy.demographics.empty
-    assert [type(block).__name__ for block in participant_blocks(tidy)] == ["Table"]
+    assert [type(block).__name__ for block in participant_blocks(tidy)] == ["TableBlock"]

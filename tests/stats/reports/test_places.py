@@ -107,7 +107,9 @@ DOORS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=[pytest.mark.full] * (one == "ratings")) for one in DOORS]
+)
 def test_tables_with_the_column_remote_are_compared_by_place_too(name, tmp_path):
     kind, options, make = TABLES[name]
     rows = make()
