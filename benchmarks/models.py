@@ -157,44 +157,35 @@ def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
     return model.contrasts[0].p, one.lower <= 0.0 <= one.upper
 
 
-def stated(design: Design, rng: np.random.Generator) -> Outcome:
-    """Simulate and judge a study of thresholds at 85 % right, each condition with its width."""
+def at_performance(design: Design, rng: np.random.Generator) -> list[Outcome]:
+    """Simulate a study of which each condition has a width; judge thresholds at 85 % and slopes."""
     model = fit_thresholds(
         _answered(design, rng), "level", ("method",), guess=design.guess, own_widths=True,
         scenes=design.scenes > 1,
     )  # fmt: skip
+    if any(np.isnan(one.value) for one in model.thresholds):
+        return [None, None]
     lapse = design.lapse + design.lapse_more
     rise = (STATED - design.guess) / (1.0 - design.guess - lapse)
     truth = ndtri(rise) * design.width / (2.0 * ndtri(0.95))
     found, contrasts = model.population.thresholds(STATED)
-    one = found[0]
-    if one.lower is None or one.upper is None or not contrasts:
-        return None
-    return contrasts[0].p, one.lower <= truth <= one.upper
+    lower, upper, ratios = found[0].lower, found[0].upper, model.population.slope_ratios()
+    known = lower is not None and upper is not None and bool(contrasts)
+    return [
+        (contrasts[0].p, lower <= truth <= upper) if known else None,
+        (ratios[0].p, ratios[0].lower <= 0.0 <= ratios[0].upper) if ratios else None,
+    ]
 
 
-def slopes(design: Design, rng: np.random.Generator) -> Outcome:
-    """Simulate and judge a study of slopes."""
-    model = fit_thresholds(
-        _answered(design, rng), "level", ("method",), guess=design.guess, own_widths=True
+def goodness(design: Design, rng: np.random.Generator) -> list[Outcome]:
+    """Simulate a study that the model fits; judge its deviance and its residuals by level."""
+    table = _answered(design, rng)
+    model = fit_thresholds(table, "level", ("method",), guess=design.guess)
+    found, _ = misfits(table, "level", table["method"], model.population, rng)
+    deviance, by_level = zip(
+        *((one.p_adjusted, one.level_p_adjusted) for one in found), strict=True
     )
-    if any(np.isnan(one.value) for one in model.thresholds):
-        return None
-    ratios = model.population.slope_ratios()
-    return (ratios[0].p, ratios[0].lower <= 0.0 <= ratios[0].upper) if ratios else None
-
-
-def goodness(of_levels: bool) -> Callable[..., Outcome]:
-    """Return what simulates a study that the model fits, and judges its goodness of fit."""
-
-    def judged(design: Design, rng: np.random.Generator) -> Outcome:
-        table = _answered(design, rng)
-        model = fit_thresholds(table, "level", ("method",), guess=design.guess)
-        found, _ = misfits(table, "level", table["method"], model.population, rng)
-        each = [one.level_p_adjusted if of_levels else one.p_adjusted for one in found]
-        return min(each), None
-
-    return judged
+    return [(min(deviance), None), (min(by_level), None)]
 
 
 def times(design: Design, rng: np.random.Generator) -> Outcome:
@@ -379,27 +370,33 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 ("interaction", f"{told}, {measure}", design, interaction(measure, apart))
                 for measure in ("share", "JOD")
             ]
-    for judge in (stated, slopes):
-        found += [(judge.__name__, name, design, judge) for name, design in AT_PERFORMANCE.items()]
-    for told, of_levels in (("deviance", False), ("by level", True)):
-        found += [
-            ("goodness", f"{name}, {told}", design, goodness(of_levels))
-            for name, design in AT_PERFORMANCE.items()
-            if design.slope_sd == 0.0 and design.scenes == 1
-        ]
+    return found
+
+
+def cells_of_one_study() -> list[
+    tuple[list[tuple[str, str]], Design, Callable[..., list[Outcome]]]
+]:
+    """Return the cells, as models and names, that one judge asks of the same studies."""
+    found: list[tuple[list[tuple[str, str]], Design, Callable[..., list[Outcome]]]] = []
+    for model, name, design, judge in cells():
+        found.append(([(model, name)], design, lambda *at, asked=judge: [asked(*at)]))
+    for name, design in AT_PERFORMANCE.items():
+        found.append(([("stated", name), ("slopes", name)], design, at_performance))
+        if design.slope_sd == 0.0 and design.scenes == 1:
+            named = [("goodness", f"{name}, {told}") for told in ("deviance", "by level")]
+            found.append((named, design, goodness))
     return found
 
 
 @dataclass
 class _Running:
-    """A cell whose studies are being simulated."""
+    """Cells whose studies are being simulated."""
 
-    model: str
-    name: str
+    named: list[tuple[str, str]]
     design: Design
-    judge: Callable[..., Outcome]
+    judge: Callable[..., list[Outcome]]
     rng: np.random.Generator
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[list[Outcome]] = field(default_factory=list)
     cpu_s: float = 0.0
 
     def go_on(self, studies: int) -> None:
@@ -408,25 +405,31 @@ class _Running:
         self.outcomes += [self.judge(self.design, self.rng) for _ in range(studies)]
         self.cpu_s += time.process_time() - began
 
-    def cell(self) -> Cell:
+    def cells(self) -> list[Cell]:
         """Return the rates so far."""
-        studies = len(self.outcomes)
-        known = [one for one in self.outcomes if one is not None]
-        held = [one[1] for one in known if one[1] is not None]
-        return Cell(
-            self.model,
-            self.name,
-            studies,
-            float(np.mean([p < 0.05 for p, _ in known])) if known else None,
-            float(np.mean(held)) if held else None,
-            studies - len(known),
-            self.cpu_s / studies,
-            self.design,
-        )
+        found = []
+        for (model, name), outcomes in zip(
+            self.named, zip(*self.outcomes, strict=True), strict=True
+        ):
+            known = [one for one in outcomes if one is not None]
+            held = [one[1] for one in known if one[1] is not None]
+            found.append(
+                Cell(
+                    model,
+                    name,
+                    len(outcomes),
+                    float(np.mean([p < 0.05 for p, _ in known])) if known else None,
+                    float(np.mean(held)) if held else None,
+                    len(outcomes) - len(known),
+                    self.cpu_s / len(outcomes),
+                    self.design,
+                )
+            )
+        return found
 
 
 def _write(path: Path, kept: Sequence[Any], running: Sequence[_Running]) -> None:
-    rows = [one.cell() for one in running if one.outcomes]
+    rows = [row for one in running for row in one.cells()]
     told = [vars(row) | {"design": vars(row.design)} for row in rows]
     write_record(path, {"cells": [*kept, *({"revision": code_revision()} | one for one in told)]})
 
@@ -440,11 +443,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--only", metavar="MODEL,...", help="such as thresholds,times")
     arguments = parser.parse_args(argv)
     every = [
-        _Running(model, name, design, judge, np.random.default_rng(number))
-        for number, (model, name, design, judge) in enumerate(cells())
+        _Running(named, design, judge, np.random.default_rng(number))
+        for number, (named, design, judge) in enumerate(cells_of_one_study())
     ]
-    asked = arguments.only.split(",") if arguments.only else sorted({one.model for one in every})
-    running = [one for one in every if one.model in asked]
+    models = {model for one in every for model, _ in one.named}
+    asked = models & set(arguments.only.split(",")) if arguments.only else models
+    running = [one for one in every if asked & {model for model, _ in one.named}]
+    asked = {model for one in running for model, _ in one.named}
     end = np.inf if arguments.minutes is None else time.monotonic() + 60.0 * arguments.minutes
     kept = []
     if arguments.json and arguments.json.is_file():
@@ -454,12 +459,12 @@ def main(argv: list[str]) -> int:
         if time.monotonic() > end:
             break
         # Shares take no time.
-        one.go_on(min(ROUND, arguments.studies - done) * (40 if one.model == "share" else 1))
+        one.go_on(min(ROUND, arguments.studies - done) * (40 if one.named[0][0] == "share" else 1))
         if arguments.json and one is running[-1]:
             _write(arguments.json, kept, running)
     if arguments.json:
         _write(arguments.json, kept, running)
-    for row in (one.cell() for one in running if one.outcomes):
+    for row in (row for one in running for row in one.cells()):
         rates = [
             f"{name} {'-' if rate is None else f'{rate:.3f}'}"
             for name, rate in (("p<.05", row.false_positives), ("held", row.coverage))
