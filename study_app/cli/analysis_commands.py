@@ -191,47 +191,32 @@ def tidy(
 class DesignOptions:
     """A design without a protocol."""
 
-    pair_count: Annotated[
-        int | None, typer.Option("--pairs", help="Without a protocol: pairs of methods.")
-    ] = None
-    scenes: Annotated[int | None, typer.Option(help="Without a protocol: scenes.")] = None
-    repeats: Annotated[
-        int | None,
-        typer.Option(help="Without a protocol: decisions of a person on a pair in a scene."),
-    ] = None
-    participants: Annotated[
-        int | None, typer.Option(help="Without a protocol: how many there are.")
-    ] = None
+    pair_count: Annotated[int | None, typer.Option("--pairs")] = None
+    """Without a protocol: pairs of methods."""
+    scenes: int | None = None
+    """Without a protocol: scenes."""
+    repeats: int | None = None
+    """Without a protocol: decisions of a person on a pair in a scene."""
+    participants: int | None = None
+    """Without a protocol: how many there are."""
 
 
 @dataclasses.dataclass(frozen=True)
 class AssumedOptions:
     """Assumptions of a simulation of power."""
 
-    rate: Annotated[
-        float | None, typer.Option(help="Short for --set rate=..., of preferences.")
-    ] = None
-    assume: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=NUMBER",
-            help="Assumption of the simulation; may be given more than once. The command "
-            "prints the defaults.",
-        ),
-    ] = None
-    pilot: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            help="A pilot's sessions of this protocol, or a decisions.csv of another: they "
-            "say how much people and scenes differ. --set takes precedence.",
-        ),
-    ] = None
-    participant_sd: Annotated[
-        float | None, typer.Option(help="Short for --set participant_sd=...")
-    ] = None
-    scene_sd: Annotated[float | None, typer.Option(help="Short for --set scene_sd=...")] = None
+    rate: float | None = None
+    """Short for --set rate=..., of preferences."""
+    assume: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=NUMBER")] = None
+    """Assumption of the simulation; may be given more than once. The command prints the
+    defaults."""
+    pilot: Annotated[Path | None, typer.Option("--from")] = None
+    """A pilot's sessions of this protocol, or a decisions.csv of another: they say how much people
+    and scenes differ. --set takes precedence."""
+    participant_sd: float | None = None
+    """Short for --set participant_sd=..."""
+    scene_sd: float | None = None
+    """Short for --set scene_sd=..."""
 
     def values(self) -> tuple[dict[str, str], dict[str, str]]:
         """Return all that is given by name, and what of it by options of its own."""

@@ -23,25 +23,17 @@ GIB = 2**30
 class MachineOptions:
     """Machines that build."""
 
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help=r"Processes on this machine. \[default: one per core]"),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Use the workers of this Dask cluster instead: tcp://HOST:PORT, or"
-            " tls://HOST:PORT with certificates.",
-        ),
-    ] = None
-    tls_ca_file: Annotated[
-        Path | None, typer.Option(help="Certificates that --scheduler must be signed by, PEM.")
-    ] = None
-    tls_cert: Annotated[
-        Path | None, typer.Option(help="Certificate that we show to --scheduler, PEM.")
-    ] = None
-    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None
+    workers: Annotated[int | None, typer.Option(min=1)] = None
+    r"""Processes on this machine. \[default: one per core]"""
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None
+    """Use the workers of this Dask cluster instead: tcp://HOST:PORT, or tls://HOST:PORT with
+    certificates."""
+    tls_ca_file: Path | None = None
+    """Certificates that --scheduler must be signed by, PEM."""
+    tls_cert: Path | None = None
+    """Certificate that we show to --scheduler, PEM."""
+    tls_key: Path | None = None
+    """Its private key, PEM."""
 
     def certificates(self) -> dict[str, str]:
         """Return the files that are given, under the names that `dask_cluster` takes.
@@ -73,7 +65,7 @@ def build(
     *,
     machines: MachineOptions,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print clips, frames, disk and time; build nothing.")
+        bool, typer.Option(help="Print clips, frames, disk and time; build nothing.")
     ] = False,
 ) -> None:  # fmt: skip
     """Build every clip or still of a study, hashed, manifest last.

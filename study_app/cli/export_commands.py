@@ -22,32 +22,18 @@ from study_app.cli.terminal import say, say_notes
 class ExportedOptions:
     """Content of an export, and statements on the sessions."""
 
-    public: Annotated[
-        bool,
-        typer.Option(
-            "--public",
-            help="Renumber participants, and leave out wall-clock times, typed answers, notes,"
-            " the names of machines, devices and folders, and what tells codes or who came when.",
-        ),
-    ] = False
-    display: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="bids: display that sessions were recorded on, if not the protocol's;"
-            " may be given more than once."
-        ),
-    ] = None
-    recorded_eye: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(EYES), help="bids: which eye the tracker reported; cyclopean: both."
-        ),
-    ] = "cyclopean"
-    author: Annotated[
-        list[str] | None,
-        typer.Option(help="Author of the data set; may be given more than once."),
-    ] = None
-    licence: Annotated[str, typer.Option(help="Licence of the data set, such as CC0.")] = ""
+    public: bool = False
+    """Renumber participants, and leave out wall-clock times, typed answers, notes, the names of
+    machines, devices and folders, and what tells codes or who came when."""
+    display: list[str] | None = None
+    """bids: display that sessions were recorded on, if not the protocol's; may be given more than
+    once."""
+    recorded_eye: Annotated[str, typer.Option(metavar="|".join(EYES))] = "cyclopean"
+    """bids: which eye the tracker reported; cyclopean: both."""
+    author: list[str] | None = None
+    """Author of the data set; may be given more than once."""
+    licence: str = ""
+    """Licence of the data set, such as CC0."""
 
 
 def export(

@@ -71,81 +71,37 @@ def _is_new_folder(name: str) -> bool:
 class OwnOptions:
     """Scenes, pairs, pictures and methods of the user's own."""
 
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FILE",
-            help="A 3D file of yours (.glb, .gltf, .obj), or a built-in scene; may be given more"
-            " than once. It is copied, with all that it names, and views of it are drawn.",
-        ),
-    ] = None
-    pair: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LEFT RIGHT DISPARITY",
-            help="A rectified pair of photographs of yours, with the disparity of the left one;"
-            " may be given more than once.",
-        ),
-    ] = None
-    units_per_px: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Number in the disparity file for one pixel; left out: 1. Give this and the"
-            " next three once for all pairs, or once for each pair in order."
-        ),
-    ] = None
-    focal_px: Annotated[
-        list[float] | None, typer.Option(help="Focal length of a pair; left out: assumed.")
-    ] = None
-    baseline_m: Annotated[
-        list[float] | None,
-        typer.Option(help="Metres between a pair's cameras; left out: assumed."),
-    ] = None
-    offset_px: Annotated[
-        list[float] | None,
-        typer.Option(help="Offset of a pair's principal points (doffs); left out: 0."),
-    ] = None
-    photos: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FILE ...",
-            help="Photographs of yours, such as *.jpg: each is shown as methods prepare it for an"
-            " eye that looks at its middle.",
-        ),
-    ] = None
-    exr: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FRAMES",
-            help="OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one"
-            " with depth; may be given more than once.",
-        ),
-    ] = None
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="WHAT=NAME",
-            help="A channel of --exr that is not recognised: r, g, b, depth, motion_x or motion_y;"
-            " may be given more than once.",
-        ),
-    ] = None
-    unknown: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NUMBER",
-            help="A number in the disparity files that stands for unknown, as it is stored; may be"
-            " repeated. none: no further number does.",
-        ),
-    ] = None
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="Names from 'metamerlab warp --list', onnx:FILE, frames:FOLDER, and 'reference',"
-            " the true view; with --photos names from 'metamerlab foveate --list'. The study's test"
-            " compares the first with the second.",
-        ),
-    ] = None
+    scene: Annotated[list[str] | None, typer.Option(metavar="FILE")] = None
+    """A 3D file of yours (.glb, .gltf, .obj), or a built-in scene; may be given more than once. It
+    is copied, with all that it names, and views of it are drawn."""
+    pair: Annotated[list[str] | None, typer.Option(metavar="LEFT RIGHT DISPARITY")] = None
+    """A rectified pair of photographs of yours, with the disparity of the left one; may be given
+    more than once."""
+    units_per_px: list[float] | None = None
+    """Number in the disparity file for one pixel; left out: 1. Give this and the next three once
+    for all pairs, or once for each pair in order."""
+    focal_px: list[float] | None = None
+    """Focal length of a pair; left out: assumed."""
+    baseline_m: list[float] | None = None
+    """Metres between a pair's cameras; left out: assumed."""
+    offset_px: list[float] | None = None
+    """Offset of a pair's principal points (doffs); left out: 0."""
+    photos: Annotated[list[str] | None, typer.Option(metavar="FILE ...")] = None
+    """Photographs of yours, such as *.jpg: each is shown as methods prepare it for an eye that
+    looks at its middle."""
+    exr: Annotated[list[str] | None, typer.Option(metavar="FRAMES")] = None
+    """OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one with depth;
+    may be given more than once."""
+    channel: Annotated[list[str] | None, typer.Option(metavar="WHAT=NAME")] = None
+    """A channel of --exr that is not recognised: r, g, b, depth, motion_x or motion_y; may be given
+    more than once."""
+    unknown: Annotated[list[str] | None, typer.Option(metavar="NUMBER")] = None
+    """A number in the disparity files that stands for unknown, as it is stored; may be repeated.
+    none: no further number does."""
+    methods: Annotated[str | None, typer.Option(metavar="A,B,...")] = None
+    """Names from 'metamerlab warp --list', onnx:FILE, frames:FOLDER, and 'reference', the true
+    view; with --photos names from 'metamerlab foveate --list'. The study's test compares the first
+    with the second."""
 
     def pairs(self) -> list[PairFiles]:
         """Return the pairs, each with its rig: what is given once holds for all of them.
@@ -205,8 +161,7 @@ def new_study(
         str, typer.Option(help="Display to start from: a shipped name or a .toml file.")
     ] = "fhd27-60hz",
     task: Annotated[
-        str,
-        typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(PARTS)}."),
+        str, typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(PARTS)}.")
     ] = "two-interval",
     *,
     own: OwnOptions,

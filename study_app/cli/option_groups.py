@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
-from typer.models import ParameterInfo
+from typer.models import OptionInfo, ParameterInfo
 
+from protocols.formats.key_docs import key_docs
 from study_app.cli.error_messages import user_errors
 
 
@@ -36,18 +38,17 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
     What the user can mend ends it with one message (`user_errors`).
 
-    Each field annotated with ``typer.Option`` or ``typer.Argument`` becomes a parameter of its
-    name, at the place of the dataclass, as do those of a field that is a dataclass itself; other
-    fields keep their defaults.
+    Each field with a text below it becomes an option, whose help that text is, at the place of the
+    dataclass; so do the fields of a field that is a dataclass itself. ``Annotated`` with
+    ``typer.Option`` or ``typer.Argument`` adds what else is to be said of one. A flag that is off
+    unless given has no ``--no-``. Options whose text is below them are listed under the heading
+    ``panel`` of their dataclass, where it has one. Fields without a text keep their defaults.
     """
     hints = get_type_hints(function, include_extras=True)
     parameters: list[inspect.Parameter] = []
     for one in inspect.signature(function).parameters.values():
         kind = hints[one.name]
-        if is_dataclass(kind):
-            parameters += _options(kind)
-        else:
-            parameters.append(one.replace(annotation=kind, kind=one.KEYWORD_ONLY))
+        parameters += _options(kind) if is_dataclass(kind) else [_told(one.name, kind, one.default)]
 
     @functools.wraps(function)
     def run(**given: Any) -> None:
@@ -60,24 +61,45 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _told(kind: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the names and hints of the fields that commands give."""
-    hints = get_type_hints(kind, include_extras=True)
+def _given_fields(kind: Any) -> Iterator[tuple[str, Any, str]]:
+    """Yield the names, hints and texts of the fields that commands give."""
+    hints, texts = get_type_hints(kind, include_extras=True), key_docs(kind)
     for one in fields(kind):
-        told = getattr(hints[one.name], "__metadata__", ())
-        if is_dataclass(hints[one.name]) or any(isinstance(each, ParameterInfo) for each in told):
-            yield one.name, hints[one.name]
+        hint, text = hints[one.name], " ".join(texts[one.name].split())
+        if text or is_dataclass(hint) or _said_of(hint):
+            yield one.name, hint, text
 
 
 def _options(kind: Any) -> Iterator[inspect.Parameter]:
-    for name, hint in _told(kind):
+    for name, hint, text in _given_fields(kind):
         if is_dataclass(hint):
             yield from _options(hint)
             continue
         default = getattr(kind, name, inspect.Parameter.empty)
-        yield inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, annotation=hint, default=default
-        )
+        yield _told(name, hint, default, text, getattr(kind, "panel", None))
+
+
+def _said_of(hint: Any) -> list[ParameterInfo]:
+    return [one for one in getattr(hint, "__metadata__", ()) if isinstance(one, ParameterInfo)]
+
+
+def _told(
+    name: str, hint: Any, default: Any, text: str = "", panel: str | None = None
+) -> inspect.Parameter:
+    """Return what Typer is told of an option or an argument; `panel` is where `text` is listed."""
+    said = _said_of(hint)
+    info = copy.copy(said[0]) if said else typer.Option()
+    if text:
+        info.help, info.rich_help_panel = text, panel or info.rich_help_panel
+    unnamed = isinstance(info, OptionInfo) and info.default is ...  # else the first of its names
+    if unnamed and default is False:
+        info.default = f"--{name.replace('_', '-')}"
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        annotation=Annotated[hint.__origin__ if said else hint, info],
+        default=default,
+    )
 
 
 def _made(kind: Any, given: dict[str, Any]) -> Any:
@@ -85,6 +107,6 @@ def _made(kind: Any, given: dict[str, Any]) -> Any:
     return kind(
         **{
             name: _made(hint, given) if is_dataclass(hint) else given.pop(name)
-            for name, hint in _told(kind)
+            for name, hint, _ in _given_fields(kind)
         }
     )

@@ -70,9 +70,7 @@ def check(
     protocol: ProtocolArgument,
     display: DisplayOption = None,
     stimuli: StimuliOption = None,
-    web: Annotated[
-        bool, typer.Option("--web", help="Also check whether it can run in a browser.")
-    ] = False,
+    web: Annotated[bool, typer.Option(help="Also check whether it can run in a browser.")] = False,
     gaze: Annotated[
         str | None, typer.Option(help="Gaze source of its sessions; 'doctor --gaze' opens it.")
     ] = None,
@@ -211,16 +209,12 @@ app.command()(script)
 @app.command()
 def schema(
     name: Annotated[
-        str,
-        typer.Argument(help=f"One of {', '.join(schema_names())}.", metavar="FORMAT"),
+        str, typer.Argument(help=f"One of {', '.join(schema_names())}.", metavar="FORMAT")
     ] = "study",
     write: Annotated[
-        bool,
-        typer.Option("--write", help="Write the published files of all formats (for developers)."),
+        bool, typer.Option(help="Write the published files of all formats (for developers).")
     ] = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print the reference for people instead.")
-    ] = False,
+    markdown: Annotated[bool, typer.Option(help="Print the reference for people instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a format, for editors and other programs.
 

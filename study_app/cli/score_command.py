@@ -26,80 +26,34 @@ if TYPE_CHECKING:
 class ScoreOptions:
     """Options of `metamerlab stimuli score`: what is scored, how it is seen, what is written."""
 
-    first: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR | TEST",
-            help="Folder of built clips; or a clip (folder of frames) or picture to score.",
-        ),
-    ] = None
-    second: Annotated[
-        Path | None,
-        typer.Argument(metavar="[REFERENCE]", help="The reference for TEST."),
-    ] = None
-    out: Annotated[
-        Path | None,
-        typer.Option(help=r"Folder for tables, plots and the page. \[default for DIR: scores]"),
-    ] = None
-    metrics: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help=r"Only these, such as psnr,fvvdp. \[default: all that this machine can compute]",
-        ),
-    ] = None
-    display: Annotated[
-        str,
-        typer.Option(help="standard_fhd (as in the paper), a display's name, or a .toml file."),
-    ] = "standard_fhd"
-    gaze: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y | FILE",
-            help="Gaze of the viewer, in pixels of the clip; or a CSV file with columns x_px"
-            " and y_px and a line per frame. Left out: not foveated.",
-        ),
-    ] = None
-    mask: Annotated[
-        Path | None,
-        typer.Option(
-            help="For two clips or pictures: where the holes are (white), a picture or a folder."
-        ),
-    ] = None
-    panorama: Annotated[
-        bool,
-        typer.Option(
-            "--panorama",
-            help="TEST and REFERENCE are equirectangular, 2:1: score the flat view around --gaze"
-            " (left out: the middle), 90 degrees wide.",
-        ),
-    ] = False
-    fps: Annotated[
-        float,
-        typer.Option(
-            min=1.0, max=1000.0, help="Frame rate of two folders of frames; videos have their own."
-        ),
-    ] = 30.0
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help=r"Processes at work. \[default: one per core]"),
-    ] = None
-    focus: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METHOD",
-            help=r"For a batch: compare this method with every other. \[default:"
-            " metameric against push-pull]",
-        ),
-    ] = None
-    protocol: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="STUDY",
-            help="For a batch: its study, for labels instead of names on the page, in figures and"
-            r" in tables for people. \[default: names; of a shipped study its labels]",
-        ),
-    ] = None
+    first: Annotated[Path | None, typer.Argument(metavar="DIR | TEST")] = None
+    """Folder of built clips; or a clip (folder of frames) or picture to score."""
+    second: Annotated[Path | None, typer.Argument(metavar="[REFERENCE]")] = None
+    """The reference for TEST."""
+    out: Path | None = None
+    r"""Folder for tables, plots and the page. \[default for DIR: scores]"""
+    metrics: Annotated[str | None, typer.Option(metavar="NAME,...")] = None
+    r"""Only these, such as psnr,fvvdp. \[default: all that this machine can compute]"""
+    display: str = "standard_fhd"
+    """standard_fhd (as in the paper), a display's name, or a .toml file."""
+    gaze: Annotated[str | None, typer.Option(metavar="X,Y | FILE")] = None
+    """Gaze of the viewer, in pixels of the clip; or a CSV file with columns x_px and y_px and a
+    line per frame. Left out: not foveated."""
+    mask: Path | None = None
+    """For two clips or pictures: where the holes are (white), a picture or a folder."""
+    panorama: bool = False
+    """TEST and REFERENCE are equirectangular, 2:1: score the flat view around --gaze (left out: the
+    middle), 90 degrees wide."""
+    fps: Annotated[float, typer.Option(min=1.0, max=1000.0)] = 30.0
+    """Frame rate of two folders of frames; videos have their own."""
+    workers: Annotated[int | None, typer.Option(min=1)] = None
+    r"""Processes at work. \[default: one per core]"""
+    focus: Annotated[str | None, typer.Option(metavar="METHOD")] = None
+    r"""For a batch: compare this method with every other. \[default: metameric against
+    push-pull]"""
+    protocol: Annotated[Path | None, typer.Option(metavar="STUDY")] = None
+    r"""For a batch: its study, for labels instead of names on the page, in figures and in tables
+    for people. \[default: names; of a shipped study its labels]"""
 
 
 def score(

@@ -39,8 +39,10 @@ from study_app.session_folders import session_folder
 class PlaceOptions:
     """A participant, and the place in the counterbalancing."""
 
-    code: Annotated[str, typer.Option(help="The participant's code.")]
-    slot: Annotated[int, typer.Option(min=0, max=2**53, help="The counterbalancing slot.")] = 0
+    code: str
+    """The participant's code."""
+    slot: Annotated[int, typer.Option(min=0, max=2**53)] = 0
+    """The counterbalancing slot."""
 
 
 def script(

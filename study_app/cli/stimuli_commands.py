@@ -122,20 +122,12 @@ def probe(
 class LightingOptions:
     """The light of a file's scene."""
 
-    lighting: Annotated[
-        str | None,
-        typer.Option(
-            metavar="unlit|sun",
-            help="As the protocol's key, for files. Left out: sun if the file has plain"
-            " colours alone.",
-        ),
-    ] = None
-    sun_direction: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            metavar="X Y Z", help="As the protocol's key: from the scene towards the sun, y up."
-        ),
-    ] = None
+    lighting: Annotated[str | None, typer.Option(metavar="unlit|sun")] = None
+    """As the protocol's key, for files. Left out: sun if the file has plain colours alone."""
+    sun_direction: Annotated[tuple[float, float, float] | None, typer.Option(metavar="X Y Z")] = (
+        None
+    )
+    """As the protocol's key: from the scene towards the sun, y up."""
 
 
 @app.command()
@@ -159,9 +151,8 @@ def look(
     interactive: Annotated[
         bool,
         typer.Option(
-            "--interactive",
             help="Open a page of this machine instead: drag to turn, keys to move; it prints the"
-            " view's line.",
+            " view's line."
         ),
     ] = False,
 ) -> None:

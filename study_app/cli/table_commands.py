@@ -66,13 +66,11 @@ WhereOption = Annotated[
 AnswerOption = Annotated[
     str | None,
     typer.Option(
-        metavar="THEIRS=OURS,...",
-        help="Other names of answers, such as y=present,n=absent.",
+        metavar="THEIRS=OURS,...", help="Other names of answers, such as y=present,n=absent."
     ),
 ]
 OutOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json."),
+    Path | None, typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json.")
 ]
 LevelOption = Annotated[
     float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
@@ -156,10 +154,9 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
     if get_origin(field.annotation) is dict:
         how["metavar"] = "NAME='CONDITION=WEIGHT,...'"
         hint, default = list[str] | None, None
-    flag = field.annotation is bool
-    if flag:
+    if field.annotation is bool:
         hint, default = bool, False
-    hint = Annotated[hint, typer.Option(*(f"--{key}",) * flag, **how)]
+    hint = Annotated[hint, typer.Option(**how)]
     return inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
 
 

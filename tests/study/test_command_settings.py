@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pytest
 import typer
@@ -15,15 +15,24 @@ from study_app.cli.option_groups import CommandGroup
 
 @dataclass(frozen=True)
 class Look:
-    scene: Annotated[str, typer.Option(help="Name of the scene.")]
-    views: Annotated[int, typer.Option(min=1, help="Number of views.")] = 12
-    notes: tuple[str, ...] = ()
+    scene: str
+    """Name of the
+    scene."""
+    views: Annotated[int, typer.Option(min=1)] = 12
+    """Number of views."""
+    inside: bool = False
+    """Seen from inside."""
+    turn: Annotated[float, typer.Option(help="Turn of the scene.")] = 0.0
+    notes: tuple[str, ...] = ()  # no option
 
 
 @dataclass(frozen=True)
 class Frame:
+    panel: ClassVar = "Frame"
+
     look: Look
-    dark: Annotated[bool, typer.Option("--dark")] = False
+    dark: bool = False
+    """Black all around."""
 
 
 GIVEN: list[object] = []
@@ -35,14 +44,14 @@ def draw(
     name: Annotated[str, typer.Argument()],
     *,
     look: Look,
-    wide: Annotated[bool, typer.Option("--wide")] = False,
+    wide: bool = False,
 ) -> None:
     """Draw it."""
     GIVEN[:] = [name, look, wide]
 
 
 @app.command()
-def hang(frame: Frame, *, high: Annotated[bool, typer.Option("--high")] = False) -> None:
+def hang(frame: Frame, *, high: bool = False) -> None:
     GIVEN[:] = [frame, high]
 
 
@@ -68,7 +77,10 @@ def test_every_group_of_commands_is_such_a_group(repository):
     ("line", "wanted"),
     [
         ("draw a --scene garden", ["a", Look("garden"), False]),
-        ("draw a --views 3 --wide --scene garden", ["a", Look("garden", 3), True]),
+        (
+            "draw a --views 3 --inside --wide --scene garden",
+            ["a", Look("garden", 3, inside=True), True],
+        ),
         ("hang --views 3 --dark --scene garden", [Frame(Look("garden", 3), dark=True), False]),
     ],
 )
@@ -90,3 +102,25 @@ def test_help_lists_fields_in_place_and_the_command_keeps_its_text():
     assert "Draw it." in said
     assert said.index("--scene") < said.index("--views") < said.index("--wide")
     assert "--notes" not in said
+
+
+def test_the_text_below_a_field_is_the_help_of_its_option():
+    said = CliRunner().invoke(app, ["draw", "--help"]).output
+
+    assert "Name of the scene." in said
+    assert "Number of views." in said
+    assert "Turn of the scene." in said
+
+
+def test_fields_are_listed_under_the_heading_of_their_own_dataclass():
+    before, headed = CliRunner().invoke(app, ["hang", "--help"]).output.split("─ Frame ─")
+
+    assert "Black all around." in headed
+    assert "Name of the scene." in before
+
+
+def test_a_flag_that_is_off_unless_given_has_no_opposite():
+    said = CliRunner().invoke(app, ["draw", "--help"]).output
+
+    assert "--inside" in said
+    assert "--no-" not in said

@@ -18,8 +18,7 @@ def demo(
         "out/demo"
     ),
     pictures_only: Annotated[
-        bool,
-        typer.Option("--pictures-only", help="Only warp and fill one photograph, without a study."),
+        bool, typer.Option(help="Only warp and fill one photograph, without a study.")
     ] = False,
     participants: Annotated[
         int, typer.Option(min=2, help="Simulated observers, the one before the window included.")
@@ -33,16 +32,13 @@ def demo(
         ),
     ] = None,
     no_window: Annotated[
-        bool, typer.Option("--no-window", help="Simulate every observer without a window.")
+        bool, typer.Option(help="Simulate every observer without a window.")
     ] = False,
     no_studies: Annotated[
-        bool,
-        typer.Option(
-            "--no-studies", help="Leave out foveated pictures, their studies, and another task."
-        ),
+        bool, typer.Option(help="Leave out foveated pictures, their studies, and another task.")
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Delete an earlier demonstration there first.")
+        bool, typer.Option(help="Delete an earlier demonstration there first.")
     ] = False,
     seed: Annotated[
         int, typer.Option(min=0, help="Seed of noise and observers: same seed, same results.")

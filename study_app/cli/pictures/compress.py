@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from protocols.disk.result_folder import check_folder, check_result
 from study_app.cli.pictures.one_picture_options import (
     FILE_ENDINGS,
+    LOOK,
     GazeOption,
     NumpyOption,
     PictureViewing,
     SeedOption,
     check_file,
     check_outputs,
-    look_option,
     renderer,
 )
 from study_app.cli.progress import ProgressLines
@@ -31,42 +31,21 @@ if TYPE_CHECKING:
 class CodingOptions:
     """Size of a compressed file, and what it holds."""
 
-    size_kb: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1,
-            help="The largest file, in 1000 bytes: the best quality that fits is looked for.",
-        ),
-    ] = None
-    quality: Annotated[
-        int | None,
-        typer.Option(min=1, max=95, help=r"Quality of the colours. \[default: 75]"),
-    ] = None
-    codec: Annotated[str, typer.Option(help="jpeg, avif or webp, for colour and maps.")] = "jpeg"
+    size_kb: Annotated[float | None, typer.Option(min=0.1)] = None
+    """The largest file, in 1000 bytes: the best quality that fits is looked for."""
+    quality: Annotated[int | None, typer.Option(min=1, max=95)] = None
+    r"""Quality of the colours. \[default: 75]"""
+    codec: str = "jpeg"
+    """jpeg, avif or webp, for colour and maps."""
     angles: Annotated[
-        int | None,
-        typer.Option(
-            help="Cells around the gaze. Fewer make a smaller file; the picture is sharp up to"
-            " angles / 6.3 pixels from the gaze.",
-            show_default="512; with --size-kb what fits at quality 50",
-        ),
+        int | None, typer.Option(show_default="512; with --size-kb what fits at quality 50")
     ] = None
-    statistics: Annotated[
-        bool,
-        typer.Option(
-            "--statistics/--no-statistics",
-            help="Keep statistics of the periphery, or its blurred colour alone.",
-        ),
-    ] = True
-    hold: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=65535,
-            show_default="12",
-            help="Number of frames of a clip that share statistics.",
-        ),
-    ] = None
+    """Cells around the gaze. Fewer make a smaller file; the picture is sharp up to angles / 6.3
+    pixels from the gaze."""
+    statistics: Annotated[bool, typer.Option("--statistics/--no-statistics")] = True
+    """Keep statistics of the periphery, or its blurred colour alone."""
+    hold: Annotated[int | None, typer.Option(min=1, max=65535, show_default="12")] = None
+    """Number of frames of a clip that share statistics."""
 
     def settings(self) -> CompressionSettings:
         """Return them as the codec takes them.
@@ -95,20 +74,14 @@ class CodingOptions:
 class CompressionFigureOptions:
     """Pictures that are made to be looked at."""
 
-    compare: Annotated[
-        Path | None,
-        look_option(
-            help="One labelled sheet (.png): the picture beside plain, foveated and metameric"
-            " files of this size."
-        ),
-    ] = None
-    steps: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for pictures of what the file holds: cells, maps, their density;"
-            " sheet.png shows them all."
-        ),
-    ] = None
+    panel: ClassVar = LOOK
+
+    compare: Path | None = None
+    """One labelled sheet (.png): the picture beside plain, foveated and metameric files of this
+    size."""
+    steps: Path | None = None
+    """Folder for pictures of what the file holds: cells, maps, their density; sheet.png shows them
+    all."""
 
 
 def compress(

@@ -42,8 +42,7 @@ app = CommandGroup(
 @app.command()
 def run(
     picture: Annotated[
-        Path,
-        typer.Argument(help="A noisy picture, or a folder of frames.", show_default=False),
+        Path, typer.Argument(help="A noisy picture, or a folder of frames.", show_default=False)
     ],
     out: Annotated[
         Path, typer.Option(help="The picture to write, .png or .exr; for frames a folder.")
@@ -143,12 +142,18 @@ def render(
 class TrainingOptions:
     """Pictures that networks are trained on, and for how long."""
 
-    views: Annotated[int, typer.Option(min=1, help="Cameras in each scene.")] = 3
-    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 1200
-    crop_px: Annotated[int, typer.Option(help="Edge of a crop, a multiple of 8.")] = 96
-    size_px: Annotated[int, typer.Option(help="Edge of the pictures, a multiple of 8.")] = 256
-    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per clean pixel.")] = 128
-    seed: Annotated[int, typer.Option(min=0, help="Seed of gazes, crops, weights.")] = 1
+    views: Annotated[int, typer.Option(min=1)] = 3
+    """Cameras in each scene."""
+    steps: Annotated[int, typer.Option(min=1)] = 1200
+    """Training steps."""
+    crop_px: int = 96
+    """Edge of a crop, a multiple of 8."""
+    size_px: int = 256
+    """Edge of the pictures, a multiple of 8."""
+    clean_samples: Annotated[int, typer.Option(min=1)] = 128
+    """Samples per clean pixel."""
+    seed: Annotated[int, typer.Option(min=0)] = 1
+    """Seed of gazes, crops, weights."""
 
 
 @app.command()
@@ -170,9 +175,7 @@ def train(
     ] = Path("denoise-work"),
     *,
     lesson: TrainingOptions,
-    estimate: Annotated[
-        bool, typer.Option("--estimate", help="Say how long it takes, then stop.")
-    ] = False,
+    estimate: Annotated[bool, typer.Option(help="Say how long it takes, then stop.")] = False,
 ) -> None:
     """Render noisy and clean pictures, train two networks on them, and write both.
 

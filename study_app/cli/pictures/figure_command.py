@@ -29,29 +29,19 @@ MINUS = "\N{MINUS SIGN}"
 class ShownOptions:
     """Methods, scenes and places that a figure shows."""
 
-    crops: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="auto|X,Y,W,H",
-            help="Crop to show, in pixels of the clip; may be given more than once. auto: where"
-            " the methods differ most.",
-        ),
-    ] = None
-    count: Annotated[int, typer.Option(min=1, max=4, help="Number of crops that auto takes.")] = 2
-    methods: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Methods, in this order; left out: all.")
-    ] = None
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(help="Scene; each gets a row. Left out: the one whose crops differ most."),
-    ] = None
-    size: Annotated[
-        str | None,
-        typer.Option(help="Size of the holes. Left out: the one whose crops differ most."),
-    ] = None
-    frame: Annotated[
-        int | None, typer.Option(min=0, help="Frame. Left out: the one whose crops differ most.")
-    ] = None
+    crops: Annotated[list[str] | None, typer.Option(metavar="auto|X,Y,W,H")] = None
+    """Crop to show, in pixels of the clip; may be given more than once. auto: where the methods
+    differ most."""
+    count: Annotated[int, typer.Option(min=1, max=4)] = 2
+    """Number of crops that auto takes."""
+    methods: Annotated[str | None, typer.Option(metavar="A,B,...")] = None
+    """Methods, in this order; left out: all."""
+    scene: list[str] | None = None
+    """Scene; each gets a row. Left out: the one whose crops differ most."""
+    size: str | None = None
+    """Size of the holes. Left out: the one whose crops differ most."""
+    frame: Annotated[int | None, typer.Option(min=0)] = None
+    """Frame. Left out: the one whose crops differ most."""
 
 
 def figure(

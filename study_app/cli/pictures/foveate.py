@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 from rich.console import Console
@@ -17,6 +17,7 @@ from protocols.errors import StudyError
 from study_app.cli.pictures.gaze_of_frames import is_of_frames, track_of
 from study_app.cli.pictures.one_picture_options import (
     FILE_ENDINGS,
+    LOOK,
     DisplayOption,
     FovOption,
     NumpyOption,
@@ -25,9 +26,7 @@ from study_app.cli.pictures.one_picture_options import (
     choose_methods,
     gaze_option,
     list_option,
-    look_option,
     method_option,
-    panel_option,
     print_methods,
     renderer,
 )
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "metamer"
 DEFAULT_FPS = 30.0
-_file_option = panel_option("The file")
 
 
 def _print_methods(console: Console) -> None:
@@ -76,9 +74,8 @@ class ViewingOptions:
     ] = None
     display: DisplayOption = None
     fov: FovOption = None
-    panorama: Annotated[
-        bool, typer.Option("--panorama", help="An equirectangular panorama, 2:1.")
-    ] = False
+    panorama: bool = False
+    """An equirectangular panorama, 2:1."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +84,10 @@ class ConditionOptions:
 
     methods: Annotated[list[str] | None, method_option("Condition", DEFAULT_METHOD)] = None
     settings: SettingsOption = None
-    seed: Annotated[int, typer.Option(help="Seed of noise and displacement.", min=0)] = 0
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    """Seed of noise and displacement."""
     _list: Annotated[
-        bool,
-        list_option("the conditions, their parameters and the pooling laws", _print_methods),
+        bool, list_option("the conditions, their parameters and the pooling laws", _print_methods)
     ] = False
 
 
@@ -98,60 +95,32 @@ class ConditionOptions:
 class ClipOptions:
     """Options of frames alone."""
 
-    flow: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="For frames: NAME.flo for each but the first, how far its pixels have moved since"
-            " the frame before. Noise then moves along; otherwise it is fixed to the screen.",
-        ),
-    ] = None
-    video: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="For frames: write them as a video too, .mp4, .webm, or lossless .avi.",
-        ),
-    ] = None
-    fps: Annotated[
-        float | None,
-        typer.Option(
-            min=1,
-            max=1000,
-            help=r"Frames a second, for --video and --gaze replay:FILE."
-            r" \[default: the input video's, or 30]",
-        ),
-    ] = None
+    flow: Annotated[Path | None, typer.Option(metavar="FOLDER")] = None
+    """For frames: NAME.flo for each but the first, how far its pixels have moved since the frame
+    before. Noise then moves along; otherwise it is fixed to the screen."""
+    video: Annotated[Path | None, typer.Option(metavar="FILE")] = None
+    """For frames: write them as a video too, .mp4, .webm, or lossless .avi."""
+    fps: Annotated[float | None, typer.Option(min=1, max=1000)] = None
+    r"""Frames a second, for --video and --gaze replay:FILE. \[default: the input video's, or 30]"""
 
 
 @dataclass(frozen=True)
 class LightOptions:
     """Statements on the file."""
 
+    panel: ClassVar = "The file"
+
     stops: Annotated[
         float | None,
-        _file_option(
-            help="Make light brighter (or darker, below 0) by this many stops.",
-            show_default="0; for a panorama of light, by which 99 % of it can be shown",
-        ),
+        typer.Option(show_default="0; for a panorama of light, by which 99 % of it can be shown"),
     ] = None
-    clip: Annotated[
-        bool,
-        _file_option(
-            "--clip", help="Clip light that a display cannot show, instead of refusing it."
-        ),
-    ] = False
-    encoded: Annotated[
-        bool,
-        _file_option(
-            "--encoded",
-            help="A file of floats holds display-referred colour, not scene-linear light.",
-        ),
-    ] = False
-    background: Annotated[
-        float,
-        _file_option(min=0.0, max=1.0, help="Grey behind transparent pixels."),
-    ] = 0.5
+    """Make light brighter (or darker, below 0) by this many stops."""
+    clip: bool = False
+    """Clip light that a display cannot show, instead of refusing it."""
+    encoded: bool = False
+    """A file of floats holds display-referred colour, not scene-linear light."""
+    background: Annotated[float, typer.Option(min=0.0, max=1.0)] = 0.5
+    """Grey behind transparent pixels."""
 
     def reading(self, panorama: bool) -> PictureReading:
         """Return it as work on files takes it."""
@@ -165,50 +134,25 @@ class LightOptions:
 class FoveationFigureOptions:
     """Pictures and scores that are made to be looked at."""
 
-    compare: Annotated[
-        Path | None,
-        look_option(
-            help="One labelled sheet: the picture with its pools drawn in, and all conditions"
-            " (or those of --methods)."
-        ),
-    ] = None
-    steps: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for pictures of every step: pools, level of detail, base, noise,"
-            " displacement; sheet.png shows them all."
-        ),
-    ] = None
-    score: Annotated[
-        Path | None,
-        look_option(
-            help="Folder for scores: statistics, bands by eccentricity, FovVideoVDP and"
-            " ColorVideoVDP (where installed), each beside what it is blind to; one page."
-        ),
-    ] = None
-    animate: Annotated[
-        Path | None,
-        look_option(help="Animation (.webp, or .png for APNG) in which the gaze moves."),
-    ] = None
-    flip: Annotated[
-        Path | None,
-        look_option(help="Animation that alternates between this seed and the next one."),
-    ] = None
-    page: Annotated[
-        Path | None,
-        look_option(
-            help="A page (.html, one file) on which the metamer follows the mouse or a finger, by"
-            " WebGL2."
-        ),
-    ] = None
-    size_px: Annotated[
-        int | None,
-        look_option(
-            min=64,
-            max=4096,
-            help=r"Longer edge of animations and page. \[default: 480, --flip 960, --page 512]",
-        ),
-    ] = None
+    panel: ClassVar = LOOK
+
+    compare: Path | None = None
+    """One labelled sheet: the picture with its pools drawn in, and all conditions (or those of
+    --methods)."""
+    steps: Path | None = None
+    """Folder for pictures of every step: pools, level of detail, base, noise, displacement;
+    sheet.png shows them all."""
+    score: Path | None = None
+    """Folder for scores: statistics, bands by eccentricity, FovVideoVDP and ColorVideoVDP (where
+    installed), each beside what it is blind to; one page."""
+    animate: Path | None = None
+    """Animation (.webp, or .png for APNG) in which the gaze moves."""
+    flip: Path | None = None
+    """Animation that alternates between this seed and the next one."""
+    page: Path | None = None
+    """A page (.html, one file) on which the metamer follows the mouse or a finger, by WebGL2."""
+    size_px: Annotated[int | None, typer.Option(min=64, max=4096)] = None
+    r"""Longer edge of animations and page. \[default: 480, --flip 960, --page 512]"""
 
 
 def foveate(

@@ -22,7 +22,6 @@ from study_app.cli.pictures.one_picture_options import (
     check_file,
     choose_methods,
     named_methods,
-    panel_option,
 )
 from study_app.cli.terminal import say, say_notes
 
@@ -46,16 +45,15 @@ _POOLING = ("law", "scaling", "alpha", "rate")
 _STEPS_PER_DEG = 64  # of a panorama's direction
 _MARKED_S = 10.0
 _TOLD_S = 0.5  # between two changes of what the overlay says
-_file_option = panel_option("The file")
+_FILE = typer.Option(rich_help_panel="The file")
 
 
 @dataclass(frozen=True)
 class LiveOptions:
     """Options of a picture that follows the gaze, and of its record."""
 
-    gaze: Annotated[str, typer.Option(help="mouse, lsl:NAME, or replay:FILE (.asc, .csv).")] = (
-        "mouse"
-    )
+    gaze: str = "mouse"
+    """mouse, lsl:NAME, or replay:FILE (.asc, .csv)."""
     methods: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,50 +65,34 @@ class LiveOptions:
         ),
     ] = None
     settings: SettingsOption = None
-    head: Annotated[
-        str | None, typer.Option(help="lsl or lsl:NAME: the head's pose turns a panorama.")
-    ] = None
-    change: Annotated[
-        str,
-        typer.Option(help="always: a frame follows the gaze; during-saccades: only in saccades."),
-    ] = "always"
-    seed: Annotated[int, typer.Option(min=0, help="Seed to begin with.")] = 0
+    head: str | None = None
+    """lsl or lsl:NAME: the head's pose turns a panorama."""
+    change: str = "always"
+    """always: a frame follows the gaze; during-saccades: only in saccades."""
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    """Seed to begin with."""
     display: DisplayOption = None
     fov: FovOption = None
-    panorama: Annotated[
-        bool, typer.Option("--panorama", help="An equirectangular panorama; drag to look around.")
-    ] = False
-    fps: Annotated[
-        float | None,
-        typer.Option(min=1, max=1000, help=r"Frames a second. \[default: the video's, or 30]"),
-    ] = None
-    overlay: Annotated[
-        bool, typer.Option("--overlay", help="Begin with rings, frame time and latency shown.")
-    ] = False
-    record: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Keep a log of every flip (.jsonl), new."),
-    ] = None
-    verify: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG", help="Draw frames of a log again, off screen, instead of showing SOURCE."
-        ),
-    ] = None
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None
-    software_pacing: Annotated[
-        bool,
-        typer.Option("--software-pacing", help="A timer instead of the display's refresh."),
-    ] = False
-    stops: Annotated[float | None, _file_option(help="Make light brighter by this many stops.")] = (
-        None
-    )
-    clip: Annotated[bool, _file_option("--clip", help="Clip light that a display cannot show.")] = (
-        False
-    )
-    encoded: Annotated[
-        bool, _file_option("--encoded", help="Floats hold display-referred colour, not light.")
-    ] = False
+    panorama: bool = False
+    """An equirectangular panorama; drag to look around."""
+    fps: Annotated[float | None, typer.Option(min=1, max=1000)] = None
+    r"""Frames a second. \[default: the video's, or 30]"""
+    overlay: bool = False
+    """Begin with rings, frame time and latency shown."""
+    record: Annotated[Path | None, typer.Option(metavar="FILE")] = None
+    """Keep a log of every flip (.jsonl), new."""
+    verify: Annotated[Path | None, typer.Option(metavar="LOG")] = None
+    """Draw frames of a log again, off screen, instead of showing SOURCE."""
+    seconds: Annotated[float | None, typer.Option(min=0.1)] = None
+    """End after so long."""
+    software_pacing: bool = False
+    """A timer instead of the display's refresh."""
+    stops: Annotated[float | None, _FILE] = None
+    """Make light brighter by this many stops."""
+    clip: Annotated[bool, _FILE] = False
+    """Clip light that a display cannot show."""
+    encoded: Annotated[bool, _FILE] = False
+    """Floats hold display-referred colour, not light."""
 
 
 def live(

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,14 +29,6 @@ LOOK = "To look at"
 FILE_ENDINGS = (".png", ".exr")
 
 
-def panel_option(panel: str) -> Callable[..., Any]:
-    """`typer.Option` of what help lists under a heading of its own."""
-    return partial(typer.Option, rich_help_panel=panel)
-
-
-look_option = panel_option(LOOK)
-
-
 def gaze_option(default: str, more: str = "") -> Any:
     """``--gaze``, in pixels or degrees; `more` says what else it may be."""
     return typer.Option(
@@ -51,7 +42,7 @@ GazeOption = Annotated[str | None, gaze_option("the middle")]
 DisplayOption = Annotated[
     str | None,
     typer.Option(
-        help="The display that shows it, pixel for pixel: a shipped name or a .toml file.",
+        help="The display that shows it, pixel for pixel: a shipped name or a .toml file."
     ),
 ]
 FovOption = Annotated[

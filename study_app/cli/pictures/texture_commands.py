@@ -10,12 +10,12 @@ import typer
 
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.pictures.one_picture_options import (
+    LOOK,
     PictureViewing,
     SeedOption,
     SettingsOption,
     check_file,
     gaze_option,
-    look_option,
     read_parameters,
     renderer,
 )
@@ -41,8 +41,7 @@ def bake(
         Path, typer.Option(help="The file to write, .moments; replaced if there.")
     ] = Path("texture.moments"),
     wrap: Annotated[
-        bool,
-        typer.Option("--wrap", help="The texture wraps: its right border continues at its left."),
+        bool, typer.Option(help="The texture wraps: its right border continues at its left.")
     ] = False,
 ) -> None:
     """Bake a texture: its halvings, and the pooled moments of every level of its pyramid.
@@ -67,14 +66,12 @@ def bake(
 class DrawingOptions:
     """Size of a drawn scene, and turn of its globes."""
 
-    size_px: Annotated[int, typer.Option(min=64, max=8192, help="Edge of the square pictures.")] = (
-        768
-    )
-    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn the globes by this angle.")] = 0.0
-    animate: Annotated[
-        Path | None,
-        look_option(help="Animation (.webp, or .png for APNG) of the turning globes."),
-    ] = None
+    size_px: Annotated[int, typer.Option(min=64, max=8192)] = 768
+    """Edge of the square pictures."""
+    turn: Annotated[float, typer.Option(metavar="DEG")] = 0.0
+    """Turn the globes by this angle."""
+    animate: Annotated[Path | None, typer.Option(rich_help_panel=LOOK)] = None
+    """Animation (.webp, or .png for APNG) of the turning globes."""
 
 
 @app.command()

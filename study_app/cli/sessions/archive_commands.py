@@ -31,18 +31,12 @@ IdentityOption = Annotated[
 class SecrecyOptions:
     """Encryption of an archive, and the study's secret in it."""
 
-    passphrase: Annotated[
-        bool,
-        typer.Option("--passphrase", help="Encrypt with a passphrase, which the command asks for."),
-    ] = False
-    recipient: Annotated[
-        list[str] | None,
-        typer.Option(help="Encrypt to a public key of age, age1...; may be given more than once."),
-    ] = None
-    with_secret: Annotated[
-        bool,
-        typer.Option("--with-secret", help="Include the study's secret in an unencrypted archive."),
-    ] = False
+    passphrase: bool = False
+    """Encrypt with a passphrase, which the command asks for."""
+    recipient: list[str] | None = None
+    """Encrypt to a public key of age, age1...; may be given more than once."""
+    with_secret: bool = False
+    """Include the study's secret in an unencrypted archive."""
 
 
 def archive(
@@ -52,11 +46,11 @@ def archive(
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of the built clips. Their manifest is included.")
     ] = None,
-    with_clips: Annotated[bool, typer.Option("--with-clips", help="Include the frames.")] = False,
+    with_clips: Annotated[bool, typer.Option(help="Include the frames.")] = False,
     *,
     secrecy: SecrecyOptions,
     as_it_is: Annotated[
-        bool, typer.Option("--as-it-is", help="Also archive what is not as it was recorded.")
+        bool, typer.Option(help="Also archive what is not as it was recorded.")
     ] = False,
 ) -> None:
     """Write a verified copy of a study into one file: study, sessions, manifest, optional clips.

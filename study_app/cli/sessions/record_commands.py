@@ -40,7 +40,7 @@ def withdraw(
     study: Annotated[
         str | None, typer.Option(help="Needed if the code took part in several studies.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, typer.Option(help="Do not ask.")] = False,
 ) -> None:
     """Delete a participant's data for good. One line without data remains, the slot is free.
 
@@ -56,7 +56,7 @@ def withdraw(
 
 def watch(
     session: SessionArgument,
-    once: Annotated[bool, typer.Option("--once", help="Print once, and stop.")] = False,
+    once: Annotated[bool, typer.Option(help="Print once, and stop.")] = False,
 ) -> None:
     """Follow a running session from another terminal: trials, missed refreshes, gaze quality.
 
@@ -94,9 +94,8 @@ def verify(
     render: Annotated[
         bool,
         typer.Option(
-            "--render",
             help="Draw frames that followed the gaze again, and compare them with what was kept."
-            " Needs --protocol and --stimuli.",
+            " Needs --protocol and --stimuli."
         ),
     ] = False,
     stimuli: Annotated[

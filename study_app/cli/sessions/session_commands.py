@@ -72,40 +72,24 @@ class ObserverOptions:
             + ", ".join(f"{name}={value:g}" for name, value in DEFAULT_UTILITIES.items())
         ),
     ] = None
-    strength: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="VALUE=SENSITIVITY, for tasks with a right answer: d' of a value of analysis.by at"
-            " the middle level; may be given more than once."
-        ),
-    ] = None
-    critical: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by"
-            " cannot be discriminated; may be given more than once."
-        ),
-    ] = None
-    slope: Annotated[
-        float | None, typer.Option(help="Change of the sensitivity over the range of levels.")
-    ] = None
-    criterion: Annotated[
-        float | None, typer.Option(help="Tendency to say no, in units of the noise (yes-no).")
-    ] = None
-    participant_sd: Annotated[
-        float | None,
-        typer.Option(min=0, help="Deviation between participants, in logits, d' or ln critical."),
-    ] = None
-    scene_sd: Annotated[
-        float | None,
-        typer.Option(min=0, help="Deviation between scenes, in logits, d' or ln critical."),
-    ] = None
-    lapse: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Share of blind answers. Default: .02.")
-    ] = None
-    order_bias: Annotated[
-        float | None, typer.Option(help="Logit in favour of the first of two.")
-    ] = None
+    strength: list[str] | None = None
+    """VALUE=SENSITIVITY, for tasks with a right answer: d' of a value of analysis.by at the middle
+    level; may be given more than once."""
+    critical: list[str] | None = None
+    """VALUE=LEVEL, for abx and which-half: the level up to which a value of analysis.by cannot be
+    discriminated; may be given more than once."""
+    slope: float | None = None
+    """Change of the sensitivity over the range of levels."""
+    criterion: float | None = None
+    """Tendency to say no, in units of the noise (yes-no)."""
+    participant_sd: Annotated[float | None, typer.Option(min=0)] = None
+    """Deviation between participants, in logits, d' or ln critical."""
+    scene_sd: Annotated[float | None, typer.Option(min=0)] = None
+    """Deviation between scenes, in logits, d' or ln critical."""
+    lapse: Annotated[float | None, typer.Option(min=0, max=1)] = None
+    """Share of blind answers. Default: .02."""
+    order_bias: float | None = None
+    """Logit in favour of the first of two."""
 
     def model(self, study: StudyProtocol) -> ObserverModel:
         """Return the default population of the task with what was asked for in its place.
@@ -142,27 +126,26 @@ class ObserverOptions:
 class CrowdOptions:
     """Number of observers, and their seed."""
 
-    participants: Annotated[int, typer.Option(min=1, help="Number of observers.")] = 1
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same answers.")] = 0
+    participants: Annotated[int, typer.Option(min=1)] = 1
+    """Number of observers."""
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    """Same seed, same answers."""
 
 
 @dataclasses.dataclass(frozen=True)
 class VirtualDisplayOptions:
     """Faults of the virtual display, and the virtual eye."""
 
-    missed_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that miss their refresh.")
-    ] = 0.0
-    late_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that come late.")
-    ] = 0.0
-    doubled_per_1000: Annotated[
-        float, typer.Option(min=0, max=1000, help="Flips per thousand that do not wait.")
-    ] = 0.0
-    gaze_hz: Annotated[float, typer.Option(min=1, help="Gaze samples per second.")] = GAZE_HZ
-    steady_gaze: Annotated[
-        bool, typer.Option("--steady-gaze", help="An eye that never blinks or looks away.")
-    ] = False
+    missed_per_1000: Annotated[float, typer.Option(min=0, max=1000)] = 0.0
+    """Flips per thousand that miss their refresh."""
+    late_per_1000: Annotated[float, typer.Option(min=0, max=1000)] = 0.0
+    """Flips per thousand that come late."""
+    doubled_per_1000: Annotated[float, typer.Option(min=0, max=1000)] = 0.0
+    """Flips per thousand that do not wait."""
+    gaze_hz: Annotated[float, typer.Option(min=1)] = GAZE_HZ
+    """Gaze samples per second."""
+    steady_gaze: bool = False
+    """An eye that never blinks or looks away."""
 
 
 @app.command()

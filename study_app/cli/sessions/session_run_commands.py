@@ -49,47 +49,28 @@ class SessionArguments:
     """Options of a session, begun or resumed."""
 
     protocol: ProtocolArgument
-    stimuli: Annotated[Path, typer.Option(help="Folder of the study's built clips.")]
-    participant: Annotated[
-        str,
-        typer.Option(help="Pseudonymous code, used once: letters, digits, dashes. Never a name."),
-    ]
+    stimuli: Path
+    """Folder of the study's built clips."""
+    participant: str
+    """Pseudonymous code, used once: letters, digits, dashes. Never a name."""
     out: SessionsOption = Path("sessions")
     display: DisplayOption = None
-    gaze: Annotated[
-        str | None,
-        typer.Option(
-            help="Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with"
-            " --simulate also replay:FILE. Needed if the protocol watches gaze. docs/trackers.md"
-            " says what may follow each."
-        ),
-    ] = None
-    strip: Annotated[
-        bool,
-        typer.Option("--strip", help="Number and CRC of every flip at the edges, for a camera."),
-    ] = False
-    photodiode: Annotated[
-        bool,
-        typer.Option(
-            "--photodiode", help="A patch at the lower right, white at every other frame."
-        ),
-    ] = False
-    markers: Annotated[
-        bool, typer.Option("--markers", help="Send the onset of every phase as LSL markers.")
-    ] = False
+    gaze: str | None = None
+    """Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with --simulate also
+    replay:FILE. Needed if the protocol watches gaze. docs/trackers.md says what may follow each."""
+    strip: bool = False
+    """Number and CRC of every flip at the edges, for a camera."""
+    photodiode: bool = False
+    """A patch at the lower right, white at every other frame."""
+    markers: bool = False
+    """Send the onset of every phase as LSL markers."""
     software_pacing: PacingOption = False
-    skip_validation: Annotated[
-        bool,
-        typer.Option(
-            "--skip-validation",
-            help="Start blocks without validating gaze. Recorded in the journal.",
-        ),
-    ] = False
-    simulate: Annotated[
-        bool,
-        typer.Option("--simulate", help="An artificial observer answers in the real window."),
-    ] = False
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the artificial observer.")] = 0
+    skip_validation: bool = False
+    """Start blocks without validating gaze. Recorded in the journal."""
+    simulate: bool = False
+    """An artificial observer answers in the real window."""
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    """Seed of the artificial observer."""
 
     def options(self, language: str | None = None) -> SessionOptions:
         """Return what a session needs.
@@ -165,9 +146,8 @@ def check_display_(
     luminance: Annotated[
         bool,
         typer.Option(
-            "--luminance",
             help="Show grey patches for a photometer; the readings give gamma and peak, which are"
-            " written into the display file.",
+            " written into the display file."
         ),
     ] = False,
     software_pacing: PacingOption = False,

@@ -97,9 +97,7 @@ def import_web(
     sessions: Annotated[
         Path, typer.Option("--sessions", "--out", help="Folder of sessions to add to.")
     ] = Path("sessions"),
-    check: Annotated[
-        bool, typer.Option("--check", help="Only say what would happen; write nothing.")
-    ] = False,
+    check: Annotated[bool, typer.Option(help="Only say what would happen; write nothing.")] = False,
     display: DisplayOption = None,
 ) -> None:
     """Make sessions of the lines that browsers sent, as 'metamerlab session run' writes them.
