@@ -176,10 +176,12 @@ def cropped(view: View, size_px: tuple[int, int]) -> View:
     cut = np.s_[top : top + size[0], left : left + size[1]]
     frame = view.warped
     warped = WarpedFrame(
-        *(np.ascontiguousarray(a[cut]) for a in (frame.colour, frame.depth_m, frame.hole,
-                                                 frame.flow_px)),
+        np.ascontiguousarray(frame.colour[cut]),
+        np.ascontiguousarray(frame.depth_m[cut]),
+        np.ascontiguousarray(frame.hole[cut]),
+        np.ascontiguousarray(frame.flow_px[cut]),
         frame.frame_index,
-    )  # fmt: skip
+    )
     return View(warped, np.ascontiguousarray(view.truth[cut]), view.mask[cut])
 
 

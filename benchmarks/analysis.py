@@ -242,8 +242,9 @@ def timings() -> list[Timing]:
         return lambda: bootstrap_scores(votes, rng=rng, samples=1000, model=model)
 
     def simulated(participants: list[int] | None, studies: int) -> Callable[[], object]:
-        given = {"participants": participants, "studies": studies}
-        return lambda: power(simulation, {"rate": 0.65}, rng=rng, **given)
+        return lambda: power(
+            simulation, {"rate": 0.65}, participants=participants, studies=studies, rng=rng
+        )
 
     return [
         time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap("thurstone"), 30),

@@ -257,9 +257,8 @@ def markdown(timings: list[Timing]) -> str:
         cells = [found.get((method, *column)) for column in columns]
         ratios = ["" if t is None else f"{t.to_push_pull:.2f}" for t in cells]
         at_1024 = next((t for t in cells if t is not None and t.edge_px == 1024), None)
-        known = at_1024 is not None
-        passes = str(at_1024.passes) if known and at_1024.passes else ""
-        held = f"{at_1024.bytes_per_pixel:.0f}" if known and at_1024.bytes_per_pixel else ""
+        passes = str(at_1024.passes) if at_1024 and at_1024.passes else ""
+        held = f"{at_1024.bytes_per_pixel:.0f}" if at_1024 and at_1024.bytes_per_pixel else ""
         lines.append(f"| {method} | " + " | ".join([*ratios, passes, held]) + " |")
     return "\n".join(lines)
 

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -113,7 +114,7 @@ def ours(ctx: moderngl.Context, shown: list[Shown], law: str, repeats: int) -> I
     What lies below the levels is pooled, so that all keep the same; last as by default, kept.
     """
     for levels, residual in (*((levels, "pooled") for levels in LEVELS), (5, "kept")):
-        given: dict[str, object] = {"law": law, "levels": levels, "residual": residual}
+        given: dict[str, Any] = {"law": law, "levels": levels, "residual": residual}
         found = []
         for one in shown:
             height, width = one.truth.shape[:2]
@@ -130,7 +131,7 @@ def ours(ctx: moderngl.Context, shown: list[Shown], law: str, repeats: int) -> I
 
 
 def timed(
-    ctx: moderngl.Context, given: dict[str, object], width_deg: float, repeats: int
+    ctx: moderngl.Context, given: dict[str, Any], width_deg: float, repeats: int
 ) -> tuple[float, float]:
     """CPU ms (on hardware: wall ms) of our metamer, and bytes held for each pixel."""
     size = (TIMED_EDGE_PX, TIMED_EDGE_PX)

@@ -24,6 +24,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ from pipeline.foveation.pooling import make_pooling
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli.score.statistics import statistics_distance
 
-CONDITIONS = (
+CONDITIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("blur", {}),
     ("metamer", {}),
     ("metamer", {"chroma": "full"}),
@@ -154,7 +155,7 @@ def pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
 
 def hard_pictures(edge: int) -> Iterator[tuple[str, Picture]]:
     """A portrait, a page of text and a night, `edge` x `edge` px."""
-    yield "portrait", cut(data.astronaut() / 255, edge)
+    yield "portrait", cut(data.astronaut().astype(np.float32) / 255, edge)
     yield "text", text_page(edge)
     yield "night", night(edge)
 
@@ -189,7 +190,7 @@ def judge(
     name: str,
     shown: Picture,
     condition: str,
-    parameters: dict[str, object],
+    parameters: dict[str, Any],
     law: str,
     width_deg: float,
     seen_deg: Sequence[float] = (),
@@ -301,16 +302,11 @@ def mean_over_pictures(results: list[Result]) -> list[Result]:
                 found[0].law,
                 min(result.least_ratio for result in found),
                 max(result.greatest_ratio for result in found),
-                *(
-                    mean(name)
-                    for name in (
-                        "distance",
-                        "seeds_apart",
-                        "gaze_moved",
-                        "gaze_moved_tamed",
-                        "from_picture",
-                    )
-                ),
+                mean("distance"),
+                mean("seeds_apart"),
+                mean("gaze_moved"),
+                mean("gaze_moved_tamed"),
+                mean("from_picture"),
                 float(np.mean(jods)) if jods else None,
                 {
                     width: float(np.mean([result.jod_seen[width] for result in found]))

@@ -33,10 +33,10 @@ def coloured_lines(edge: int) -> Picture:
     rng, page = np.random.default_rng(2), np.full((edge, edge, 3), (255, 240, 40), np.uint8)
     inks = (230, 20, 20), (20, 20, 220), (0, 130, 0), (0, 0, 0)
     for _ in range(edge // 4):
-        ends, ink = rng.integers(0, edge, (2, 2)).tolist(), inks[rng.integers(4)]
+        (start, end), ink = rng.integers(0, edge, (2, 2)).tolist(), inks[rng.integers(4)]
         filled = -1 if rng.random() < 0.3 else 2
-        cv2.line(page, *ends, ink, 2, cv2.LINE_AA)
-        cv2.circle(page, ends[0], int(rng.integers(5, 30)), ink, filled, cv2.LINE_AA)
+        cv2.line(page, start, end, ink, 2, cv2.LINE_AA)
+        cv2.circle(page, start, int(rng.integers(5, 30)), ink, filled, cv2.LINE_AA)
     return as_floats(page)
 
 
@@ -51,9 +51,9 @@ def line_art(edge: int) -> Picture:
     """Black lines and circles on white."""
     rng, page = np.random.default_rng(2), np.full((edge, edge, 3), 255, np.uint8)
     for _ in range(edge // 8):
-        ends = rng.integers(0, edge, (2, 2)).tolist()
-        cv2.line(page, *ends, (0, 0, 0), 1, cv2.LINE_AA)
-        cv2.circle(page, ends[0], int(rng.integers(5, 30)), (0, 0, 0), 1, cv2.LINE_AA)
+        start, end = rng.integers(0, edge, (2, 2)).tolist()
+        cv2.line(page, start, end, (0, 0, 0), 1, cv2.LINE_AA)
+        cv2.circle(page, start, int(rng.integers(5, 30)), (0, 0, 0), 1, cv2.LINE_AA)
     return as_floats(page)
 
 
@@ -79,4 +79,4 @@ def night(edge: int) -> Picture:
 
 def as_floats(picture: NDArray[np.uint8]) -> Picture:
     """Eight bits in [0, 1]."""
-    return picture.astype(np.float32) / 255
+    return np.asarray(picture, np.float32) / np.float32(255)

@@ -116,10 +116,11 @@ def behind_cut_outs(ctx: moderngl.Context, folder: Path) -> Iterator[tuple[str, 
         other = cv2.resize(_small(next_file), (width, height), interpolation=cv2.INTER_AREA)
         disparity_px = np.where(near, near_px, far_px)
         source = SourceFrame(
-            np.where(near[..., None], other, photograph), np.float32(width / disparity_px)
+            np.where(near[..., None], other, photograph),
+            np.asarray(width / disparity_px, np.float32),
         )
         flow_px = np.stack([-disparity_px, np.zeros_like(disparity_px)], axis=-1)
-        warped = warp_frame(ctx, source, np.float32(flow_px), settings=PAIR_WARP)
+        warped = warp_frame(ctx, source, np.asarray(flow_px, np.float32), settings=PAIR_WARP)
         shown = np.roll(photograph, -far_px, axis=1)
         truth = np.where(warped.hole[..., None], shown, warped.colour)
         yield file.stem, [View(warped, truth, interior(warped.hole))]
@@ -131,9 +132,10 @@ def photographs_in(folder: Path) -> list[Path]:
 
 
 def _small(file: Path) -> Colour:
-    colour = np.float32(read_picture(file)) / 255
+    colour = np.asarray(read_picture(file), np.float32) / 255
     height = round(PHOTO_WIDTH_PX * colour.shape[0] / colour.shape[1])
-    return cv2.resize(colour, (PHOTO_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(colour, (PHOTO_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)
 
 
 def measure(

@@ -379,7 +379,7 @@ def twins(proof: Proof, most_s: float) -> None:
         command += ["-n", str(workers)]
     status, said = run(proof.env, command, min(most_s, proof.left_s()))
     found = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
-    names = next((line["tests"] for line in found if "tests" in line), [])
+    names: list[str] = next((line["tests"] for line in found if "tests" in line), [])
     ended = {line["test"]: line for line in found if "test" in line and line["outcome"] != "failed"}
     ended |= {line["test"]: line for line in found if line.get("outcome") == "failed"}
     failed = [line for line in ended.values() if line["outcome"] == "failed"]

@@ -153,7 +153,7 @@ def steerable(orientations: int, levels: int) -> Bank:
         octaves = np.log2(np.maximum(radius, 1e-9) / np.pi)
 
         def low(cut: float) -> Floats:  # power 1 below 2^(cut - 1) of Nyquist, 0 above 2^cut
-            return np.cos(np.pi / 2 * np.clip(octaves - cut + 1, 0, 1))
+            return np.asarray(np.cos(np.pi / 2 * np.clip(octaves - cut + 1, 0, 1)))
 
         order = orientations - 1
         angular = [
@@ -185,13 +185,13 @@ def steerable(orientations: int, levels: int) -> Bank:
         for (halvings, band), mask in zip(found.bands, flat, strict=True):
             total += mask * _outer(np.fft.fft2(band), size[0], halvings)
         total += low * _outer(np.fft.fft2(found.residual), size[0], levels)
-        return np.fft.ifft2(total).real
+        return np.asarray(np.fft.ifft2(total).real)
 
     return Bank("steerable, Fourier", "as large as the picture", orientations, levels, split, join)
 
 
 def _cut(image: Floats, halvings: int) -> Floats:
-    return image / 4**halvings
+    return np.asarray(image / 4**halvings)
 
 
 def _inner(spectrum: NDArray[np.complex128], halvings: int) -> NDArray[np.complex128]:
@@ -200,7 +200,7 @@ def _inner(spectrum: NDArray[np.complex128], halvings: int) -> NDArray[np.comple
     half = (edge >> halvings) // 2
     shifted = np.fft.fftshift(spectrum)
     middle = slice(edge // 2 - half, edge // 2 + half)
-    return np.fft.ifftshift(shifted[middle, middle])
+    return np.asarray(np.fft.ifftshift(shifted[middle, middle]))
 
 
 def _outer(spectrum: NDArray[np.complex128], edge: int, halvings: int) -> NDArray[np.complex128]:
@@ -209,7 +209,7 @@ def _outer(spectrum: NDArray[np.complex128], edge: int, halvings: int) -> NDArra
     half = len(spectrum) // 2
     middle = slice(edge // 2 - half, edge // 2 + half)
     whole[middle, middle] = np.fft.fftshift(spectrum)
-    return np.fft.ifftshift(whole) * 4**halvings
+    return np.asarray(np.fft.ifftshift(whole) * 4**halvings)
 
 
 def printed_metamer(
@@ -225,7 +225,7 @@ def printed_metamer(
     size = (picture.shape[0], picture.shape[1])
     noise = bank.split(np.random.default_rng(seed).standard_normal(size))
     started_s = time.perf_counter()
-    ycc = ycbcr_from_rgb(picture.astype(np.float64))
+    ycc = np.asarray(ycbcr_from_rgb(picture.astype(np.float64)), np.float64)
     found = bank.split(ycc[..., 0])
     chains = [_moments(band) for _, band in found.bands]
     colours = chain_of(ycc[..., 1:], chain_length(*size[::-1]), wraps=False)

@@ -81,7 +81,7 @@ def moving_texture(ctx: moderngl.Context, name: str) -> Clip:
 
     edge = CLIP_EDGE_PX
     photograph = getattr(data, name)() / 255
-    grey = transform.resize(photograph, (320, 320), anti_aliasing=True)  # type: ignore[no-untyped-call]
+    grey = transform.resize(photograph, (320, 320), anti_aliasing=True)
     plane = np.clip(grey[:edge, : edge + 32, None] * (1.0, 0.9, 0.75), 0, 1).astype(np.float32)
     y, x = np.mgrid[:edge, :edge] + 0.5
     disc = (x - 0.36 * edge) ** 2 + (y - 0.5 * edge) ** 2 < (0.23 * edge) ** 2

@@ -68,8 +68,10 @@ def time_warp(ctx: moderngl.Context, edge_px: int, *, repeats: int = 9) -> WarpT
         bytes_per_pixel=warp.held_bytes / edge_px**2,
         dispatches=len(dispatches_of(lambda: warp(*sources, warped))),
     )
-    for resource in (*sources, *copied, warp, warped, copy):
-        resource.release()
+    for texture in (*sources, *copied):
+        texture.release()
+    for held in (warp, warped, copy):
+        held.release()
     return result
 
 

@@ -104,7 +104,7 @@ def ssim(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[
             f"SSIM needs at least {SSIM_LEAST_PX}x{SSIM_LEAST_PX} px"
             f" (got {mask.shape[0]}x{mask.shape[1]})"
         )
-    _, similarity = structural_similarity(  # type: ignore[no-untyped-call]
+    _, similarity = structural_similarity(
         composite,
         truth.astype(np.float64),
         data_range=1.0,

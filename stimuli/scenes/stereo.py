@@ -121,7 +121,7 @@ def built_in_pair(name: str) -> StereoPair:
         raise InputError(f"built-in pairs are: {', '.join(BUILT_IN)} (got {name!r})")
     from skimage.data import stereo_motorcycle
 
-    left, right, disparity = stereo_motorcycle()  # type: ignore[no-untyped-call]
+    left, right, disparity = stereo_motorcycle()
     filled, known = fill_unknown(np.asarray(disparity, np.float32))
     return StereoPair(
         left=_from_bytes(left),
