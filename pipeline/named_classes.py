@@ -6,16 +6,16 @@ on to its base has the base's too. The class checks their values.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 from typing import Any, cast
 
 from pipeline.errors import InputError
+from protocols.errors import did_you_mean
 from protocols.outside import plug_in
 
 
@@ -83,8 +83,8 @@ def find(
     if retired and name in retired:
         raise InputError(f"method {name!r} {retired[name]}")
     shown = ", ".join(entry.shown_name for entry in entries)
-    near = _hint(name.lower().replace("_", "-"), [entry.name for entry in entries])
-    raise InputError(f"method must be one of {shown} (got {name!r}{near})")
+    near = did_you_mean(name, [entry.name for entry in entries])
+    raise InputError(f"method must be one of {shown} (got {name!r}){near}")
 
 
 def parameters_of(kind: type[Any]) -> dict[str, inspect.Parameter]:
@@ -129,7 +129,7 @@ def check_given(
                 raise InputError(f"parameter {key!r} of {name} {retired[f'{name}.{key}']}")
             offered = ", ".join(known) or "none"
             raise InputError(
-                f"parameters of {name} are: {offered} (got {key!r}{_hint(key, known)})"
+                f"parameters of {name} are: {offered} (got {key!r}){did_you_mean(key, known)}"
             )
         accepted = _accepted(known[key])
         default = known[key].default
@@ -144,8 +144,3 @@ def _accepted(parameter: inspect.Parameter) -> tuple[type, ...]:
         numbers = "float" in str(parameter.annotation)
         return (int, float, type(None)) if numbers else (str, type(None))
     return (int, float) if isinstance(default, float) else (type(default),)
-
-
-def _hint(name: str, names: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(names), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""

@@ -1,9 +1,11 @@
-"""The root of every user's mistake, that outside the image pipeline, and one entry of a list."""
+"""The root of every user's mistake, that outside the image pipeline, and the words of a cure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 LAST_WITH_FORMAT_1 = "70b3711"
 """The last revision that read studies, manifests and journals of format 1."""
@@ -30,6 +32,37 @@ class Problem:
 
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message
+
+
+_SAME_WORDS = {
+    "centre": "middle", "center": "middle", "central": "middle", "off": "none", "no": "none",
+}  # fmt: skip
+
+
+def did_you_mean(found: object, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'x'?`` for the nearest known name, or nothing.
+
+    Case, dashes, British or American spelling and a word of the same meaning make no difference.
+    """
+    names = {_plain(name): name for name in reversed(list(known))}
+    given = _plain(found) if isinstance(found, str) else ""
+    near = get_close_matches(given, names, 1) or [
+        name
+        for name in names
+        if min(len(name), len(given)) > 2 and (name.startswith(given) or given.startswith(name))
+    ]
+    return f"; did you mean {names[near[0]]!r}?" if near else ""
+
+
+def _plain(name: str) -> str:
+    low = re.sub(r"[\s_.'-]+", "", name.lower()).replace("our", "or").replace("grey", "gray")
+    return _SAME_WORDS.get(low, low)
+
+
+def must_be_one_of(what: str, found: object, known: Iterable[str]) -> str:
+    """Return what to say of a value that is none of those known, with the nearest of them."""
+    names = list(known)
+    return f"{what} must be one of {', '.join(names)} (got {found!r}){did_you_mean(found, names)}"
 
 
 def refuse_format_1(where: object, raw: Mapping[str, object], cure: str) -> None:

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 
 LIMITS_VARIABLE = "METAMERLAB_LIMITS"
 """The environment variable that raises limits: ``values=4e9,trials=1e6``."""
@@ -110,10 +110,7 @@ def limit(name: str) -> int:
                 f"{LIMITS_VARIABLE}: must read NAME=NUMBER, with commas between (got {entry!r})"
             ) from None
         if key not in LIMITS:
-            near = "".join(f"; did you mean {one!r}?" for one in get_close_matches(key, LIMITS, 1))
-            raise StudyError(
-                f"{LIMITS_VARIABLE}: must name one of {', '.join(LIMITS)} (got {key!r}){near}"
-            )
+            raise StudyError(must_be_one_of(f"{LIMITS_VARIABLE}: NAME", key, LIMITS))
         found[key] = number
     return found[name]
 

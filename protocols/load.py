@@ -16,14 +16,13 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.display import Display
-from protocols.errors import Problem, StudyError, refuse_format_1
+from protocols.errors import Problem, StudyError, did_you_mean, refuse_format_1
 from protocols.limits import FIXED
 from protocols.outside import CONTROL, reading
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import CameraView
 from protocols.study_file.problems import problems_of
 from protocols.study_file.schema import AnyRecipe, StudyProtocol, problems_between
-from protocols.suggest import did_you_mean
 from protocols.tasks.task_kinds import TASKS
 
 M = TypeVar("M", bound=BaseModel)

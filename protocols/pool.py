@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from protocols.errors import Problem
+from protocols.errors import Problem, did_you_mean
 from protocols.recipes.base import Recipe
-from protocols.suggest import did_you_mean
 from protocols.units import Scalar
 
 
@@ -44,5 +43,5 @@ class Pool:
                 yield Problem(
                     f"{place}.{column}",
                     f"must be a value that the stimuli have ({listed}) (got {value!r})"
-                    + (did_you_mean(value, map(str, known)) if isinstance(value, str) else ""),
+                    f"{did_you_mean(value, map(str, known))}",
                 )

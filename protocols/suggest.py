@@ -1,11 +1,11 @@
-"""Cures for misspelt names and wrong units, for error messages."""
+"""Cures for misspelt keys of a keyboard and of a file, for error messages."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from difflib import get_close_matches
 
+from protocols.errors import did_you_mean
 from protocols.study_file.session_schema import KEY_PATTERN
 from protocols.units import CONVERSIONS, UNIT_OF_SUFFIX
 
@@ -38,12 +38,6 @@ def cure_for_key_name(name: str) -> str:
         if re.match(KEY_PATTERN, meant):
             return f"; did you mean {meant!r}?"
     return did_you_mean(plain, _KEYS)
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the nearest known name, or nothing."""
-    close = get_close_matches(name, list(known), n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def split_unit(name: str) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_file_size
+from protocols.errors import must_be_one_of
 from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
 from stimuli.media.flow_file import read_flo
@@ -59,7 +60,7 @@ def from_flow(
     A pixel of unknown motion takes that of the nearest known one.
     """
     if nearer not in NEARER:
-        raise InputError(f"nearer must be one of {', '.join(NEARER)} (got {nearer!r})")
+        raise InputError(must_be_one_of("nearer", nearer, NEARER))
     colour = load_colour(picture)
     flow_px, known = read_flo(flow)
     check_file_size(flow, flow_px, picture, colour)

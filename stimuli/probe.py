@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.manifest import Clip, read_manifest
 from protocols.recipes.warped_clips import ClipName
-from protocols.suggest import did_you_mean
 from stimuli.batch_folder import HOLES_FOLDER, survey_name
 from stimuli.clip import read_mask
 from stimuli.media.png import decode

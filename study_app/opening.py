@@ -12,7 +12,7 @@ from pathlib import Path
 from protocols.against_plan import contradictions
 from protocols.disk.hashing import sha256_json
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.feasibility import require_feasible
 from protocols.journal import (
     Attempt,
@@ -189,9 +189,8 @@ def texts_of(protocol: StudyProtocol, language: str) -> Texts:
     try:
         return protocol.text.languages[language]
     except KeyError:
-        raise StudyError(
-            f"language: must be one of {', '.join(protocol.text.languages)} (got {language!r})"
-        ) from None
+        must = must_be_one_of("language:", language, protocol.text.languages)
+        raise StudyError(must) from None
 
 
 def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | None:

@@ -9,10 +9,9 @@ import pandas as pd
 from analysis.models.compared_methods import ALL_SIZES, found_pairings
 from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import PreferenceTableSettings
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.schema import StudyProtocol
-from protocols.suggest import did_you_mean
 from protocols.tasks.base import Cell
 from protocols.tasks.pairs import PairTask, PreferenceAnalysis, Preferences
 

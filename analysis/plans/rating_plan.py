@@ -7,9 +7,8 @@ import pandas as pd
 
 from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import RatingTableSettings, check_contrasts
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.study_file.schema import StudyProtocol
-from protocols.suggest import did_you_mean
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import Rating, RatingsAnalysis
 

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from protocols.adaptive.answer_history import Shape
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, did_you_mean
 from protocols.tasks.abx import AbxAnalysis
 from protocols.tasks.base import Analysis
 from protocols.tasks.identification import IdentificationAnalysis

@@ -9,8 +9,7 @@ from analysis.tables.decisions import by_place, refuse_equals
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.table_files import shortened
 from analysis.tables.words import TIES, among
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, did_you_mean
 
 
 def read_ratings(

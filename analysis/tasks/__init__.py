@@ -9,9 +9,8 @@ from importlib import import_module
 from typing import get_args
 
 from analysis.tasks.base import AnyAnalysis, TaskAnalysis
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.plugins import misfit, registered, taking
-from protocols.suggest import did_you_mean
 from protocols.tasks.task_kinds import TASKS
 
 
@@ -74,8 +73,6 @@ def analysis_of_task(task: str) -> AnyAnalysis:
     if task in TABLE_TASKS:
         return analysis_of(task)
     if task not in TASKS:
-        raise StudyError(
-            f"task must be one of {', '.join(known)} (got {task!r}){did_you_mean(task, known)}"
-        )
+        raise StudyError(must_be_one_of("task", task, known))
     field = TASKS[task].analysis.model_fields["kind"]
     return analysis_of(str(get_args(field.annotation)[0]))

@@ -12,11 +12,10 @@ from pydantic import ValidationError
 from analysis.plans.table_settings import keys_of, said_of
 from analysis.tasks import analysis_of
 from protocols.disk.read_file import read_bytes
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.load import with_tuples
 from protocols.outside import json_bytes, parsed_json
 from protocols.study_file.problems import problems_of
-from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis
 
 FORMAT = 2

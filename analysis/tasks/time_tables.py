@@ -14,8 +14,7 @@ from analysis.plans.table_settings import TimeTableSettings, check_contrasts
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions, read_times
 from analysis.tasks.base import TaskAnalysis
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, did_you_mean
 from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, features
 
 from pipeline.errors import InputError
+from protocols.errors import must_be_one_of
 
 Bytes = NDArray[np.uint8]
 
@@ -28,8 +29,8 @@ def check_codec(codec: str) -> str:
     """
     there = [name for name in CODECS if name == "jpeg" or features.check(name)]
     if codec not in there:
-        missing = " (this Pillow is built without it)" if codec in CODECS else ""
-        raise InputError(f"codec must be one of {', '.join(there)} (got {codec!r}{missing})")
+        missing = "; this Pillow is built without it" if codec in CODECS else ""
+        raise InputError(must_be_one_of("codec", codec, there) + missing)
     return codec
 
 

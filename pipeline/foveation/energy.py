@@ -41,6 +41,7 @@ from pipeline.foveation.reference import blurred, finished
 from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
 from protocols.disk.whole_file import whole_file
+from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
 Tensor = Any  # torch may be absent
@@ -84,7 +85,7 @@ class EnergyMetamer(PooledCondition):
     ) -> None:
         super().__init__(**pooling)
         if start not in STARTS:
-            raise InputError(f"start must be one of {', '.join(STARTS)} (got {start!r})")
+            raise InputError(must_be_one_of("start", start, STARTS))
         if not 1 <= steps <= 100_000:
             raise InputError(f"steps must lie in 1..100000 (got {steps})")
         check_levels(levels)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from protocols.errors import must_be_one_of
 
 FWHM = 2.354820045
 """Full width at half maximum of a Gaussian, in deviations."""
@@ -77,7 +78,7 @@ class Pooling:
 
     def __post_init__(self) -> None:
         if self.law not in LAWS:
-            raise InputError(f"law must be one of {', '.join(LAWS)} (got {self.law!r})")
+            raise InputError(must_be_one_of("law", self.law, LAWS))
         if not 0 < self.constant < math.inf:
             raise InputError(
                 f"{LAWS[self.law][0]} must be positive and finite (got {self.constant})"
@@ -152,7 +153,7 @@ def make_pooling(
         return Pooling(*PRESETS[law], fovea_deg=fovea_deg)
     known = next((name for name in LAWS if name == law), None)
     if known is None:
-        raise InputError(f"law must be one of {', '.join([*PRESETS, *LAWS])} (got {law!r})")
+        raise InputError(must_be_one_of("law", law, [*PRESETS, *LAWS]))
     own, default, _ = LAWS[known]
     if given and own not in given:
         raise InputError(f"law {law!r} takes {own} (got {next(iter(given))})")

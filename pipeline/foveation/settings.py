@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
 from pipeline.foveation.pooling import Pooling
+from protocols.errors import must_be_one_of
 
 Chroma = Literal["follow", "full", "luma"]
 Residual = Literal["kept", "pooled"]
@@ -51,8 +52,6 @@ class MetamerSettings:
             ("residual", self.residual, Residual),
         ):
             if value not in get_args(kind):
-                raise InputError(
-                    f"{name} must be one of {', '.join(get_args(kind))} (got {value!r})"
-                )
+                raise InputError(must_be_one_of(name, value, get_args(kind)))
         if not (0 <= self.noise <= 4 and math.isfinite(self.noise)):
             raise InputError(f"noise must lie in 0..4 (got {self.noise})")

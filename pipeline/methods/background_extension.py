@@ -12,6 +12,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
 from pipeline.walks import Scene, background_ends, parallax_direction, walk_within
+from protocols.errors import must_be_one_of
 
 _CONTINUATIONS = ("repeat", "mirror")
 
@@ -53,9 +54,7 @@ class BackgroundExtension:
         depth_threshold: float = 0.04,
     ) -> None:
         if continuation not in _CONTINUATIONS:
-            raise InputError(
-                f"continuation must be one of {', '.join(_CONTINUATIONS)} (got {continuation!r})"
-            )
+            raise InputError(must_be_one_of("continuation", continuation, _CONTINUATIONS))
         if not 0 <= inset_px <= 16:
             raise InputError(f"inset_px must lie in 0..16 (got {inset_px})")
         if not 0 < depth_threshold < 1:

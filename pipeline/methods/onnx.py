@@ -16,6 +16,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
 from pipeline.methods.onnx_files import network_files, one_line, open_session
+from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
 _RANGES = {"0..1": (0.0, 1.0), "-1..1": (-1.0, 1.0)}
@@ -45,9 +46,7 @@ class OnnxNetwork:
 
     def __init__(self, path: Path, *, value_range: str = "0..1", multiple_px: int = 8) -> None:
         if value_range not in _RANGES:
-            raise InputError(
-                f"value_range must be one of {', '.join(_RANGES)} (got {value_range!r})"
-            )
+            raise InputError(must_be_one_of("value_range", value_range, _RANGES))
         if not 1 <= multiple_px <= 1024:
             raise InputError(f"multiple_px must lie in 1..1024 (got {multiple_px})")
         self.path = path

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
+from protocols.errors import must_be_one_of
 
 Channels = Literal["correlated", "independent"]
 Anchor = Literal["flow", "camera", "screen"]
@@ -105,9 +106,7 @@ class MetamericSettings:
             ("anchor", get_args(Anchor)),
         ):
             if getattr(self, name) not in choices:
-                raise InputError(
-                    f"{name} must be one of {', '.join(choices)} (got {getattr(self, name)!r})"
-                )
+                raise InputError(must_be_one_of(name, getattr(self, name), choices))
 
     @classmethod
     def names(cls) -> list[str]:

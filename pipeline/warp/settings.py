@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_flow, check_same_size
 from pipeline.warp.speckle import mends, taken
+from protocols.errors import must_be_one_of
 
 Variant: TypeAlias = Literal["full", "smear", "remove"]
 VARIANTS: tuple[Variant, ...] = get_args(Variant)
@@ -100,7 +101,7 @@ class WarpSettings:
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
-            raise InputError(f"variant must be one of {', '.join(VARIANTS)} (got {self.variant!r})")
+            raise InputError(must_be_one_of("variant", self.variant, VARIANTS))
         if self.stretch_px is not None and not 1 <= self.stretch_px < np.inf:
             raise InputError(
                 f"stretch_px must be at least 1, the length at rest (got {self.stretch_px})"

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtr, ndtri
 
 from protocols.adaptive.answer_history import Shape
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 
 Floats: TypeAlias = NDArray[np.float64]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -157,4 +157,4 @@ def check_shape(shape: str) -> None:
     StudyError
     """
     if shape not in SHAPES:
-        raise StudyError(f"shape: must be one of {', '.join(SHAPES)} (got {shape!r})")
+        raise StudyError(must_be_one_of("shape:", shape, SHAPES))

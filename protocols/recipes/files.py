@@ -14,10 +14,9 @@ from pydantic import TypeAdapter, ValidationError, model_validator
 from protocols.blocks import Block
 from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.display import Display
-from protocols.errors import Problem, StudyError
+from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.limits import check_cells, check_within
 from protocols.recipes.base import SCENE, Recipe, Stimulus
-from protocols.suggest import did_you_mean
 from protocols.units import DEVICE, NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
 
 COLUMNS = ("stimulus", "file")

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import get_args
 
-from protocols.errors import Problem
+from protocols.errors import Problem, did_you_mean
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.participant_texts import unknown_placeholders
@@ -18,7 +18,6 @@ from protocols.study_file.session_schema import (
     TextSection,
     TrialTiming,
 )
-from protocols.suggest import did_you_mean
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.task_kinds import TASKS
@@ -134,7 +133,8 @@ def _text_rules(text: TextSection) -> Iterator[Problem]:
         yield Problem(
             "text.default_language",
             f"must be one of the languages given ({', '.join(text.languages)})"
-            f" (got {text.default_language!r})",
+            f" (got {text.default_language!r})"
+            f"{did_you_mean(text.default_language, text.languages)}",
         )
     for language, texts in text.languages.items():
         labels = {f"answers.{name}": label for name, label in texts.answers.items()}

@@ -25,13 +25,12 @@ from pydantic import BaseModel
 
 from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.formats.format_reference import bounds_in_words
 from protocols.formats.publish import schema_text
 from protocols.prose import shortest
 from protocols.study_file.own_stimuli import OwnStimuli
 from protocols.study_file.schema import StudyProtocol
-from protocols.suggest import did_you_mean
 from protocols.units import NAME_PATTERN
 
 FOLDERS = ("clips", "sessions", "report")
@@ -111,9 +110,7 @@ def study_files(
         or it shows none in the middle of the gaze, and `own` has photographs.
     """
     if task not in PARTS:
-        raise StudyError(
-            f"--task: must be one of {', '.join(PARTS)} (got {task!r}){did_you_mean(task, PARTS)}"
-        )
+        raise StudyError(must_be_one_of("--task:", task, PARTS))
     recipe, _ = PARTS[task]
     own = own or OwnStimuli()
     replaced = own.sections()

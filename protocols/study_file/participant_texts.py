@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
+from protocols.errors import did_you_mean
 from protocols.study_file.session_schema import PLACEHOLDERS, Response, Texts
-from protocols.suggest import did_you_mean
 
 _DEVICES = {"kp": "num", "pad": "pad"}
 _SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}

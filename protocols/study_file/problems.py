@@ -10,9 +10,9 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from protocols.errors import Problem
+from protocols.errors import Problem, did_you_mean
 from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS
-from protocols.suggest import cure_for_key, cure_for_key_name, did_you_mean, split_unit
+from protocols.suggest import cure_for_key, cure_for_key_name, split_unit
 from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
 
 MOST_PROBLEMS = 150
@@ -74,7 +74,7 @@ def _either(messages: Sequence[str]) -> str:
     wanted = [message.partition(" (got ") for message in messages]
     if len(messages) > 1 and all(head.startswith("must be ") for head, _, _ in wanted):
         heads = [wanted[0][0], *(head.removeprefix("must be ") for head, _, _ in wanted[1:])]
-        return " or ".join(heads) + "".join(wanted[0][1:])
+        return " or ".join(heads) + max(("".join(rest) for _, *rest in wanted), key=len)
     return "; ".join(messages)
 
 
@@ -106,7 +106,7 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
         yield Problem(place, f"must be {_WANTED_TYPE[kind]} (got {_show(found)})")
     elif kind == "literal_error":
         choices = re.findall("'([^']*)'", context["expected"])
-        near = did_you_mean(found, choices) if _is_text(found) else ""
+        near = did_you_mean(found, choices)
         yield Problem(place, f"must be {context['expected']} (got {_show(found)}){near}")
     elif kind == "union_tag_invalid":
         tags = context["expected_tags"].replace("'", "").split(", ")
@@ -142,10 +142,6 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
 def _tag(context: Mapping[str, Any]) -> str:
     """Return the key that says which of several models a table is: `kind`, or a rule's `rule`."""
     return str(context.get("discriminator", "kind")).strip("'")
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
 
 
 def _show(value: object) -> str:

@@ -9,11 +9,10 @@ from pydantic import Field
 
 from protocols.chance import Chance
 from protocols.columns import Column
-from protocols.errors import Problem, StudyError
+from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.journal import Attempt
 from protocols.pool import Pool
 from protocols.recipes.base import SCENE
-from protocols.suggest import did_you_mean
 from protocols.tasks.base import (
     Adaptive,
     Analysis,

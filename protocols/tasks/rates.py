@@ -7,9 +7,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints
 
-from protocols.errors import Problem
+from protocols.errors import Problem, did_you_mean
 from protocols.pool import Pool
-from protocols.suggest import did_you_mean
 from protocols.tasks.base import Task
 from protocols.tasks.mixed import MixedAnalysis
 from protocols.units import Condition, Name, Scalar
@@ -109,7 +108,7 @@ class RatesAnalysis(MixedAnalysis):
             yield Problem(
                 "analysis.baseline",
                 f"must be a value of {self.by_name!r} ({listed}) (got {self.baseline!r})"
-                f"{did_you_mean(str(self.baseline), map(str, known))}",
+                f"{did_you_mean(self.baseline, map(str, known))}",
             )
         if known:
             yield from self.contrast_problems(list(map(name_of, known)))

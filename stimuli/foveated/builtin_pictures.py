@@ -7,7 +7,6 @@ scene may be looked at in any direction; `street` alone is a place all around.
 
 from __future__ import annotations
 
-import difflib
 import math
 
 import cv2
@@ -19,6 +18,7 @@ from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.view import turn
+from protocols.errors import must_be_one_of
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import look_at_pose
 from stimuli.scenes.builtin_scenes import SCENES, build_scene, scene_names
@@ -46,11 +46,7 @@ def check_picture_name(name: str) -> None:
         With the nearest name.
     """
     if name not in picture_names():
-        near = difflib.get_close_matches(name, picture_names(), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError(
-            f"a built-in picture must be one of {', '.join(picture_names())} (got {name!r}{hint})"
-        )
+        raise InputError(must_be_one_of("a built-in picture", name, picture_names()))
 
 
 def picture_modules(name: str) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from pipeline.errors import InputError
+from protocols.errors import must_be_one_of
 from stimuli.rendering.world import World
 
 
@@ -53,11 +53,7 @@ def scene_entry(name: str) -> SceneEntry:
     for entry in SCENES:
         if entry.name == name:
             return entry
-    near = difflib.get_close_matches(name, scene_names(), n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise InputError(
-        f"a built-in scene must be one of {', '.join(scene_names())} (got {name!r}{hint})"
-    )
+    raise InputError(must_be_one_of("a built-in scene", name, scene_names()))
 
 
 def build_scene(name: str, seed: int = 0, parameters: Mapping[str, Any] | None = None) -> World:

@@ -11,9 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.plugins import registered
-from protocols.suggest import did_you_mean
 
 HOLES, FRAME = "holes", "frame"
 REGIONS = (HOLES, FRAME)

@@ -8,9 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.outside import markdown, safe_cell
-from protocols.suggest import did_you_mean
 from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import FRAME, HOLES, Metric
 

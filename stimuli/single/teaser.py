@@ -21,6 +21,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
 from stimuli.media.png import decode
@@ -156,7 +157,7 @@ def _groups(manifest: Manifest, scenes: Sequence[str], size: str | None) -> list
         known = list(dict.fromkeys(str(clip.condition.get(column)) for clip in manifest.clips))
         for name in wanted:
             if name is not None and name not in known:
-                raise InputError(f"{option}: must be one of {', '.join(known)} (got {name!r})")
+                raise InputError(must_be_one_of(f"{option}:", name, known))
     groups: dict[tuple[object, ...], list[Clip]] = {}
     for clip in manifest.clips:
         condition = {key: value for key, value in clip.condition.items() if key != METHOD}

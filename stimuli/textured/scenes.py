@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from protocols.errors import must_be_one_of
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +93,7 @@ def open_textured_scene(name: str) -> TexturedScene:
         If there is none.
     """
     if name not in SCENES:
-        raise InputError(f"the scene must be one of {', '.join(SCENES)} (got {name!r})")
+        raise InputError(must_be_one_of("the scene", name, SCENES))
     return SCENES[name]
 
 

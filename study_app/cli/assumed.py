@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, did_you_mean
 
 if TYPE_CHECKING:
     from analysis.power import Assumption

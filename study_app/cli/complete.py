@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from protocols.errors import must_be_one_of
+
 if TYPE_CHECKING:
     from typer._click import Command, Context
 
@@ -55,6 +57,10 @@ def _naming_value(process: Callable[[Context, Any], Any]) -> Callable[[Context, 
             if typers_own and not must:
                 word = rest.partition(",")[0].replace("integer", "whole number")
                 error.message = f"must be {word} (got {str(value)!r})"
+            found, choice, known = error.message.partition(" is not one of ")
+            if choice:
+                names = re.findall("'([^']*)'", known)
+                error.message = must_be_one_of("it", found.partition("'")[2][:-1], names)
             raise
 
     return processed

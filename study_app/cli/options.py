@@ -8,8 +8,7 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, must_be_one_of
 
 SESSIONS_PROTOCOL_HELP = "File of the study that was run (.toml), or a shipped study's name."
 
@@ -46,9 +45,7 @@ def one_of(option: str, text: str, known: Collection[T]) -> T:
     for name in known:
         if name == text:
             return name
-    raise StudyError(
-        f"{option}: must be one of {', '.join(known)} (got {text!r}){did_you_mean(text, known)}"
-    )
+    raise StudyError(must_be_one_of(f"{option}:", text, known))
 
 
 def unknown_numbers(given: list[str] | None) -> tuple[float, ...] | None:

@@ -12,7 +12,7 @@ from rich.table import Table
 from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.disk.whole_file import write_new
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.feasibility import (
     MIB,
     TRIALS_IN_MEMORY,
@@ -177,7 +177,7 @@ def copy(
     """
     studies = shipped("studies")
     if name not in studies:
-        raise StudyError(f"NAME: must be one of {', '.join(studies)} (got {name!r})")
+        raise StudyError(must_be_one_of("NAME:", name, studies))
     own = study_name(slug(out.stem), "FILE", "choose another name for the file")
     text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
     text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
@@ -229,7 +229,7 @@ def schema(
         say("\n".join(map(str, changed)) if changed else "nothing to change")
         return
     if name not in schema_names():
-        raise StudyError(f"FORMAT: must be one of {', '.join(schema_names())} (got {name!r})")
+        raise StudyError(must_be_one_of("FORMAT:", name, schema_names()))
     say((reference_text(name) if markdown else schema_text(name)).removesuffix("\n"))
 
 

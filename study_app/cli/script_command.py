@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from protocols.disk.result_folder import whole_folder
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.manifest import read_manifest
@@ -29,7 +29,6 @@ from protocols.script import (
     TrialScript,
     Words,
 )
-from protocols.suggest import did_you_mean
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.terminal import PlainConsole, say
 from study_app.session_folders import session_folder

@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.plugins import misfit, registered, taking
 from protocols.study_file.session_schema import Gaze
-from protocols.suggest import did_you_mean
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec

@@ -196,7 +196,7 @@ def test_an_unknown_method_suggests_the_nearest(name, hint):
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({"radius": 3.0}, "'radius'; did you mean 'radius_px'"),
+        ({"radius": 3.0}, "'radius'.; did you mean 'radius_px'"),
         ({"xyz": 3.0}, r"parameters of telea are: radius_px \(got 'xyz'\)"),
         ({"radius_px": "wide"}, "radius_px must be int or float"),
         ({"radius_px": True}, "radius_px must be int or float"),

@@ -35,7 +35,7 @@ from analysis.simulations import RightAnswers, Tracks
 from analysis.tables.table import Source, opened
 from analysis.tables.trials import as_decisions, read_trials
 from analysis.tasks.base import TaskAnalysis
-from protocols.errors import StudyError
+from protocols.errors import StudyError, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 
@@ -134,7 +134,7 @@ class RatesTask(TaskAnalysis[RatePlan]):
             if unknown:
                 raise StudyError(
                     f"{path}: {name} must be one of the protocol's ({', '.join(known)})"
-                    f" (got {', '.join(unknown)})"
+                    f" (got {', '.join(unknown)}){did_you_mean(unknown[0], known)}"
                 )
 
     def table(self, decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:

@@ -15,8 +15,7 @@ from rich.table import Table
 
 from protocols.disk.left_behind import clear_files
 from protocols.disk.result_folder import check_folder
-from protocols.errors import StudyError
-from protocols.suggest import did_you_mean
+from protocols.errors import StudyError, did_you_mean
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:

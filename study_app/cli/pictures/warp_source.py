@@ -263,9 +263,7 @@ def _channels(settings: Iterable[str] | None) -> Channels:
     given: dict[str, tuple[str, ...]] = {}
     for setting in settings or ():
         what, equals, name = setting.partition("=")
-        if what not in known or not equals or not name:
-            raise StudyError(
-                f"--channel must be WHAT=NAME with WHAT one of {', '.join(known)} (got {setting!r})"
-            )
-        given[what] = (name,)
+        if not equals or not name:
+            raise StudyError(f"--channel: must read WHAT=NAME (got {setting!r})")
+        given[one_of("--channel: WHAT", what, known)] = (name,)
     return Channels(**given)

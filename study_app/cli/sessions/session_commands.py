@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
 from protocols.latency import LatencySummary
@@ -304,7 +304,7 @@ def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str
     for entry in given:
         name, equals, value = entry.partition("=")
         if names and name not in names:
-            raise StudyError(f"{option}: NAME must be one of {', '.join(names)} (got {name!r})")
+            raise StudyError(must_be_one_of(f"{option}: NAME", name, names))
         try:
             found[name] = float(value)
         except ValueError:

@@ -461,7 +461,7 @@ def test_the_page_of_limits_has_each_of_them_and_what_commands_take(repository):
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        (LIMITS_VARIABLE, "valeus=4e9", "must name one of values, .* did you mean 'values'"),
+        (LIMITS_VARIABLE, "valeus=4e9", "NAME must be one of values, .* did you mean 'values'"),
         (LIMITS_VARIABLE, "values=nan", "must read NAME=NUMBER"),
         (LIMITS_VARIABLE, "values=-1", "must read NAME=NUMBER"),
         ("METAMERLAB_LIMIT", "values=4e9", "METAMERLAB_LIMIT: must be spelt METAMERLAB_LIMITS"),
