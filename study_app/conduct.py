@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +20,7 @@ from protocols.journal import (
     Pause,
     SessionEnd,
     SessionStart,
+    VoidReason,
 )
 from protocols.plan import Plan
 from protocols.script import Scripts
@@ -36,6 +37,7 @@ from study_app.opening import Setting, texts_of
 from study_app.pacing import cannot_keep_up
 from study_app.recorder import DiskError, Recorder
 from study_app.session import (
+    NOT_THE_PARTICIPANTS,
     AskConsent,
     AskQuestion,
     EndBlock,
@@ -55,6 +57,8 @@ _RAW_FILES_MOST = 20
 """Files that a tracker may have of one run."""
 LATE_MOST = 3
 """So many attempts in a row that a late display made void end the run."""
+IDLE_MOST = 20
+"""So many attempts in a row that are void by what nobody takes away end a simulated run."""
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
 Mark = Callable[[str, float], None]
 """Told what happens and when, for recordings elsewhere."""
@@ -163,7 +167,8 @@ class _Conductor:
         self._setting, self._plan, self._recorder = setting, plan, recorder
         self._stage, self._on_attempt, self._mark = stage, asked.on_attempt, asked.mark
         self._protocol = setting.protocol
-        self._late_most, self._late = asked.late_most, list[Attempt]()
+        self._late_most, self._attempts = asked.late_most, list[Attempt]()
+        self._between = ""  # what came between participant and display, last
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
         self._language = start.language
@@ -203,23 +208,42 @@ class _Conductor:
                 return "quit"
             if isinstance(step, RunTrial) and self._tracker_lost():
                 return "tracker-lost"
-            if len(self._late) >= self._late_most:
+            if self._all_void(self._late_most, {"dropped-frames"}):
                 raise self._too_slow()
+            # Nobody takes the cause away, and these voids do not use up `max_attempts`.
+            if self._setting.simulated and self._all_void(IDLE_MOST, NOT_THE_PARTICIPANTS):
+                raise self._stands_still()
 
     def _tracker_lost(self) -> bool:
         silence_s = self._protocol.gaze.silence_s
         return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
 
+    def _all_void(self, most: int, reasons: Collection[VoidReason]) -> bool:
+        """Return whether the last so many attempts of this run are void for such reasons."""
+        last = self._attempts[-most:]
+        return len(last) == most and all(each.void_reason in reasons for each in last)
+
+    def _stands_still(self) -> StudyError:
+        """Return what to say of a simulated run whose attempts come to nothing again and again."""
+        cause = self._between or "the pause key went down"
+        return StudyError(
+            f"a simulated session must get on (its last {IDLE_MOST} attempts are void: {cause});"
+            " everything up to here is saved. Close what comes between, turn 'do not disturb' on,"
+            " screen saver and lock off, and leave the keyboard alone; then run 'metamerlab session"
+            " resume'"
+        )
+
     def _too_slow(self) -> StudyError:
         """Return what to say of a display that made the last attempts void."""
-        late = [phase for each in self._late for phase in each.phases if phase.dropped]
+        attempts = self._attempts[-self._late_most :]
+        late = [phase for each in attempts for phase in each.phases if phase.dropped]
         words = cannot_keep_up(
             self._stage.refresh_hz,
             sum(phase.dropped for phase in late),
             sum(phase.refreshes for phase in late),
         )
         return StudyError(
-            f"display {self._setting.display.name!r}: {words}; the last {len(self._late)} attempts"
+            f"display {self._setting.display.name!r}: {words}; the last {len(attempts)} attempts"
             " are void, and everything up to here is saved. Close what else runs, or take a faster"
             " machine, then run 'metamerlab session resume'. A lower refresh rate, a lower"
             " resolution or smaller stimuli need a new session"
@@ -321,8 +345,8 @@ class _Conductor:
                 ),
             )
             self._recorder.append(event)
-            late = event.void_reason == "dropped-frames"
-            self._late = [*self._late, event] if late else []
+            self._attempts.append(event)
+            self._between = log.disturbance
             self._on_attempt(event)
 
         result = run_attempt(

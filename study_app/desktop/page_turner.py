@@ -16,6 +16,8 @@ from study_app.virtual import Observer
 NOTICE_S = 1.5
 """Time for which a page without keys can be read."""
 _SIMULATED_PAGE_S = 0.4
+_SIMULATED_REST_S = 1.0
+"""Time for which a simulated run rests: a notice that covers the screen goes in some seconds."""
 
 
 class PageTurner:
@@ -116,7 +118,8 @@ class PageTurner:
         if self._observer is None or not page.keys:
             return None
         result = self._observer.turn_page(page)
-        return result, began_s + max(page.least_s, _SIMULATED_PAGE_S)
+        read_s = _SIMULATED_REST_S if page.name == "paused" else _SIMULATED_PAGE_S
+        return result, began_s + max(page.least_s, read_s)
 
     def _show(self, sheet: Sheet) -> None:
         self.release()
