@@ -168,6 +168,8 @@ def _run_session(options: SessionOptions, listener: Listener, *, resuming: bool)
             notes.append(
                 f"over the window before the session began, and not held against it: {over}"
             )
+        if window.unnoticed:
+            notes.append(window.unnoticed)
         setting = Setting(
             protocol=protocol,
             display=display,

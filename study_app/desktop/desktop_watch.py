@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import struct
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from study_app.desktop.x11 import XServer
 
+DO_NOT_DISTURB = (
+    "turn on 'do not disturb', and screen saver and lock off, for the time of a session"
+)
 _HOLD_OFF_S = 5.0
 """Time between two calls that tell the desktop that somebody is there."""
 _ASK_BLANK_S = 0.2
@@ -15,6 +19,27 @@ _SUBSTRUCTURE = 0x80000  # events of what lies below the root window
 _WM_CLASS, _ANY = 67, 0  # predefined atoms
 _VIEWABLE, _DRAWN = 2, 1
 _BLANK = 1
+
+
+def unnoticed(system: str, environment: Mapping[str, str], unasked: str = "") -> str:
+    """Return what nothing tells of a desktop, and the cure; empty: all is told.
+
+    Parameters
+    ----------
+    system : str
+        As `window_system` returns it.
+    environment : mapping
+        Of this program.
+    unasked : str
+        Reason why an X server cannot be asked, and the cure; empty: it can.
+    """
+    what = "windows over the participant's and a blank screen"
+    if unasked:
+        return f"{what} are not noticed, nor a desktop that scales: {unasked}"
+    if system == "Wayland" or environment.get("WAYLAND_DISPLAY"):
+        how = "are not noticed" if system == "Wayland" else "may go unnoticed"
+        return f"{what} {how} on Wayland; log in to an X11 session"
+    return "" if system == "X11" else f"{what} are not noticed on {system}; {DO_NOT_DISTURB}"
 
 
 class DesktopWatch:
@@ -42,13 +67,16 @@ class DesktopWatch:
 
     @classmethod
     def of_window(cls, glfw: Any, window: Any) -> DesktopWatch | None:
-        """Return the watch of a GLFW window; None where no X server shows it."""
-        try:
-            if glfw.get_platform() != glfw.PLATFORM_X11:
-                return None
-            return cls(XServer(), int(glfw.get_x11_window(window)))
-        except (OSError, AttributeError, TypeError):
+        """Return the watch of a GLFW window; None where no X server shows it.
+
+        Raises
+        ------
+        OSError
+            If one does, and cannot be asked: why, and the cure.
+        """
+        if glfw.get_platform() != glfw.PLATFORM_X11:
             return None
+        return cls(XServer(), int(glfw.get_x11_window(window)))
 
     def close(self) -> None:
         """Close the connection."""

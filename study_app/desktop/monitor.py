@@ -32,6 +32,16 @@ def start_glfw() -> None:
         )
 
 
+def window_system() -> str:
+    """Return the system that shows GLFW's windows, once GLFW is started."""
+    return {
+        glfw.PLATFORM_X11: "X11",
+        glfw.PLATFORM_WAYLAND: "Wayland",
+        glfw.PLATFORM_WIN32: "Windows",
+        glfw.PLATFORM_COCOA: "macOS",
+    }.get(glfw.get_platform(), "an unknown system")
+
+
 def monitor_display() -> Display:
     """Return the primary monitor in the mode that it is in; only its pixels and rate are known."""
     start_glfw()

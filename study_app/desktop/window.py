@@ -7,6 +7,7 @@ once per refresh.
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
@@ -19,7 +20,7 @@ from pipeline.gl.context import adopt_context
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.study_file.session_schema import POINTER
-from study_app.desktop.desktop_watch import DesktopWatch
+from study_app.desktop.desktop_watch import DesktopWatch, unnoticed
 from study_app.desktop.gamepad import Gamepad
 from study_app.desktop.keys import key_name
 from study_app.desktop.monitor import (
@@ -28,6 +29,7 @@ from study_app.desktop.monitor import (
     enlargement,
     plain_text,
     start_glfw,
+    window_system,
 )
 from study_app.desktop.one_screen import claim_screen
 from study_app.desktop.sleep_watch import SleepWatch
@@ -147,7 +149,13 @@ class Window:
         self.take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
         self._size, self._place = self.size, self._begins
-        self._desktop = DesktopWatch.of_window(glfw, self._handle)
+        unasked = ""
+        try:
+            self._desktop = DesktopWatch.of_window(glfw, self._handle)
+        except OSError as error:
+            unasked = str(error)
+        self.unnoticed = unnoticed(window_system(), os.environ, unasked)
+        """What of a desktop nothing tells, and the cure; empty: all is told."""
 
     def __enter__(self) -> Window:
         return self

@@ -48,7 +48,11 @@ class XServer:
     """
 
     def __init__(self) -> None:
-        xcb, screen = ctypes.CDLL("libxcb.so.1"), ctypes.c_int()
+        try:
+            xcb, screen = ctypes.CDLL("libxcb.so.1"), ctypes.c_int()
+        except OSError:
+            must = "there is no libxcb; install it (Debian, Ubuntu: apt-get install libxcb1)"
+            raise OSError(must) from None
         for name in ("connect", "wait_for_reply", "poll_for_event", "get_setup"):
             getattr(xcb, f"xcb_{name}").restype = ctypes.c_void_p
         xcb.xcb_setup_roots_iterator.restype = _Screens
@@ -56,7 +60,7 @@ class XServer:
         self._server = ctypes.c_void_p(xcb.xcb_connect(None, ctypes.byref(screen)))
         if xcb.xcb_connection_has_error(self._server):
             self.close()
-            raise OSError("no X server answers")
+            raise OSError("no X server answers; log in to the desktop anew")
         screens = xcb.xcb_setup_roots_iterator(ctypes.c_void_p(xcb.xcb_get_setup(self._server)))
         for _ in range(screen.value):
             xcb.xcb_screen_next(ctypes.byref(screens))

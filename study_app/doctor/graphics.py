@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 
+from study_app.desktop.desktop_watch import DO_NOT_DISTURB, unnoticed
 from study_app.doctor.findings import FOR_SESSIONS, FOR_STIMULI, Finding, Needs, Status
 from study_app.doctor.probes import Answer
 
@@ -74,7 +75,7 @@ def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Findin
         ]
     findings = [
         _judge_platform(answer["platform"], environment),
-        *_judge_desktop(answer),
+        *_judge_desktop(answer, environment),
     ]
     findings += [_judge_monitor(monitor) for monitor in answer["monitors"]]
     window = answer["window"]
@@ -96,17 +97,19 @@ def _judge_platform(system: str, environment: Mapping[str, str]) -> Finding:
     return Finding("display", Status.WARN, found, cure, FOR_SESSIONS)
 
 
-def _judge_desktop(answer: Answer) -> list[Finding]:
+def _judge_desktop(answer: Answer, environment: Mapping[str, str]) -> list[Finding]:
     """Name what may delay frames, or cover the screen in the middle of a trial."""
     findings = []
     if answer.get("compositor"):
         cure = "turn the compositor off, or see that it steps aside for a full-screen window"
         found = "a compositor draws this desktop: frames may come a refresh later than is logged"
         findings.append(Finding("compositor", Status.WARN, found, cure, FOR_SESSIONS))
+    if blind := unnoticed(answer["platform"], environment, answer.get("unasked", "")):
+        found, _, cure = blind.partition("; ")
+        findings.append(Finding("what covers", Status.WARN, found, cure, FOR_SESSIONS))
     if covering := answer.get("disturbers"):
         found = f"{', '.join(covering)} may cover the screen with a saver, a lock or a notice"
-        cure = "turn on 'do not disturb', and screen saver and lock off, for the time of a session"
-        findings.append(Finding("notices", Status.WARN, found, cure, FOR_SESSIONS))
+        findings.append(Finding("notices", Status.WARN, found, DO_NOT_DISTURB, FOR_SESSIONS))
     if seconds := answer.get("blank_after_s"):
         found = f"it begins after {seconds} s without a key; sessions hold it off"
         findings.append(Finding("screen saver", Status.PASS, found, "", FOR_SESSIONS))

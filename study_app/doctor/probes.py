@@ -99,29 +99,26 @@ def display() -> Answer:
     """Monitors, and whether buffer swaps keep time with one of them."""
     import glfw
 
-    from study_app.desktop.monitor import plain_text
+    from study_app.desktop.monitor import plain_text, window_system
     from study_app.desktop.x11 import XServer
 
     warnings.simplefilter("ignore", glfw.GLFWError)
     if not glfw.init():
         _, reason = glfw.get_error()
         return {"error": plain_text(reason) or "no display"}
-    names = {
-        getattr(glfw, "PLATFORM_X11", None): "X11",
-        getattr(glfw, "PLATFORM_WAYLAND", None): "Wayland",
-        getattr(glfw, "PLATFORM_WIN32", None): "Windows",
-        getattr(glfw, "PLATFORM_COCOA", None): "macOS",
-    }
     monitors = glfw.get_monitors()
     found: Answer = {
-        "platform": names.get(glfw.get_platform(), "unknown"),
+        "platform": window_system(),
         "monitors": [_monitor(glfw, monitor) for monitor in monitors],
         "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
     }
     if found["platform"] == "X11":
-        with XServer() as server:
-            found["compositor"] = server.has_compositor()
-            found["blank_after_s"] = server.blank_after_s()
+        try:
+            with XServer() as server:
+                found["compositor"] = server.has_compositor()
+                found["blank_after_s"] = server.blank_after_s()
+        except OSError as error:
+            found["unasked"] = str(error)
     found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
     glfw.terminate()
     return found

@@ -50,6 +50,18 @@ def gone(folder, clip, index):
 clips.read_frame, presenter.CLIP_PATIENCE_S = gone, 1.0
 main()
 """
+WITHOUT_LIBXCB = """
+import ctypes
+from study_app.cli import main
+
+class Without(ctypes.CDLL):
+    def __init__(self, name, *how, **more):
+        if name == "libxcb.so.1":
+            raise OSError(f"{name}: cannot open shared object file")
+        super().__init__(name, *how, **more)
+ctypes.CDLL = Without
+main()
+"""
 SHORT = {"pairings": '[["metameric", "push-pull"], ["reference", "push-pull"]]', "repeats": "1"}
 
 
@@ -107,9 +119,14 @@ def test_a_second_session_on_the_desktop_is_refused_before_anything_is_written(
 
     assert "only one window of metamerlab may be open on a desktop" in error_of(second)
     assert not study.session("P02").exists()
-    # What was killed holds nothing.
-    done = screen.run(*screen.session("run", study, "--simulate", code="P02"))
+    # What was killed holds nothing. Without libxcb it is said what nobody notices.
+    words = screen.session("run", study, "--simulate", code="P02")
+    done = screen.run(*words, code=WITHOUT_LIBXCB)
     assert done.returncode == 0, done.stderr
+    (note,) = [event.text for event in study.journal("P02").events if isinstance(event, Note)]
+    assert note.startswith("windows over the participant's and a blank screen are not noticed")
+    assert note.endswith("there is no libxcb; install it (Debian, Ubuntu: apt-get install libxcb1)")
+    assert " ".join(done.stdout.split()).count(f"note: {note}") == 1
 
 
 @pytest.mark.parametrize(("number", "reason"), [(116, "Stale"), (5, "Input/output"), (110, "")])

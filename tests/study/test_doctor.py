@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from study_app.desktop.x11 import XServer
 from study_app.doctor import Job, Status, examine, worst
 from study_app.doctor.findings import Finding, Needs
 from study_app.doctor.graphics import check_display, check_egl, check_gl
@@ -183,6 +184,33 @@ def test_wayland_is_a_warning_even_behind_x11():
         (display(), {"WAYLAND_DISPLAY": "wayland-0"}),
     ):
         assert named(check_display(answer, environment), "display").status is Status.WARN
+
+
+@pytest.mark.parametrize(
+    ("answer", "environment", "found", "cure"),
+    [
+        ({"unasked": "there is no libxcb; install it"}, {}, "libxcb", "install it"),
+        ({"platform": "Wayland"}, {}, "are not noticed on Wayland", "X11 session"),
+        ({}, {"WAYLAND_DISPLAY": "wayland-0"}, "may go unnoticed on Wayland", "X11 session"),
+        ({"platform": "Windows"}, {}, "are not noticed on Windows", "do not disturb"),
+    ],
+)
+def test_what_may_cover_the_screen_unnoticed_is_a_warning(answer, environment, found, cure):
+    said = named(check_display(display() | answer, environment), "what covers")
+
+    assert said.status is Status.WARN
+    assert found in said.found
+    assert cure in said.cure
+    assert not [each for each in check_display(display(), {}) if each.check == "what covers"]
+
+
+def test_a_machine_without_libxcb_says_which_package_brings_it(monkeypatch):
+    def missing(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr("ctypes.CDLL", missing)
+    with pytest.raises(OSError, match="apt-get install libxcb1"):
+        XServer()
 
 
 def test_opengl_is_judged_by_presence_limits_and_hardware():
