@@ -227,6 +227,22 @@ def test_a_forked_process_is_one_of_its_own(tmp_path, monkeypatch, kind):
     assert process.poll() is None
     process.kill()
     assert (process.communicate(), process.returncode) == (("", ""), -signal.SIGKILL)
+    with pytest.raises(subprocess.TimeoutExpired):
+        forked.run(code="import time; time.sleep(60)", timeout=0.05)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked here")
+def test_a_forked_process_that_nobody_waits_for_leaves_nothing_open():
+    process = forked.Forked(code="import time; time.sleep(60)")
+    told, written = process._told, process._written
+    process.kill()
+    process.returncode = None  # as where the test failed before it waited
+    del process
+
+    assert told.closed
+    for each in written:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(each)
 
 
 def test_costs_count_forked_processes():

@@ -13,6 +13,7 @@ import hashlib
 import math
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -192,12 +193,14 @@ class LiveLog:
     """
 
     def __init__(self, path: Path, **start: Json) -> None:
-        self._file = path.open("xb", buffering=0)
         self._chain = first_link(b"")
         self._pixels = FrameReadback()
         self.next_kept = 0
         """The first flip from which on pixels are kept again."""
-        self._write({"kind": "start", "format": FORMAT, **start})
+        with ExitStack() as opening:
+            self._file = opening.enter_context(path.open("xb", buffering=0))
+            self._write({"kind": "start", "format": FORMAT, **start})
+            opening.pop_all()
 
     def choice(self, described: RendererDescription) -> None:
         """Write what draws from here on; the next frame's pixels are kept."""

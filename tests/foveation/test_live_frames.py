@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -483,6 +486,23 @@ def test_a_log_of_a_program_that_was_killed_before_its_first_flip_holds_nothing_
     assert done.exit_code == 0, done.output
     assert "note: the log was not closed: the program was killed" in done.stdout
     assert "0 flips: nothing was shown" in done.stdout
+
+
+def test_a_log_whose_first_line_is_refused_is_closed(tmp_path, monkeypatch):
+    opened, really = [], Path.open
+
+    def spied(path, *how, **more):
+        opened.append(really(path, *how, **more))
+        return opened[-1]
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "open", spied)
+    monkeypatch.setattr(LiveLog, "_write", refuse)
+    with pytest.raises(OSError, match="No space left"):
+        LiveLog(tmp_path / "seen.jsonl", **START)
+    assert [file.closed for file in opened] == [True]
 
 
 def test_another_word_for_change_gets_one_message(tmp_path):

@@ -168,6 +168,13 @@ class Forked:
         self._told = os.fdopen(told)
         self.pid = int(self._told.readline())
 
+    def __del__(self) -> None:
+        """Close what tells of a process that nobody waited for, as where a test fails."""
+        if self.returncode is None and not self._told.closed:
+            self._told.close()
+            for written in self._written:
+                os.close(written)
+
     def wait(self, timeout: float | None = None) -> int:
         """Wait for its end; return its status, below 0 where a signal ended it."""
         if self.returncode is None:
@@ -230,9 +237,10 @@ def run(
     """Run a process to its end; see `Forked`."""
     process = Forked(*arguments, **kwargs)
     try:
-        out, err = process.communicate(timeout)
+        out, err = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
         process.kill()
+        process.communicate()
         raise
     return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 

@@ -7,6 +7,7 @@ import io
 import shutil
 import subprocess
 import threading
+from contextlib import closing
 from urllib.parse import urlencode, urlsplit
 
 import numpy as np
@@ -60,11 +61,12 @@ def served(gl_context, tmp_path):
 
 def ask(address, name, method="GET", host=None, **words):
     parts = urlsplit(address)
-    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=60)
     query = f"?{urlencode(words)}" if words else ""
-    connection.request(method, f"{parts.path}{name}{query}", headers={"Host": host or parts.netloc})
-    answer = connection.getresponse()
-    return answer.status, answer.read(), answer.headers.get("X-View")
+    said = {"Host": host or parts.netloc}
+    with closing(http.client.HTTPConnection(parts.hostname, parts.port, timeout=60)) as connection:
+        connection.request(method, f"{parts.path}{name}{query}", headers=said)
+        answer = connection.getresponse()
+        return answer.status, answer.read(), answer.headers.get("X-View")
 
 
 def test_the_page_shows_views_and_the_line_that_is_taken_is_printed(served):

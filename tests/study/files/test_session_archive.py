@@ -132,7 +132,8 @@ def test_a_secret_is_in_it_where_it_is_encrypted_or_asked_for():
     archived("--with-secret", out="asked.zip")
 
     def held(name):
-        return "study/study.secret" in zipfile.ZipFile(name).namelist()
+        with zipfile.ZipFile(name) as archive:
+            return "study/study.secret" in archive.namelist()
 
     assert (held("plain.zip"), held("asked.zip")) == (False, True)
     assert "not compared with the plan" in session("verify", "plain.zip").output
@@ -454,8 +455,8 @@ def test_restoring_onto_a_full_disk_says_so_and_leaves_nothing(backup, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     if at == "write":
-        onto = os.open("/dev/full", os.O_WRONLY)
-        monkeypatch.setattr(read_archive, "open_new", lambda *_: os.dup(onto))
+        full_disk = "/dev/full", os.O_WRONLY
+        monkeypatch.setattr(read_archive, "open_new", lambda *_: os.open(*full_disk))
     elif at == "sync":
         monkeypatch.setattr("study_app.archive.read_archive.os.fsync", full)
     else:
