@@ -28,6 +28,7 @@ from pipeline.foveation.lod import Pools
 from pipeline.foveation.picture_fixation import check_picture
 from pipeline.foveation.pooling import Pooling
 from pipeline.methods.onnx_files import one_line, open_session
+from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
 Kind = Literal["moments", "rgb"]
@@ -72,7 +73,7 @@ class Facts:
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
-            raise InputError(f"kind must be moments or rgb (got {self.kind!r})")
+            raise InputError(must_be_one_of("kind", self.kind, get_args(Kind)))
         for name, value, most in (("levels", self.levels, 6), ("edge_px", self.edge_px, 1 << 15)):
             if not (isinstance(value, int) and 1 <= value <= most):
                 raise InputError(f"{name} must be a whole number in 1..{most} (got {value!r})")

@@ -26,8 +26,10 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from pipeline.picture_limits import check_memory, check_vertices
+from protocols.errors import did_you_mean
 from protocols.limits import FIXED, check_within
 from protocols.outside import bounded_bytes, parsed_json, visible_line
+from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.mesh_features import row_of
 
 ENDINGS = (".glb", ".gltf", ".obj")
@@ -70,7 +72,8 @@ def files_of(path: Path) -> list[Path]:
         or its kind is unknown.
     """
     if path.suffix.lower() not in ENDINGS:
-        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
+        near = did_you_mean(str(path), scene_names())
+        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}{near}")
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
     found = [path]

@@ -16,6 +16,7 @@ from protocols.load import load_protocol
 from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, reading
 from protocols.results import NAME, read_results
+from study_app.cli.options import one_of
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -91,8 +92,7 @@ def figure(
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
-    if score not in ("jod", "share"):
-        raise StudyError(f"--score: must be jod or share (got {score!r})")
+    one_of("--score", score, ("jod", "share"))
     is_study = source.suffix == ".toml"
     clips = source.parent / "clips" if is_study else source
     study = source if is_study else protocol

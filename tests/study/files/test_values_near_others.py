@@ -107,6 +107,8 @@ def test_a_parameter_of_a_method_is_told_too(given, meant):
         (["doctor", "--for", "Session"], "sessions"),
         (["new-study", "x", "--task", "Rating"], "rating"),
         (["protocol", "schema", "displays"], "display"),
+        (["stimuli", "look", "gardn"], "garden"),
+        (["figure", "clips", "--score", "shares"], "share"),
         (["protocol", "copy", "Demo", "x.toml"], "demo"),
         (["protocol", "script", "demo", "--code", "P1", "--language", "EN"], "en"),
     ],
