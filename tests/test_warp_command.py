@@ -588,7 +588,7 @@ def test_channels_and_encoded_colour_can_be_told(tmp_path):
     named = [part for name in told for part in ("--channel", name)]
 
     assert "must have a channel Z" in refusal(*arguments)
-    assert "must be WHAT=NAME" in refusal(*arguments, "--channel", "deep=far")
+    assert "did you mean 'depth'" in refusal(*arguments, "--channel", "deep=far")
     for more, value in (([], 188), (["--encoded"], 128)):
         assert run(*arguments, *named, *more)[0] == 0
         assert (read_pixels(tmp_path / "out.png").data == value).all()
