@@ -20,9 +20,9 @@ import numpy as np
 
 from stimuli.score.measured import Measured
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, ScoredPair
-from stimuli.score.torch_parts import VideoSource, one_thread, quiet_libraries
-from stimuli.score.viewing_conditions import STANDARD_FHD, ViewerGaze, ViewingConditions
+from stimuli.score.pair import ScoredPair
+from stimuli.score.torch_parts import VideoSource, one_thread, quiet_libraries, settings_of
+from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 CURRENT = "fvvdp_parameters.json"
 VERSION_1_0 = "fvvdp_parameters_1_0.json"
@@ -37,11 +37,13 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
             if parameters is not None and gaze.points_px:
                 continue
             metric = open_metric(viewing, parameters, foveated=bool(gaze.points_px))
+            from pyfvvdp.video_source import fvvdp_video_source_array
+
             for region in pair.regions:
-                source = _Frames(pair, region, metric)
+                source = VideoSource(pair, region, metric, fvvdp_video_source_array)
                 jod, _ = metric.predict_video_source(source, fixation_point=_points(gaze))
                 values[name, region] = float(jod)
-        if pair.masks and not any(pair.mask(index).any() for index in range(pair.frames)):
+        if pair.holeless:
             values |= {(name, HOLES): None for name in NAMES}
     return Measured(values)
 
@@ -57,25 +59,16 @@ def open_metric(viewing: ViewingConditions, parameters: str | None, *, foveated:
     """
     with quiet_libraries():
         import pyfvvdp
-        import torch
         from pyfvvdp import utils
 
         one_thread()
-        photometry = geometry = None
-        if viewing.name != STANDARD_FHD:
-            photometry = pyfvvdp.fvvdp_display_photo_eotf(
-                viewing.peak_cd_m2,
-                contrast=viewing.contrast,
-                EOTF="sRGB" if viewing.gamma is None else "gamma",
-                gamma=viewing.gamma or 2.2,
-                E_ambient=viewing.ambient_lux,
-                name=viewing.name,
-            )
-            geometry = pyfvvdp.fvvdp_display_geometry(
-                (viewing.width_px, viewing.height_px),
-                distance_m=viewing.distance_m,
-                diagonal_size_inches=viewing.diagonal_inches,
-            )
+        settings = settings_of(
+            viewing,
+            pyfvvdp.fvvdp_display_photo_eotf,
+            pyfvvdp.fvvdp_display_geometry,
+            EOTF="sRGB" if viewing.gamma is None else "gamma",
+            gamma=viewing.gamma or 2.2,
+        )
         with tempfile.TemporaryDirectory(prefix="metamerlab-fvvdp-") as folder:
             if parameters is not None:
                 shipped = Path(pyfvvdp.__file__).parent / "fvvdp_data"
@@ -87,14 +80,7 @@ def open_metric(viewing: ViewingConditions, parameters: str | None, *, foveated:
                 )
                 utils.config_files.set_config_dir(folder)
             try:
-                return pyfvvdp.fvvdp(
-                    display_name=STANDARD_FHD,
-                    display_photometry=photometry,
-                    display_geometry=geometry,
-                    foveated=foveated,
-                    quiet=True,
-                    device=torch.device("cpu"),
-                )
+                return pyfvvdp.fvvdp(**settings, foveated=foveated)
             finally:
                 utils.config_files.set_config_dir(None)
 
@@ -104,21 +90,3 @@ def _points(gaze: ViewerGaze) -> Any:
         return None
     points = np.asarray(gaze.points_px, np.float32)
     return points[0] if len(points) == 1 else points
-
-
-class _Frames(VideoSource):
-    """A video source of the package."""
-
-    def get_test_frame(self, frame: int, device: Any) -> Any:
-        return self._luminance(self.pair.test_frame(frame, self.region), device)
-
-    def get_reference_frame(self, frame: int, device: Any) -> Any:
-        return self._luminance(self.pair.truth_frame(frame), device)
-
-    def _luminance(self, colour: Image, device: Any) -> Any:
-        from pyfvvdp.video_source import fvvdp_video_source_array
-
-        one = fvvdp_video_source_array(
-            colour, colour, 0, dim_order="HWC", display_photometry=self.metric.display_photometry
-        )
-        return one.get_test_frame(0, device=device)

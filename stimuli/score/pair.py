@@ -59,6 +59,11 @@ class ScoredPair:
         """Regions where it can be measured."""
         return (HOLES, "frame") if self.masks else ("frame",)
 
+    @property
+    def holeless(self) -> bool:
+        """True if there are masks, and none has a hole."""
+        return bool(self.masks) and not any(self.mask(k).any() for k in range(self.frames))
+
     def truth_frame(self, index: int) -> Image:
         """Read the reference: encoded colour in [0, 1], shape (H, W, 3)."""
         return read_colour(self.truth[index])

@@ -4,27 +4,76 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from stimuli.score.pair import ScoredPair
+from stimuli.score.pair import Image, ScoredPair
+from stimuli.score.viewing_conditions import STANDARD_FHD, ViewingConditions
 
 
 @dataclass(frozen=True)
 class VideoSource:
-    """Video source as the packages of visual difference predictors ask for it."""
+    """Video source as the packages of visual difference predictors ask for it.
+
+    `light` is the package's own source of arrays, which makes light of encoded colours.
+    """
 
     pair: ScoredPair
     region: str
     metric: Any
+    light: Callable[..., Any]
 
     def get_video_size(self) -> tuple[int, int, int]:
         return self.pair.height_px, self.pair.width_px, self.pair.frames
 
     def get_frames_per_second(self) -> float:
         return self.pair.fps
+
+    def get_batch_size(self) -> int:
+        return 1
+
+    def get_test_frame(self, frame: int, **wanted: Any) -> Any:
+        return self._light(self.pair.test_frame(frame, self.region), wanted)
+
+    def get_reference_frame(self, frame: int, **wanted: Any) -> Any:
+        return self._light(self.pair.truth_frame(frame), wanted)
+
+    def _light(self, colour: Image, wanted: dict[str, Any]) -> Any:
+        one = self.light(
+            colour, colour, 0, dim_order="HWC", display_photometry=self.metric.display_photometry
+        )
+        return one.get_test_frame(0, **wanted)
+
+
+def settings_of(
+    viewing: ViewingConditions,
+    photometry: Callable[..., Any],
+    geometry: Callable[..., Any],
+    **eotf: Any,
+) -> dict[str, Any]:
+    """Return the settings of a predictor: the display, by the package's own models, on the CPU.
+
+    `eotf` is how the package names the display's curve.
+    """
+    import torch
+
+    found = {"display_name": STANDARD_FHD, "quiet": True, "device": torch.device("cpu")}
+    if viewing.name != STANDARD_FHD:
+        found["display_photometry"] = photometry(
+            viewing.peak_cd_m2,
+            contrast=viewing.contrast,
+            E_ambient=viewing.ambient_lux,
+            name=viewing.name,
+            **eotf,
+        )
+        found["display_geometry"] = geometry(
+            (viewing.width_px, viewing.height_px),
+            distance_m=viewing.distance_m,
+            diagonal_size_inches=viewing.diagonal_inches,
+        )
+    return found
 
 
 @contextmanager
