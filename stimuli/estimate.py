@@ -37,6 +37,12 @@ class BuildEstimate:
     """Frame or picture that sizes and times were multiplied from."""
 
 
+def free_bytes(out: Path) -> int:
+    """Return what is free on the disk of a folder, which may not be there yet."""
+    there = next(place for place in (out, *out.absolute().parents) if place.exists())
+    return shutil.disk_usage(there).free
+
+
 def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     """Make one frame of the first scene by every method, time it, and multiply.
 
@@ -98,13 +104,12 @@ def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     usual_s = sum(times.values()) / len(times)
     total_s = sum(clips.frames * times.get(name.method, usual_s) for name in orders.clip_names)
     total_s += len(scenes) * opened_s + len(surveys) * (clips.frames + 50) * 0.6 * usual_s
-    there = next(place for place in (out, *out.absolute().parents) if place.exists())
     return BuildEstimate(
         clips=len(orders.clip_names),
         frames=frames,
         size_px=orders.shown_px,
         disk_bytes=round(1.05 * frames * frame_bytes),
-        free_bytes=shutil.disk_usage(there).free,
+        free_bytes=free_bytes(out),
         time_s=total_s / max(workers, 1),
         renderer=bench.renderer.renderer,
         measured=f"one frame of {first.scene} by every method, and opening it",

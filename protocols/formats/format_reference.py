@@ -150,7 +150,7 @@ def _rows(section: dict[str, Any]) -> Iterator[_Row]:
         default, said = value.get("default"), ""
         if key not in required and value.get("const", ...) != default:
             plain = default in (None, "", []) or isinstance(default, dict)
-            said = "; optional" if plain else f"; default `{_toml(default)}`"
+            said = "; optional" if plain else f"; default `{toml_text(default)}`"
         meaning = " ".join(str(value.get("description", "")).split())
         kind = _type(value)
         if value.get("default", 0) is None:
@@ -188,13 +188,14 @@ def _anchor(heading: str) -> str:
     return heading.lower().replace(",", "").replace(" ", "-")
 
 
-def _toml(value: object) -> str:
+def toml_text(value: object) -> str:
+    """Return a value as a study file writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
+        return "[" + ", ".join(map(toml_text, value)) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + "}"
+        return "{" + ", ".join(f"{key} = {toml_text(entry)}" for key, entry in value.items()) + "}"
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
@@ -230,9 +231,9 @@ def _written_out(schema: dict[str, Any]) -> str:
             parts = list(dict.fromkeys(_written_out(part) for part in schema[key]))
             return (", " if len(parts) > _FEW else " or ").join(parts)
     if "const" in schema:
-        return f"`{_toml(schema['const'])}`"
+        return f"`{toml_text(schema['const'])}`"
     if "enum" in schema:
-        return ", ".join(f"`{_toml(entry)}`" for entry in schema["enum"])
+        return ", ".join(f"`{toml_text(entry)}`" for entry in schema["enum"])
     kind = schema.get("type")
     if kind == "array":
         if "prefixItems" in schema:

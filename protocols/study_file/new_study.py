@@ -26,7 +26,7 @@ from pydantic import BaseModel
 from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
 from protocols.errors import StudyError, must_be_one_of
-from protocols.formats.format_reference import bounds_in_words
+from protocols.formats.format_reference import bounds_in_words, toml_text
 from protocols.formats.publish import schema_text
 from protocols.prose import shortest
 from protocols.study_file.own_stimuli import OwnStimuli
@@ -252,7 +252,7 @@ def _comment(owner: type[BaseModel], key: str) -> list[str]:
     if not owner.model_fields[key].is_required():
         default = schema.get("default")
         left_out = default is None or default in ("", [], {})
-        details.append("may be left out" if left_out else f"default {_toml(default)}")
+        details.append("may be left out" if left_out else f"default {toml_text(default)}")
     text = f"{said} ({', '.join(details)})" if details else said
     return textwrap.wrap(
         text.strip(),
@@ -276,21 +276,13 @@ def _details(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
         entry = definitions[str(schema["$ref"]).rpartition("/")[2]]
         return ["with " + ", ".join(entry["properties"])]
     if "enum" in schema:
-        return [" | ".join(map(_toml, schema["enum"]))]
+        return [" | ".join(map(toml_text, schema["enum"]))]
     if schema.get("type") == "boolean":
         return ["true | false"]
     if schema.get("pattern") == NAME_PATTERN:
         return ["lower-case words joined by dashes"]
     bounds = bounds_in_words(schema)
     return [schema["unit"], *bounds] if "unit" in schema else bounds
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 def _section(model: type[BaseModel], names: list[str], kinds: dict[str, str]) -> type[BaseModel]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.study_file.schema import StudyProtocol
+from stimuli.estimate import free_bytes
 from stimuli.media.png import encode_bytes
 from stimuli.read_stimulus import StimulusHeader, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import BuildEstimate
@@ -109,13 +109,12 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
         started = perf_counter()
         sizes = [len(data) for data in self.encoded(self.wanted[0])]
         time_s = (perf_counter() - started) * len(self.wanted)
-        there = next(place for place in (out, *out.absolute().parents) if place.exists())
         return BuildEstimate(
             clips=len(self.wanted),
             frames=len(self.wanted) * self.recipe.frames,
             size_px=(self.recipe.width_px, self.recipe.height_px),
             disk_bytes=round(1.05 * sum(sizes) * len(self.wanted)),
-            free_bytes=shutil.disk_usage(there).free,
+            free_bytes=free_bytes(out),
             time_s=time_s / max(1, workers),
             renderer="none: files made elsewhere",
             measured=f"reading {self.wanted[0].file}",

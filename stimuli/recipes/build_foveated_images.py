@@ -6,7 +6,6 @@ with several workers in processes of its own, or on a cluster. `foveated_work` i
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -35,6 +34,7 @@ from protocols.recipes.foveated_images import (
     ShownMethod,
 )
 from protocols.study_file.schema import StudyProtocol
+from stimuli.estimate import free_bytes
 from stimuli.executors import dask_cluster, local_processes
 from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.read_stimulus import file_sha256
@@ -220,7 +220,6 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
                 sizes[one.shown.name] = len(data[0])
         finally:
             self.close()
-        there = next(place for place in (out, *out.absolute().parents) if place.exists())
         left_out = {one.shown.name for one in self.wanted if one.shown.condition in _SLOW}
         tried = " and ".join(name for name in times if name not in left_out)
         return BuildEstimate(
@@ -228,7 +227,7 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
             frames=len(self.wanted),
             size_px=(self.recipe.width_px, self.recipe.height_px),
             disk_bytes=round(1.05 * sum(sizes[one.shown.name] for one in self.wanted)),
-            free_bytes=shutil.disk_usage(there).free,
+            free_bytes=free_bytes(out),
             time_s=sum(times[one.shown.name] for one in self.wanted),
             renderer=renderer,
             measured=f"one stimulus by {tried or 'no method'}"
