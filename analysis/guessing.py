@@ -10,15 +10,14 @@ _STEEP = 4.0
 """So many standard errors of the trend of all people together are no chance."""
 
 
-def below_guessing(rows: pd.DataFrame, chance: float, name: str = "") -> tuple[str, ...]:
+def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
     """Return a note where right answers are fewer than guessing gives; else none."""
     right, trials = int(rows["correct"].sum()), len(rows)
     if binom.cdf(right, trials, chance) >= RARE:
         return ()
     return (
-        f"{name + ': ' if name else ''}answers are below guessing ({right} of {trials} right): if"
-        " correct is 1 for errors, say --map correct=COLUMN:errors; if answers are named the wrong"
-        " way round, --answer",
+        f"answers are below guessing ({right} of {trials} right): if correct is 1 for errors, say"
+        " --map correct=COLUMN:errors; if answers are named the wrong way round, --answer",
     )
 
 

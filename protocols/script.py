@@ -479,11 +479,8 @@ def example_scripts(
     study: StudyProtocol,
     display: Display,
     language: str | None = None,
-    stimulus_px: Size | None = None,
 ) -> tuple[TrialScript, ...]:
     """Return scripts of no stimuli in particular: a practice trial, for both orders of keys.
-
-    `stimulus_px` is the size of other stimuli than those of the study.
 
     Raises
     ------
@@ -492,7 +489,6 @@ def example_scripts(
     """
     spoken = study.text.default_language if language is None else language
     scripts = Scripts(study, display, spoken)
-    scripts.stimulus_px = stimulus_px or scripts.stimulus_px
     answers = study.task.answers()
     found = tuple(scripts.script(order, practice=True) for order in (answers, answers[::-1]))
     first, again = (

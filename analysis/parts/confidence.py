@@ -12,7 +12,6 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
@@ -45,7 +44,6 @@ from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.confidence_question import CONFIDENCE
 
-Floats = NDArray[np.float64]
 SECTION = ("confidence", "Confidence")
 
 

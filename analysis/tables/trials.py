@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.words import missing
 from protocols.columns import Column, decided
-from protocols.errors import StudyError, did_you_mean
+from protocols.errors import StudyError
 from protocols.tasks.confidence_question import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RATING_COLUMNS
@@ -27,7 +27,6 @@ def read_trials(
     *,
     conditions: Sequence[str] = (),
     levels: Sequence[str] = (),
-    answers: Sequence[str] = (),
     own: bool = True,
     two: bool = False,
 ) -> pd.DataFrame:
@@ -46,8 +45,6 @@ def read_trials(
         Columns that must be there and have a value in every row.
     levels : sequence of str
         Columns that must hold a number in every row.
-    answers : sequence of str
-        What ``expected`` and ``answer`` may hold; empty: anything.
     own : bool
         Other columns are of use; else they are noted.
     two : bool
@@ -72,7 +69,7 @@ def read_trials(
     held = [name for name in ("answer", "correct") if name in table.rows]
     held = held if "correct" in held or "expected" in table.rows else []
     shown = set(table.rows["expected"]) if "expected" in table.rows else set()
-    table.answered(held, {*shown, *answers}, "trial")
+    table.answered(held, shown, "trial")
     given = table.rows
     rows = pd.DataFrame(index=given.index)
     for column in ("participant", *(["scene"] if "scene" in given else [])):
@@ -92,7 +89,7 @@ def read_trials(
     right = table.take("correct")
     if {"expected", "answer"} <= set(given.columns):
         for column in ("expected", "answer"):
-            rows[column] = _answers(table, column, answers)
+            rows[column] = table.text(column)
         _refuse_strangers(table, rows)
         rows["correct"] = (rows["expected"] == rows["answer"]).astype(int)
         if right is not None:
@@ -108,7 +105,7 @@ def read_trials(
         assert right is not None
         rows["correct"] = right
         if two and (one := [name for name in ("expected", "answer") if name in given]):
-            _other_answer(table, rows, one[0], answers)
+            _other_answer(table, rows, one[0])
     rows["rt_s"] = table.take("rt_s", np.nan)
     return rows.reset_index(drop=True)
 
@@ -190,18 +187,6 @@ def _every_number(table: Table, column: str) -> pd.Series:
     return values
 
 
-def _answers(table: Table, column: str, answers: Sequence[str]) -> pd.Series:
-    values = table.text(column)
-    table.refuse(
-        ~values.isin(list(answers)) & bool(answers),
-        lambda at: (
-            f"{column} must be one of {', '.join(answers)}"
-            f" (got {values[at]!r}){did_you_mean(values[at], list(answers))}"
-        ),
-    )
-    return values
-
-
 def _refuse_strangers(table: Table, rows: pd.DataFrame) -> None:
     """Refuse answers that `expected` writes otherwise: each would count as wrong."""
     expected, given = (sorted(rows[name].unique()) for name in ("expected", "answer"))
@@ -231,9 +216,9 @@ def _refuse_strangers(table: Table, rows: pd.DataFrame) -> None:
         )
 
 
-def _other_answer(table: Table, rows: pd.DataFrame, name: str, answers: Sequence[str]) -> None:
+def _other_answer(table: Table, rows: pd.DataFrame, name: str) -> None:
     """Add the column that follows from another and from whether the answer was right."""
-    values = _answers(table, name, answers)
+    values = table.text(name)
     both = sorted(values.unique())
     if len(both) != 2:
         return

@@ -62,12 +62,10 @@ def read_note(table: Path) -> Analysis | None:
     )
 
 
-def options_from(
-    kind: str, texts: Mapping[str, str], known: Analysis | None = None, place: str = "--set"
-) -> Analysis:
+def options_from(kind: str, texts: Mapping[str, str], known: Analysis | None = None) -> Analysis:
     """Return what a table is told in texts, as a command line gives them.
 
-    `known` was told before; `place` stands before a key in messages.
+    `known` was told before.
 
     Raises
     ------
@@ -86,7 +84,7 @@ def options_from(
             values[name] = {**(held if isinstance(held, dict) else {}), part: text.strip("\"'")}
         else:
             values[name] = _value(text, fields[name].annotation if name in fields else str)
-    return _checked(kind, values, place)
+    return _checked(kind, values, "--set")
 
 
 def _value(text: str, wanted: object) -> object:

@@ -45,7 +45,6 @@ from pipeline.noise.gpu import (
 from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import WHITE_BITS, mixing_weights, split, square_sum, white_steps
 
-Size = tuple[int, int]
 # Of a level's moments and of powers, packed: the four values of each layer, as pull.comp.glsl has.
 _MOMENT_LAYERS = ((0, 1, 2, 6), (3, 4, 5, 7))
 _POWER_LAYERS = ((0, 1, 2, 10), (3, 4, 5, 11), (6, 7, 8, 9))

@@ -105,10 +105,6 @@ class Pooling:
         beyond = np.maximum(eccentricity_deg, self.fovea_deg) ** (2 * self.power)
         return np.asarray(self.slope * np.sqrt(beyond - self.fovea_deg ** (2 * self.power)))
 
-    def scaled(self, share: float) -> Pooling:
-        """The same law with deviations `share` times as wide."""
-        return Pooling(self.law, self.constant * share, self.fovea_deg)
-
     def __str__(self) -> str:
         name = LAWS[self.law][0]
         law = "" if name == self.law else f"{self.law}, "

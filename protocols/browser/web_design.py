@@ -17,7 +17,7 @@ from protocols.counterbalancing import rounds
 from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks import base
-from protocols.units import Count, Few, LanguageCode, Model, Name, Number, Positive, Share, Text
+from protocols.units import Count, Few, Model, Name, Number, Positive, Share, Text
 
 
 class WebArrangement(Model):
@@ -123,15 +123,13 @@ class WebDesign(Model):
     adaptive: WebAdaptive | None
 
 
-def web_design(study: StudyProtocol, language: LanguageCode | None = None) -> WebDesign:
+def web_design(study: StudyProtocol) -> WebDesign:
     """Return the design of a study as data.
 
     Parameters
     ----------
     study : StudyProtocol
         Checked. Its secret is not needed, and is no part of the result.
-    language : str, optional
-        Whose closing questions are asked. Left out: the default one.
 
     Raises
     ------
@@ -139,7 +137,7 @@ def web_design(study: StudyProtocol, language: LanguageCode | None = None) -> We
         If a rule chooses the trials that a browser cannot follow, naming it.
     """
     design, task, pool = study.design, study.task, study.pool
-    texts = study.text.languages[language or study.text.default_language]
+    texts = study.text.languages[study.text.default_language]
     practice = design.practice
     adaptive = _adaptive(study)
     column = adaptive_column(study)

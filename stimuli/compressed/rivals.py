@@ -21,7 +21,6 @@ from stimuli.score.statistics import statistics_distance
 
 FOVEA_DEG = 2.0
 """Within it the fovea's error is measured."""
-LEAST_PX = 32  # the statistics distance needs as many
 
 
 @dataclass(frozen=True, eq=False)

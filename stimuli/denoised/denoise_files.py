@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
@@ -198,15 +197,6 @@ def network_words(name: str, facts: Facts) -> str:
     return f"network {name}: {what}; pools {facts.pooling}{trained}"
 
 
-@dataclass(frozen=True)
-class RenderedFiles:
-    """Files that `render_scene` wrote, and how noisy the picture is."""
-
-    noisy: Path
-    clean: Path | None
-    mean_samples: float
-
-
 def render_scene(
     scene: str,
     out: Path,
@@ -215,9 +205,8 @@ def render_scene(
     view: int = 0,
     clean: Path | None = None,
     rendering: Rendering | None = None,
-    sampling: Sampling | None = None,
     reporter: Reporter = SILENT,
-) -> RenderedFiles:
+) -> None:
     """Path-trace a built-in scene with most samples at the gaze.
 
     Parameters
@@ -233,7 +222,7 @@ def render_scene(
         If Mitsuba is not installed.
     """
     tell = reporter.say
-    rendering, sampling = rendering or Rendering(clean_samples=1), sampling or Sampling()
+    rendering, sampling = rendering or Rendering(clean_samples=1), Sampling()
     for path in (out, clean):
         if path is not None and path.suffix.lower() not in ENDINGS:
             raise InputError(f"{path}: must end in {' or '.join(ENDINGS)}")
@@ -255,7 +244,6 @@ def render_scene(
         clean.parent.mkdir(parents=True, exist_ok=True)
         save_colour(clean, pair.clean)
         tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
-    return RenderedFiles(out, clean, float(counts.mean()))
 
 
 def _unlike_training(facts: Facts, geometry: Geometry) -> list[str]:

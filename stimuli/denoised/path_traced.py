@@ -30,8 +30,6 @@ BOUNCES = 4
 WHITE = 3.2  # of tone_map, as in shaders/light.glsl
 FARTHEST_SEED = 2**31
 
-Floats = NDArray[np.float64]
-
 
 def need(module: str, what: str) -> None:
     """Require a package of the extra `denoise`.

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from protocols.errors import must_be_one_of
 
-Floats = NDArray[np.float64]
-
 WIDTH_DEG = 40.0
 """Of the picture, as long as nothing else is said."""
 

@@ -5,7 +5,6 @@ No library is needed: a message is JSON, and ends with a zero byte.
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import select
@@ -161,10 +160,6 @@ class Chromium:
     def text(self) -> str:
         """Return what the page says."""
         return str(self.evaluate("document.body?.innerText ?? ''"))
-
-    def screenshot(self) -> bytes:
-        """Return the composited page, as a PNG file."""
-        return base64.b64decode(self.devtools("Page.captureScreenshot")["data"])
 
     def close(self, *, crash: bool = False) -> None:
         """End the tab as a participant does, or its process, as a machine does."""

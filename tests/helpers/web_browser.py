@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
@@ -118,7 +119,8 @@ def until(browser: Browser, script: str, timeout_s: float = 60.0) -> None:
 
 def screen(browser: Chromium) -> np.ndarray:
     """Return the composited page, shape (height, width, 3)."""
-    return np.asarray(Image.open(io.BytesIO(browser.screenshot())).convert("RGB"))
+    png = base64.b64decode(browser.devtools("Page.captureScreenshot")["data"])
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
 
 @contextmanager
