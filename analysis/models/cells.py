@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from analysis.models.contrasts import IN_CONDITION
+
 Floats = NDArray[np.float64]
 
 ONE_SCENE = "all"
@@ -30,6 +32,21 @@ class TrialGrid:
         """Codes (trials,) of participants, and of scenes where there are several."""
         found = {"participant": self.person}
         return found | ({"scene": self.scene} if len(self.scenes) > 1 else {})
+
+    @property
+    def names(self) -> dict[str, tuple[str, ...]]:
+        """Names of what the codes of `several` stand for."""
+        return {"participant": self.participants, "scene": self.scenes}
+
+    def in_conditions(self, condition: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+        """Return codes (trials,) of `several` in a condition, unless each has one trial there."""
+        count = int(condition.max()) + 1
+        found = {name: code * count + condition for name, code in self.several.items()}
+        return {
+            name + IN_CONDITION: cell
+            for name, cell in found.items()
+            if np.unique(cell).size < len(cell)
+        }
 
     def count(self, values: pd.Series) -> Floats:
         """Sum values (trials) into cells (participants, scenes)."""

@@ -363,15 +363,13 @@ def rating_model(  # noqa: PLR0913  each is one of the model's
     pairs = pairs_of(names, reference)
     design = _indicator(condition, len(names))[:, 1:]
     groups = places.several
-    effects = {name: _indicator(code) for name, code in groups.items()} | {
-        name + IN_CONDITION: _indicator(cell)
-        for name, code in groups.items()
-        for cell in [np.unique(code * len(names) + condition, return_inverse=True)[1].ravel()]
-        if cell.max() + 1 < len(rows)
+    cells = {
+        name: np.unique(cell, return_inverse=True)[1].ravel()
+        for name, cell in places.in_conditions(condition).items()
     }
-    levels = {"participant": places.participants, "scene": places.scenes}
+    effects = {name: _indicator(code) for name, code in (groups | cells).items()}
     fit = fit_cumulative(
-        design, y, effects, link=link, names=levels, level=level if profile else None
+        design, y, effects, link=link, names=places.names, level=level if profile else None
     )
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [

@@ -99,11 +99,6 @@ def test_a_table_written_and_read_gives_the_same_statistics(tmp_path, rng, task)
             {"conditions": ("method",)},
             "line 2: method must not be empty",
         ),
-        (
-            HEADER + ROW,
-            {"answers": ("open", "close")},
-            "line 2: answer must be one of open, close .*'closed'.*did you mean 'close'",
-        ),
         (HEADER + ROW + "p1,park,ours,0.5,Open,open\n", {}, "write an answer in one way"),
         (
             "participant,expected,answer,correct\na,x,y,1\n",

@@ -152,19 +152,11 @@ def time_model(
     pairs = pairs_of(names, reference)
     design = (condition[:, None] == np.arange(len(names))).astype(np.float64)
     groups = places.several
-    effects = dict(groups)
-    if len(names) > 1:
-        effects |= {
-            name + IN_CONDITION: cell
-            for name, code in groups.items()
-            for cell in [code * len(names) + condition]
-            if np.unique(cell).size < len(rows)
-        }
+    effects = groups | (places.in_conditions(condition) if len(names) > 1 else {})
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
-    levels = {"participant": places.participants, "scene": places.scenes}
-    fit = fit_linear_mixed(design, y, effects, names=levels, level=level if profile else None)
+    fit = fit_linear_mixed(design, y, effects, names=places.names, level=level if profile else None)
     beta, covariance, sd = fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"
