@@ -155,7 +155,7 @@ class Window:
         except OSError as error:
             unasked = str(error)
         self.unnoticed = unnoticed(window_system(), os.environ, unasked)
-        """What of a desktop nothing tells, and the cure; empty: all is told."""
+        """Events of a desktop that nothing tells, and the cure; empty: all are told."""
 
     def __enter__(self) -> Window:
         return self

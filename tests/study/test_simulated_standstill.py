@@ -37,7 +37,7 @@ class Patient(ArtificialObserver):
 
 
 class Disturbed(VirtualStage):
-    """What is said comes between in each attempt, or someone pauses it."""
+    """Display in which what is said comes between in each attempt, or someone pauses it."""
 
     said = itertools.repeat(NOTICE)
     pauses = False
