@@ -140,8 +140,15 @@ def render(
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """Pictures that networks are trained on, and for how long."""
+    """Pictures that networks are trained on, for how long, and files that are written."""
 
+    scene: Annotated[list[str] | None, typer.Option(show_default=False)] = None
+    r"""A built-in scene to train on; may be given more than once. \[default: colonnade, garden,
+    shed]"""
+    out: Path = Path("denoise.onnx")
+    """The network for moments, .onnx; the one for colour goes to NAME-rgb."""
+    work: Path = Path("denoise-work")
+    """Folder for pictures and checkpoints; what it holds is used."""
     views: Annotated[int, typer.Option(min=1)] = 3
     """Cameras in each scene."""
     steps: Annotated[int, typer.Option(min=1)] = 1200
@@ -154,29 +161,12 @@ class TrainingOptions:
     """Samples per clean pixel."""
     seed: Annotated[int, typer.Option(min=0)] = 1
     """Seed of gazes, crops, weights."""
+    estimate: bool = False
+    """Say how long it takes, then stop."""
 
 
 @app.command()
-def train(
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            help=r"A built-in scene to train on; may be given more than once."
-            r" \[default: colonnade, garden, shed]",
-            show_default=False,
-        ),
-    ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(help="The network for moments, .onnx; the one for colour goes to NAME-rgb."),
-    ] = Path("denoise.onnx"),
-    work: Annotated[
-        Path, typer.Option(help="Folder for pictures and checkpoints; what it holds is used.")
-    ] = Path("denoise-work"),
-    *,
-    lesson: TrainingOptions,
-    estimate: Annotated[bool, typer.Option(help="Say how long it takes, then stop.")] = False,
-) -> None:
+def train(asked: TrainingOptions) -> None:
     """Render noisy and clean pictures, train two networks on them, and write both.
 
     The command first says how long it takes. After an interruption the same command continues. It
@@ -195,14 +185,17 @@ def train(
     from stimuli.denoised.train import train as train_networks
     from stimuli.denoised.training_pictures import Rendering
 
-    check_file(out, (".onnx",))
-    check_folder(work)
-    if out.stem.endswith("-rgb"):
-        raise InputError(f"{out}: must not end in -rgb, as the network for colour does")
+    check_file(asked.out, (".onnx",))
+    check_folder(asked.work)
+    if asked.out.stem.endswith("-rgb"):
+        raise InputError(f"{asked.out}: must not end in -rgb, as the network for colour does")
     training = Training(
-        tuple(scene) if scene else Training().scenes, lesson.views, steps=lesson.steps,
-        crop_px=lesson.crop_px, seed=lesson.seed,
-        rendering=Rendering(lesson.size_px, lesson.clean_samples),
+        tuple(asked.scene) if asked.scene else Training().scenes, asked.views, steps=asked.steps,
+        crop_px=asked.crop_px, seed=asked.seed,
+        rendering=Rendering(asked.size_px, asked.clean_samples),
     )  # fmt: skip
     with going_on(), ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-        train_networks(training, out, work, estimate_only=estimate, reporter=teller.reporter)
+        train_networks(
+            training, asked.out, asked.work, estimate_only=asked.estimate,
+            reporter=teller.reporter,
+        )  # fmt: skip

@@ -28,7 +28,7 @@ MINUS = "\N{MINUS SIGN}"
 
 @dataclass(frozen=True)
 class ShownOptions:
-    """Methods, scenes and places that a figure shows."""
+    """Methods, scenes, places and scores that a figure shows, and its width."""
 
     crops: Annotated[list[str] | None, typer.Option(metavar="auto|X,Y,W,H")] = None
     """Crop to show, in pixels of the clip; may be given more than once. auto: where the methods
@@ -43,6 +43,12 @@ class ShownOptions:
     """Size of the holes. Left out: the one whose crops differ most."""
     frame: Annotated[int | None, typer.Option(min=0)] = None
     """Frame. Left out: the one whose crops differ most."""
+    report: Path | None = None
+    """Folder of the study's report: scores stand under the methods."""
+    score: Annotated[str, typer.Option(metavar="jod|share")] = "jod"
+    """Score of the report to print."""
+    columns: Annotated[int, typer.Option(min=1, max=2)] = 2
+    """Width in columns of a paper: 1 or 2."""
 
 
 def figure(
@@ -61,16 +67,6 @@ def figure(
     ] = None,
     *,
     shown: ShownOptions,
-    report: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the study's report: scores stand under the methods."),
-    ] = None,
-    score: Annotated[
-        str, typer.Option(metavar="jod|share", help="Score of the report to print.")
-    ] = "jod",
-    columns: Annotated[
-        int, typer.Option(min=1, max=2, help="Width in columns of a paper: 1 or 2.")
-    ] = 2,
 ) -> None:
     """Draw the first figure of a paper: a true view, and crops of what each method shows.
 
@@ -92,7 +88,7 @@ def figure(
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
-    one_of("--score", score, ("jod", "share"))
+    one_of("--score", shown.score, ("jod", "share"))
     is_study = source.suffix == ".toml"
     clips = source.parent / "clips" if is_study else source
     study = source if is_study else protocol
@@ -115,15 +111,17 @@ def figure(
     )
     scores: Mapping[str, str] = {}
     simulated = False
-    if report is not None:
+    if shown.report is not None:
         sizes = list(dict.fromkeys(row.size for row in rows))
         if len(sizes) > 1:
             raise StudyError(
                 "--size: a figure shows scores of one size (the chosen crops are of"
                 f" {' and '.join(map(str, sizes))}); choose one"
             )
-        scores, simulated = _scores(report, score, sizes[0])
-    made = teaser(chosen, rows, columns=columns, labels=labels, scores=scores, simulated=simulated)
+        scores, simulated = _scores(shown.report, shown.score, sizes[0])
+    made = teaser(
+        chosen, rows, columns=shown.columns, labels=labels, scores=scores, simulated=simulated
+    )
     data = png_bytes(made) if out.suffix == ".png" else None
     if data is None:
         data = vector_bytes(made, "svg" if out.suffix == ".svg" else "pdf")
