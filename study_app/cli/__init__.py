@@ -25,84 +25,31 @@ if TYPE_CHECKING:
 
 __all__ = ["SLOTS", "app", "main", "user_errors"]
 
-SLOTS = (
-    # name, help (the first line of `metamerlab --help`), import path
-    CommandSlot(
-        "doctor",
-        "Check that this machine is fit for the job.",
-        "study_app.cli.doctor:doctor",
-    ),
-    CommandSlot(
-        "demo",
-        "Run the whole chain as a demonstration.",
-        "study_app.cli.demo.command:demo",
-    ),
-    CommandSlot(
-        "warp",
-        "Warp one picture and fill its holes.",
-        "study_app.cli.pictures.warp:warp",
-    ),
-    CommandSlot(
-        "foveate",
-        "Make metamers of a picture for one gaze.",
-        "study_app.cli.pictures.foveate:foveate",
-    ),
-    CommandSlot(
-        "live",
-        "Show a picture that follows the gaze.",
-        "study_app.cli.pictures.live:live",
-    ),
-    CommandSlot(
-        "compress",
-        "Compress a picture for a gaze.",
-        "study_app.cli.pictures.compress:compress",
-    ),
-    CommandSlot(
-        "decompress",
-        "Restore a compressed picture.",
-        "study_app.cli.pictures.compress:decompress",
-    ),
-    CommandSlot(
-        "texture",
-        "Bake textures into statistics.",
-        "study_app.cli.pictures.texture_commands:app",
-    ),
-    CommandSlot(
-        "denoise",
-        "Make metamers of noisy renders.",
-        "study_app.cli.pictures.denoise_commands:app",
-    ),
-    CommandSlot(
-        "new-study",
-        "Make a folder to start a study from.",
-        "study_app.cli.new_study_command:new_study",
-        "FileListCommand",
-    ),
-    CommandSlot(
-        "protocol",
-        "Write, check and plan a study.",
-        "study_app.cli.protocol_commands:app",
-    ),
-    CommandSlot(
-        "stimuli",
-        "Build and check a study's clips.",
-        "study_app.cli.stimuli_commands:app",
-    ),
-    CommandSlot(
-        "figure",
-        "Draw a paper's opening figure.",
-        "study_app.cli.pictures.figure_command:figure",
-    ),
-    CommandSlot(
-        "session",
-        "Run sessions with participants.",
-        "study_app.cli.sessions.session_commands:app",
-    ),
-    CommandSlot(
-        "analysis",
-        "Statistics, plots and the report.",
-        "study_app.cli.analysis_commands:app",
-    ),
+SLOTS = tuple(
+    CommandSlot(name, text, f"study_app.cli.{target}", *made_by)
+    for name, text, target, *made_by in (
+        # name, help (the first line of `metamerlab --help`), place below this folder
+        ("doctor", "Check that this machine is fit for the job.", "doctor:doctor"),
+        ("demo", "Run the whole chain as a demonstration.", "demo.command:demo"),
+        ("warp", "Warp one picture and fill its holes.", "pictures.warp:warp"),
+        ("foveate", "Make metamers of a picture for one gaze.", "pictures.foveate:foveate"),
+        ("live", "Show a picture that follows the gaze.", "pictures.live:live"),
+        ("compress", "Compress a picture for a gaze.", "pictures.compress:compress"),
+        ("decompress", "Restore a compressed picture.", "pictures.compress:decompress"),
+        ("texture", "Bake textures into statistics.", "pictures.texture_commands:app"),
+        ("denoise", "Make metamers of noisy renders.", "pictures.denoise_commands:app"),
+        (
+            "new-study",
+            "Make a folder to start a study from.",
+            "new_study_command:new_study",
+            "FileListCommand",
+        ),
+        ("protocol", "Write, check and plan a study.", "protocol_commands:app"),
+        ("stimuli", "Build and check a study's clips.", "stimuli_commands:app"),
+        ("figure", "Draw a paper's opening figure.", "pictures.figure_command:figure"),
+        ("session", "Run sessions with participants.", "sessions.session_commands:app"),
+        ("analysis", "Statistics, plots and the report.", "analysis_commands:app"),
+    )
 )
 
 
