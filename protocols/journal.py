@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import AfterValidator, Field, StringConstraints, TypeAdapter, model_validator
+from pydantic import Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.disk.hashing import canonical_json
 from protocols.latency import LiveFrames
@@ -20,6 +20,7 @@ from protocols.units import (
     ExtendedModel,
     Hertz,
     LanguageCode,
+    Magnitude,
     Model,
     Name,
     ParticipantCode,
@@ -31,7 +32,6 @@ from protocols.units import (
     Share,
     Stamp,
     Text,
-    storable,
 )
 
 UtcTime = Annotated[
@@ -207,13 +207,13 @@ class Calibration(Event, ExtendedModel):
     """A validation of the gaze source before a block: means over its targets."""
 
     kind: Literal["calibration"] = "calibration"
-    accuracy_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    accuracy_deg: Magnitude
     """Angle between target and the mean direction of gaze. In journals without `sd_deg`, the mean
     angle."""
-    precision_deg: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    precision_deg: Magnitude
     """Root mean square of angles between consecutive samples (RMS-S2S)."""
     points: Count
-    sd_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None = None
+    sd_deg: Magnitude | None = None
     """Standard deviation of gaze, of both axes together. Null in journals of older versions."""
     lost_share: Share | None = None
     """Share of the samples that did not see the eye. Null in journals of older versions."""
@@ -241,14 +241,14 @@ class Break(Event):
 
     kind: Literal["break"] = "break"
     after_block: Count
-    duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    duration_s: Magnitude
 
 
 class Pause(Event):
     """A pause at the participant's request, written at its end."""
 
     kind: Literal["pause"] = "pause"
-    duration_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    duration_s: Magnitude
 
 
 class PhaseRecord(Model):
@@ -292,9 +292,9 @@ class GazeQuality(Model):
     """Losses short enough to be tolerated."""
     violations: Count
     """Times that gaze was outside long enough. At most 1 in mode `enforce`."""
-    mean_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
+    mean_deg: Magnitude | None
     """Mean angle between gaze and target. Null without data."""
-    max_deg: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
+    max_deg: Magnitude | None
 
 
 class FurtherAnswer(Model):
@@ -305,7 +305,7 @@ class FurtherAnswer(Model):
     answer: Name
     """The answer given."""
     key: str | None
-    rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)]
+    rt_s: Magnitude
     """Time from the onset of the question to the key press, s."""
 
 
@@ -343,7 +343,7 @@ class Attempt(Event, ExtendedModel):
     correct: bool | None
     """True if the answer was right. Null without an answer or a right answer."""
     key: str | None
-    rt_s: Annotated[float, Field(ge=0), AfterValidator(storable)] | None
+    rt_s: Magnitude | None
     """Time from the onset of the question to the key press, s."""
     phases: tuple[PhaseRecord, ...]
     """The phases that were shown, in order."""

@@ -138,6 +138,8 @@ RimPixels = Annotated[int, Field(ge=0, le=4, json_schema_extra={"unit": "px"})]
 """Pixels of the clip, as it is rendered."""
 Count = Annotated[int, Field(ge=0), AfterValidator(storable)]
 """Count or number of what was recorded, from 0."""
+Magnitude = Annotated[float, Field(ge=0), AfterValidator(storable)]
+"""A measured number that cannot be negative, such as a duration."""
 Positive = Annotated[int, Field(ge=1, le=1_000_000)]
 Few = Annotated[int, Field(ge=1, le=1000)]
 Factor = Annotated[float, Field(ge=1e-9, le=1e9)]

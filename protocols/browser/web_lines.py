@@ -18,6 +18,7 @@ from protocols.units import (
     Count,
     Hertz,
     LanguageCode,
+    Magnitude,
     Model,
     Name,
     ParticipantCode,
@@ -105,14 +106,14 @@ class BreakLine(Line):
 
     kind: Literal["break"] = "break"
     after_block: Count
-    duration_s: Annotated[float, Field(ge=0)]
+    duration_s: Magnitude
 
 
 class PauseLine(Line):
     """A pause, sent at its end."""
 
     kind: Literal["pause"] = "pause"
-    duration_s: Annotated[float, Field(ge=0)]
+    duration_s: Magnitude
 
 
 class Press(Model):

@@ -21,7 +21,7 @@ from protocols.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
 from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks
-from study_app.web.import_lines import read_results
+from study_app.web.import_lines import BrowserResults, read_results
 
 
 def test_packs_and_times_may_be_as_large_as_budgets_allow():
@@ -99,6 +99,20 @@ def test_a_preregistration_says_what_a_browser_study_gives_up(case):
     assert "it runs at 50, 60," in said
     assert "parameter PANEL is kept" in said
     assert "browsers" not in text(of.study.model_copy(update={"web": None}))
+
+
+@pytest.mark.parametrize("line", ['"kind": "pause"', '"kind": "break", "after_block": 1'])
+@pytest.mark.parametrize(("duration", "damaged"), [("1.5", 0), ("1e300", 1), ("Infinity", 1)])
+def test_a_line_whose_duration_no_journal_could_hold_is_named(line, duration, damaged):
+    of_every = '"study": "s", "participant": "P", "run": 0, "n": 0, "t_s": 1.0'
+    at = '"at": "2026-01-31T12:00:00Z"'
+    results = BrowserResults()
+    text = f'{{{of_every}, {at}, {line}, "duration_s": {duration}}}\n'
+
+    results.read("home.txt", text.encode())
+
+    assert len(results.damaged) == damaged
+    assert len(results.found) == 1 - damaged
 
 
 @pytest.mark.parametrize("kept", [4, 30, 3000])
