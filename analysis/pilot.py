@@ -1,6 +1,7 @@
 """Deviations between people and between scenes, from the decisions of a pilot."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -159,26 +160,21 @@ def threshold_deviations(decisions: pd.DataFrame, settings: RatePlan, span: floa
     StudyError
         If thresholds cannot be fitted.
     """
-    logarithmic = settings.shape == "weibull"
     try:
         model = fit_thresholds(
             prepared(decisions, settings),
             str(settings.level),
             ("condition",),
-            guess=settings.chance,
-            shape=settings.shape,
-            falling=settings.falling,
-            logarithmic=logarithmic,
-            scenes=False,
+            replace(settings.curve, guess=settings.chance),
         )
     except ValueError as problem:
         raise StudyError(_CANNOT.format(problem)) from None
     each = model.thresholds
-    typical = float(np.mean([one.value for one in each])) if logarithmic else 1.0
+    typical = float(np.mean([one.value for one in each])) if model.logarithmic else 1.0
     values = {"participant_sd": model.participant_sd * typical / span}
     if len(each) > 1:
         values["interaction_sd"] = model.interaction_sd * typical / span
-    if not logarithmic:
+    if not model.logarithmic:
         values["width"] = float(np.mean([abs(one.width) for one in each])) / span
     if not np.isfinite(list(values.values())).all():
         raise StudyError(NO_SPREAD)

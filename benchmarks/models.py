@@ -31,7 +31,7 @@ from analysis.models.logistic import glmm_logit, models_beside
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.paired.joint_tests import joint_tests
-from analysis.models.psychometric import sigmoid
+from analysis.models.psychometric import CurveForm, sigmoid
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
 from benchmarks.output import file_to_write, write_record
@@ -149,8 +149,9 @@ def _answered(design: Design, rng: np.random.Generator) -> pd.DataFrame:
 def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
     """Simulate and judge a study of thresholds."""
     model = fit_thresholds(
-        _answered(design, rng), "level", ("method",), guess=design.guess, scenes=design.scenes > 1
-    )
+        _answered(design, rng), "level", ("method",), CurveForm(design.guess),
+        scenes=design.scenes > 1,
+    )  # fmt: skip
     one = model.thresholds[0]
     if one.lower is None or one.upper is None or not model.contrasts:
         return None
@@ -160,7 +161,7 @@ def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
 def at_performance(design: Design, rng: np.random.Generator) -> list[Outcome]:
     """Simulate a study of which each condition has a width; judge thresholds at 85 % and slopes."""
     model = fit_thresholds(
-        _answered(design, rng), "level", ("method",), guess=design.guess, own_widths=True,
+        _answered(design, rng), "level", ("method",), CurveForm(design.guess), own_widths=True,
         scenes=design.scenes > 1,
     )  # fmt: skip
     if any(np.isnan(one.value) for one in model.thresholds):
@@ -180,7 +181,7 @@ def at_performance(design: Design, rng: np.random.Generator) -> list[Outcome]:
 def goodness(design: Design, rng: np.random.Generator) -> list[Outcome]:
     """Simulate a study that the model fits; judge its deviance and its residuals by level."""
     table = _answered(design, rng)
-    model = fit_thresholds(table, "level", ("method",), guess=design.guess)
+    model = fit_thresholds(table, "level", ("method",), CurveForm(design.guess))
     found, _ = misfits(table, "level", table["method"], model.population, rng)
     deviance, by_level = zip(
         *((one.p_adjusted, one.level_p_adjusted) for one in found), strict=True

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from analysis.models.curves.response import Link
+from analysis.models.curves.response import Link, ResponseFunction, axis_of
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
@@ -47,6 +47,53 @@ _LOW, _HIGH, _MIDDLE = (
 
 SATURATED = 0.01
 """A level whose rise is this near 0 or 1 says nothing about the width."""
+
+
+@dataclass(frozen=True)
+class CurveForm:
+    """Form of psychometric functions: what is known of them before they are fitted.
+
+    Attributes
+    ----------
+    guess : float or None
+        Known rate of guessing, such as 1/m of m alternatives, and 0 of yes-no; None fits it.
+    lapse : float or None
+        Known rate of lapses; None fits it.
+    falling : bool
+        Performance falls with the level, as with eccentricity in [BB] Fig. 17. The falling
+        function of ``gumbel`` and ``weibull`` is 1 - S, as the adaptive rules have it.
+    logarithmic : bool
+        The curve, and what is said of thresholds and widths, are on the logarithm of the level.
+    """
+
+    guess: float | None = 0.5
+    lapse: float | None = None
+    shape: Shape = "gauss"
+    falling: bool = False
+    logarithmic: bool = False
+
+    @property
+    def response(self) -> ResponseFunction:
+        """The same as a response to a linear predictor."""
+        mirrored = self.falling and self.shape in SKEWED
+        return ResponseFunction(LINKS[self.shape], self.guess, self.lapse, mirrored)
+
+    def axis(self, levels: Floats, name: str = "x") -> Floats:
+        """Return levels as the curve, with a response to a linear predictor, runs along them.
+
+        Raises
+        ------
+        ValueError
+            If the shape needs logarithms, or levels, which `name` says, have none.
+        """
+        if self.shape == "weibull" and not self.logarithmic:
+            raise ValueError("the Weibull function needs logarithmic=True")
+        if self.logarithmic and np.any(levels <= 0):
+            raise ValueError(f"{name} must be positive to have a logarithm")
+        return axis_of(levels, self.logarithmic)
+
+
+TWO_ALTERNATIVES = CurveForm()
 
 
 @dataclass(frozen=True)
@@ -133,15 +180,12 @@ def sigmoid(x: Floats, threshold: float, width: float, shape: Shape) -> Floats:
     return np.asarray(-np.expm1(-np.exp(np.minimum(level, LOG_MAX))))
 
 
-def fit_psychometric(  # noqa: PLR0913  each is one of the model's
+def fit_psychometric(
     x: Floats,
     successes: Floats,
     trials: Floats,
+    curve: CurveForm = TWO_ALTERNATIVES,
     *,
-    guess: float | None = 0.5,
-    lapse: float | None = None,
-    shape: Shape = "gauss",
-    falling: bool = False,
     level: float = 0.95,
     rate_prior: tuple[float, float] | None = None,
     overdispersed: bool = True,
@@ -151,12 +195,8 @@ def fit_psychometric(  # noqa: PLR0913  each is one of the model's
     Parameters
     ----------
     x, successes, trials : ndarray (levels,)
-    guess : float or None
-        .5 for two alternatives; 0 for yes/no; None fits it, within [0, .5].
-    lapse : float or None
-        None fits it, within [0, .1].
-    falling : bool
-        Performance falls with x (as with eccentricity in [BB] Fig. 17).
+    curve : CurveForm
+        On x itself, also of ``weibull``. Rates are fitted within [0, .5] (guess) and [0, .1].
     rate_prior : (a, b), optional
         Draw a fitted lapse rate (and guess rate) to a Beta law, such as `response.RATE_PRIOR`.
     overdispersed : bool
@@ -168,17 +208,20 @@ def fit_psychometric(  # noqa: PLR0913  each is one of the model's
     Raises
     ------
     ValueError
-        If arrays differ in length, fewer than two levels were shown, or counts are impossible.
+        If arrays differ in length, fewer than two levels were shown, counts are impossible, or the
+        curve is to be on logarithms.
     """
     x, successes, trials = (np.asarray(a, dtype=np.float64) for a in (x, successes, trials))
     if not (x.shape == successes.shape == trials.shape) or x.ndim != 1 or np.unique(x).size < 2:
         raise ValueError("x, successes and trials must be equally long, with two levels or more")
     if np.any(trials <= 0) or np.any(successes < 0) or np.any(successes > trials):
         raise ValueError("successes must lie between 0 and trials, and trials be positive")
-    if shape == "weibull" and np.any(x < 0):
+    if curve.logarithmic:
+        raise ValueError("curve must not be logarithmic here; give the logarithms of x")
+    if curve.shape == "weibull" and np.any(x < 0):
         raise ValueError("x must not be negative for the Weibull function")
-    sign = -1.0 if falling else 1.0
-    problem = _Problem(x, successes, trials, guess, lapse, shape, sign, rate_prior)
+    sign = -1.0 if curve.falling else 1.0
+    problem = _Problem(x, successes, trials, curve, sign, rate_prior)
     best, height = problem.fit()
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
     likelihood = height - problem.log_prior(guess_rate, lapse_rate)
@@ -192,7 +235,7 @@ def fit_psychometric(  # noqa: PLR0913  each is one of the model's
     drop = 0.5 * spread * float(stats.chi2.ppf(level, 1))
     limits = [None if notes else problem.profile(index, best, height, drop) for index in (0, 1)]
     return Psychometric(
-        shape=shape,
+        shape=curve.shape,
         threshold=threshold,
         width=sign * width,
         guess=guess_rate,
@@ -217,18 +260,16 @@ class _Problem:
     x: Floats
     successes: Floats
     trials: Floats
-    guess: float | None
-    lapse: float | None
-    shape: Shape
+    curve: CurveForm
     sign: float
     prior: tuple[float, float] | None = None
 
     def unpack(self, theta: Floats) -> tuple[float, float, float, float]:
-        rates = list(theta[2:])
-        guess = self.guess if self.guess is not None else 0.5 * float(np.sin(rates.pop(0)) ** 2)
-        lapse = self.lapse if self.lapse is not None else LAPSE_MAX * float(np.sin(rates[0]) ** 2)
+        rates, (guess, lapse) = list(theta[2:]), (self.curve.guess, self.curve.lapse)
+        guess = guess if guess is not None else 0.5 * float(np.sin(rates.pop(0)) ** 2)
+        lapse = lapse if lapse is not None else LAPSE_MAX * float(np.sin(rates[0]) ** 2)
         scale = self._scale
-        threshold = _exp(theta[0]) if self.shape == "weibull" else theta[0] * scale
+        threshold = _exp(theta[0]) if self.curve.shape == "weibull" else theta[0] * scale
         return float(threshold), _exp(theta[1]) * scale, guess, lapse
 
     @cached_property
@@ -237,7 +278,7 @@ class _Problem:
 
     def loss(self, theta: Floats) -> float:
         threshold, width, guess, lapse = self.unpack(theta)
-        rise = sigmoid(self.x, threshold, self.sign * width, self.shape)
+        rise = sigmoid(self.x, threshold, self.sign * width, self.curve.shape)
         share = guess + (1.0 - guess - lapse) * rise
         likelihood = float(_log_terms(self.successes, self.trials, share).sum())
         return -likelihood - self.log_prior(guess, lapse)
@@ -246,20 +287,20 @@ class _Problem:
         """Return the log prior of the rates that are fitted, without its constant."""
         if self.prior is None:
             return 0.0
-        fitted = [guess] * (self.guess is None) + [lapse] * (self.lapse is None)
+        fitted = [guess] * (self.curve.guess is None) + [lapse] * (self.curve.lapse is None)
         a, b = self.prior
         return sum(
             (a - 1.0) * math.log(max(rate, 1e-9)) + (b - 1.0) * math.log1p(-rate) for rate in fitted
         )
 
     def starts(self) -> list[Floats]:
-        scale = self._scale
+        scale, logarithmic = self._scale, self.curve.shape == "weibull"
         places = np.quantile(self.x, [0.25, 0.5, 0.75])
-        rates = [0.6] * ((self.guess is None) + (self.lapse is None))
+        rates = [0.6] * self.curve.response.fitted
         return [
             np.array(
                 [
-                    np.log(max(place, 1e-9 * scale)) if self.shape == "weibull" else place / scale,
+                    np.log(max(place, 1e-9 * scale)) if logarithmic else place / scale,
                     np.log(width),
                     *rates,
                 ]
@@ -330,14 +371,14 @@ class _Problem:
 def _notes(problem: _Problem, best: Floats, share: Floats) -> tuple[str, ...]:
     threshold, width, _, lapse = problem.unpack(best)
     notes = []
-    rise = sigmoid(problem.x, threshold, width, problem.shape)
+    rise = sigmoid(problem.x, threshold, width, problem.curve.shape)
     if np.ptp(share) == 0:
         notes.append(FLAT)
     elif np.all((rise < SATURATED) | (rise > 1.0 - SATURATED)):
         notes.append("the answers jump between two levels: the width is only bounded above")
     elif not problem.x.min() <= threshold <= problem.x.max():
         notes.append("the threshold lies outside the levels shown: it is extrapolated")
-    if problem.lapse is None and lapse > 0.95 * LAPSE_MAX:
+    if problem.curve.lapse is None and lapse > 0.95 * LAPSE_MAX:
         notes.append(f"the lapse rate ran into its bound of {LAPSE_MAX}")
     return tuple(notes)
 

@@ -13,9 +13,9 @@ from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
 from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
-from analysis.models.curves.response import ResponseFunction, axis_of
+from analysis.models.curves.response import ResponseFunction
 from analysis.models.mixed.glmm import fit_crossed
-from analysis.models.psychometric import LINKS, SKEWED
+from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.prose import count_of
 
@@ -69,19 +69,14 @@ class ThresholdModel:
         return {one.condition: one for one in self.thresholds}[condition]
 
 
-def fit_thresholds(  # noqa: PLR0913  each is one of the model's
+def fit_thresholds(
     trials: pd.DataFrame,
     level_column: str,
     by: Sequence[str] = (),
+    curve: CurveForm = TWO_ALTERNATIVES,
     *,
-    guess: float | None = 0.5,
-    lapse: float | None = None,
-    shape: Shape = "gauss",
-    falling: bool = False,
-    logarithmic: bool = False,
     own_widths: bool = False,
     scenes: bool = False,
-    correct: str = "correct",
     reference: str | None = None,
     level: float = 0.95,
 ) -> ThresholdModel:
@@ -90,15 +85,11 @@ def fit_thresholds(  # noqa: PLR0913  each is one of the model's
     Parameters
     ----------
     trials : DataFrame, one row per decided trial
-        ``participant``, `level_column` (a number), `correct` (0/1), the columns `by`.
-    guess, lapse : float or None
-        Rates that are known; None fits them, drawn towards small ones (`response.RATE_PRIOR`).
-    falling : bool
-        Performance falls with the level. It matters for ``gumbel`` and ``weibull``, whose falling
-        function is 1 - S, as the adaptive rules have it; the slope is free all the same.
-    logarithmic : bool
-        Thresholds vary, and the curve is symmetric, on the logarithm of the level. Needed for
-        ``weibull``.
+        ``participant``, `level_column` (a number), ``correct`` (0/1), the columns `by`.
+    curve : CurveForm
+        Of all people. Rates that are fitted are drawn towards small ones (`response.RATE_PRIOR`).
+        `falling` matters for ``gumbel`` and ``weibull``: the slope is free all the same. Needs
+        `logarithmic` for ``weibull``; thresholds vary along the same axis.
     own_widths : bool
         Each condition has its own width; else all share one.
     scenes : bool
@@ -123,23 +114,19 @@ def fit_thresholds(  # noqa: PLR0913  each is one of the model's
     participants, and between these and those of scenes (`contrasts.Crossed`), because so many
     people and scenes, and not so many trials, tell the mean.
     """
-    rows = checked(trials, (level_column, correct), by)
+    rows = checked(trials, (level_column, "correct"), by)
     raw = pd.to_numeric(rows[level_column], errors="coerce").to_numpy(dtype=np.float64)
     if not np.all(np.isfinite(raw)):
         raise ValueError(f"column {level_column!r} must hold numbers, in every row")
-    if not rows[correct].isin((0, 1)).all():
-        raise ValueError(f"column {correct!r} must hold 0 and 1 only, in every row")
-    if shape == "weibull" and not logarithmic:
-        raise ValueError("the Weibull function needs logarithmic=True")
-    if logarithmic and np.any(raw <= 0):
-        raise ValueError(f"column {level_column!r} must be positive to have a logarithm")
+    if not rows["correct"].isin((0, 1)).all():
+        raise ValueError("column 'correct' must hold 0 and 1 only, in every row")
+    x = curve.axis(raw, f"column {level_column!r}")
     places = grid(rows)
     if len(places.participants) < 2 or np.unique(raw).size < 2:
         raise ValueError(
             "trials must hold two participants and two levels at least"
             f" (found {len(places.participants)} and {np.unique(raw).size})"
         )
-    x = axis_of(raw, logarithmic)
     centre, spread = float(x.mean()), float(x.std())
     parts, condition = numbered(rows, by)
     names = [name for name, _ in parts]
@@ -148,8 +135,8 @@ def fit_thresholds(  # noqa: PLR0913  each is one of the model's
     scaled = (x - centre) / spread
     steep = place * scaled[:, None] if own_widths else scaled[:, None]
     design = np.column_stack([place, steep])
-    response = ResponseFunction(LINKS[shape], guess, lapse, falling and shape in SKEWED)
-    y = rows[correct].to_numpy(dtype=np.float64)
+    response = curve.response
+    y = rows["correct"].to_numpy(dtype=np.float64)
     gap = float(np.diff(np.unique(scaled)).min())
     steepest = np.full(design.shape[1], np.inf)
     steepest[len(names) :] = span(response) / (NARROWEST * gap)
@@ -193,7 +180,7 @@ def fit_thresholds(  # noqa: PLR0913  each is one of the model's
         kinds=tuple(kinds[: fit.sd.size]),
         centre=centre,
         spread=spread,
-        logarithmic=logarithmic,
+        logarithmic=curve.logarithmic,
         response=response,
         own={
             name: {
@@ -226,9 +213,9 @@ def fit_thresholds(  # noqa: PLR0913  each is one of the model's
     if not fit.converged or all(np.isnan(one.value) for one in found):
         sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
-        shape=shape,
-        falling=falling,
-        logarithmic=logarithmic,
+        shape=curve.shape,
+        falling=curve.falling,
+        logarithmic=curve.logarithmic,
         thresholds=found,
         contrasts=contrasts,
         guess=fit.guess,

@@ -205,13 +205,8 @@ class CurvesPart(LevelsPart[Curves]):
     def of(self, table: pd.DataFrame, plan: RatePlan) -> Curves:
         """Count, and fit each condition; not on logarithms, as the population's model can be."""
         counts, notes, found = counts_in(table, plan), list[str](), {}
-        fitted = partial(
-            fit_psychometric,
-            guess=plan.guess,
-            shape=plan.shape,
-            falling=plan.falling,
-            level=plan.confidence,
-        )
+        form = replace(plan.curve, logarithmic=False)
+        fitted = partial(fit_psychometric, curve=form, level=plan.confidence)
         on_axis = plan.shape == "weibull" or not plan.logarithmic
         for name, one in counts.items() if on_axis else ():
             what = f"psychometric function of {plan.label(name)}"
@@ -328,10 +323,7 @@ def population_model(
         table,
         str(plan.level),
         plan.compared,
-        guess=plan.guess,
-        shape=plan.shape,
-        falling=plan.falling,
-        logarithmic=plan.logarithmic,
+        plan.curve,
         own_widths=own_widths,
         scenes="scene" in table,
         reference=plan.reference_in(shown_in(table, plan)),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
+from analysis.models.psychometric import CurveForm
 from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import RateTableSettings, check_contrasts
 from protocols.adaptive.answer_history import Shape
@@ -85,6 +86,13 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
     def logarithmic(self) -> bool:
         """True if psychometric functions are of the logarithm of levels."""
         return self.log or self.shape == "weibull"
+
+    @property
+    def curve(self) -> CurveForm:
+        """Form of psychometric functions."""
+        return CurveForm(
+            self.guess, shape=self.shape, falling=self.falling, logarithmic=self.logarithmic
+        )
 
     @property
     def counted(self) -> str:

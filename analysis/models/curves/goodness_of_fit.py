@@ -11,8 +11,7 @@ from scipy.special import xlogy
 from analysis.models.clustered import holm
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.curves.population import Population, span
-from analysis.models.curves.response import ResponseFunction
-from analysis.models.psychometric import LAPSE_MAX, LINKS, SKEWED, Psychometric
+from analysis.models.psychometric import LAPSE_MAX, CurveForm, Psychometric
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -144,7 +143,7 @@ def _refitted(
 ) -> Floats:
     """Return the shares of the curves that fit each set of right answers best (sets, levels)."""
     falling = fit.width < 0
-    response = ResponseFunction(LINKS[fit.shape], mirrored=falling and fit.shape in SKEWED)
+    response = CurveForm(shape=fit.shape, falling=falling).response
     x = np.log(np.maximum(levels, 1e-12)) if fit.shape == "weibull" else levels
     count, most = (4 if guess is None else 3), np.array([LAPSE_MAX, 0.5])
 

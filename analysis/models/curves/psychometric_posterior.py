@@ -14,8 +14,8 @@ from scipy.special import betaln, expit, log_expit, logit
 
 from analysis.models.clustered import holm
 from analysis.models.contrasts import pairs_of
-from analysis.models.curves.response import ResponseFunction, axis_of
-from analysis.models.psychometric import LINKS
+from analysis.models.curves.response import axis_of
+from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
 
@@ -177,19 +177,14 @@ class ThresholdDifference:
     p_adjusted: float
 
 
-def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
+def psychometric_posterior(
     x: Floats,
     successes: Floats,
     trials: Floats,
+    curve: CurveForm = TWO_ALTERNATIVES,
     *,
-    guess: float | None = 0.5,
-    shape: Shape = "gauss",
-    falling: bool = False,
-    logarithmic: bool = False,
     overdispersed: bool = True,
     level: float = 0.95,
-    lapse_prior: tuple[float, float] = LAPSE_PRIOR,
-    guess_prior: tuple[float, float] = GUESS_PRIOR,
     share: float | None = None,
 ) -> PsychometricPosterior:
     """Integrate the posterior of a psychometric function on a grid.
@@ -198,18 +193,11 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
     ----------
     x, successes, trials : ndarray (levels,)
         Counts of one person, or of one condition whose people are alike.
-    guess : float or None
-        Known rate of guessing, such as 1/m; None fits it.
-    shape : str
-        ``weibull`` is ``gumbel`` on logarithmic levels, and needs `logarithmic`.
-    falling : bool
-        Performance falls with x.
-    logarithmic : bool
-        The curve, and the priors of threshold and width, are on ln x.
+    curve : CurveForm
+        Of which ``weibull`` is ``gumbel`` on logarithmic levels. The priors of threshold and width
+        are on the same axis.
     overdispersed : bool
         Beta-binomial answers; else binomial.
-    lapse_prior, guess_prior : (a, b)
-        Beta laws.
     share : float, optional
         Of right answers, at which a threshold is given, too.
 
@@ -240,18 +228,14 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
         raise ValueError("x must hold two levels or more")
     if np.any(total <= 0) or np.any(right < 0) or np.any(right > total):
         raise ValueError("successes must lie between 0 and trials, and trials be positive")
-    if shape == "weibull" and not logarithmic:
-        raise ValueError("the Weibull function needs logarithmic=True")
-    if logarithmic and np.any(shown <= 0):
-        raise ValueError("x must be positive to have a logarithm")
-    axis = axis_of(shown, logarithmic)
+    axis, shape, falling = curve.axis(shown), curve.shape, curve.falling
     gap, span = float(np.diff(np.unique(axis)).min()), float(np.ptp(axis))
     low, high = float(axis.min()), float(axis.max())
     bounds = {
         "threshold": (low - 0.5 * span, high + 0.5 * span),
         "width": (gap, 3.0 * span),
-        "guess": (0.0, RATE_MAX) if guess is None else (guess, guess),
-        "lapse": (0.0, RATE_MAX),
+        "guess": (0.0, RATE_MAX) if curve.guess is None else (curve.guess, curve.guess),
+        "lapse": (0.0, RATE_MAX) if curve.lapse is None else (curve.lapse, curve.lapse),
         "spread": (0.0, SPREAD_MAX) if overdispersed else (0.0, 0.0),
     }
 
@@ -261,9 +245,10 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
             sparse=True,
         )  # fmt: skip
         prior = _log(_threshold_prior(place, low, high)) + _log(_width_prior(width, gap, span))
-        prior = prior + _log_beta(lapsed, *lapse_prior)
-        if guess is None:
-            prior = prior + _log_beta(guessed, *guess_prior)
+        if curve.lapse is None:
+            prior = prior + _log_beta(lapsed, *LAPSE_PRIOR)
+        if curve.guess is None:
+            prior = prior + _log_beta(guessed, *GUESS_PRIOR)
         strayed = _log_beta(grid["spread"], *SPREAD_PRIOR) if overdispersed else np.zeros(1)
         height = np.asarray(prior[..., None] + strayed)
         for level_x, hits, shown_n in zip(axis, right, total, strict=True):
@@ -283,7 +268,8 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     found = {name: [float(v) for v in one.quantile(tails)] for name, one in marginals.items()}
     place, width, stated = found["threshold"], found["width"], found.get("stated")
-    notes = _notes(marginals["threshold"], low, high, found["lapse"][0], found["spread"][0])
+    lapsing = found["lapse"][0] if curve.lapse is None else 0.0
+    notes = _notes(marginals["threshold"], low, high, lapsing, found["spread"][0])
     if width[1] < EVEN_FROM * gap:
         width[1] = 0.0
     if marginals["width"].mode < EVEN_FROM * gap:
@@ -292,7 +278,7 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
         stated = None
         del marginals["stated"]
         notes = (*notes, STATED_OUTSIDE)
-    if logarithmic:
+    if curve.logarithmic:
         place, width = [float(np.exp(v)) for v in place], [float(np.exp(v)) for v in width]
         stated = stated and [float(np.exp(v)) for v in stated]
     if falling:
@@ -300,7 +286,7 @@ def psychometric_posterior(  # noqa: PLR0913  each is one of the model's
     return PsychometricPosterior(
         shape=shape,
         falling=falling,
-        logarithmic=logarithmic,
+        logarithmic=curve.logarithmic,
         threshold=PosteriorEstimate(*place),
         width=PosteriorEstimate(*width),
         guess=PosteriorEstimate(*found["guess"]),
@@ -479,7 +465,7 @@ def _stated(
 
 def _way(rise: Floats, shape: Shape) -> Floats:
     """Return how many widths from the threshold S has this value."""
-    response = ResponseFunction(LINKS["gumbel" if shape == "weibull" else shape])
+    response = CurveForm(shape=shape).response
     eta = np.vectorize(response.eta)(rise)
     return np.asarray(eta / (response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)))
 

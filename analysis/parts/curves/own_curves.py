@@ -1,7 +1,7 @@
 """Psychometric functions of each person, from that person's answers alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import pandas as pd
@@ -85,6 +85,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
     def of(self, table: pd.DataFrame, plan: RatePlan) -> OwnCurves:
         """Fit each person in each condition, and compare what the answers place."""
         notes, people = list[str](), list[PersonFit]()
+        form = replace(plan.curve, shape="gumbel") if plan.shape == "weibull" else plan.curve
         for name, rows in conditions(table, plan.compared):
             for who, part in rows.groupby("participant", sort=True):
                 ((_, counts),) = counts_in(part, plan).items()
@@ -92,13 +93,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     notes.append(f"{who}, {name}: shown at one level only; no curve")
                     continue
                 fit = psychometric_posterior(
-                    *counts.arrays,
-                    guess=plan.guess,
-                    shape="gumbel" if plan.shape == "weibull" else plan.shape,
-                    falling=plan.falling,
-                    logarithmic=plan.logarithmic,
-                    level=plan.confidence,
-                    share=plan.stated_share,
+                    *counts.arrays, form, level=plan.confidence, share=plan.stated_share
                 )
                 people.append(PersonFit(str(who), name, fit))
         within: dict[str, dict[str, PsychometricPosterior]] = {}

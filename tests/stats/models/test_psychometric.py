@@ -9,7 +9,7 @@ from scipy import stats
 
 from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.logistic import glm_logit
-from analysis.models.psychometric import fit_psychometric, sigmoid
+from analysis.models.psychometric import CurveForm, fit_psychometric, sigmoid
 
 LEVELS = np.linspace(-3, 3, 9)
 
@@ -35,7 +35,7 @@ def test_exact_shares_give_back_the_function_they_came_from(guess, lapse):
     trials = np.full(LEVELS.size, 1e6)
     share = guess + (1 - guess - lapse) * sigmoid(LEVELS, 0.3, 2.5, "gauss")
 
-    fit = fit_psychometric(LEVELS, trials * share, trials, guess=guess)
+    fit = fit_psychometric(LEVELS, trials * share, trials, CurveForm(guess))
 
     assert fit.threshold == pytest.approx(0.3, abs=2e-3)
     assert fit.width == pytest.approx(2.5, abs=5e-3)
@@ -46,7 +46,7 @@ def test_exact_shares_give_back_the_function_they_came_from(guess, lapse):
 def test_without_guess_and_lapse_it_is_a_logistic_regression():
     successes, trials = np.array([2.0, 5, 9, 14, 18]), np.full(5, 20.0)
     x = np.arange(5.0)
-    fit = fit_psychometric(x, successes, trials, guess=0.0, lapse=0.0, shape="logistic")
+    fit = fit_psychometric(x, successes, trials, CurveForm(0.0, lapse=0.0, shape="logistic"))
 
     rows = pd.DataFrame(
         [{"x": a, "y": int(i < k)} for a, k in zip(x, successes, strict=True) for i in range(20)]
@@ -61,7 +61,8 @@ def test_performance_that_falls_with_eccentricity_has_a_negative_width():
     x, trials = np.array([5.0, 10, 15, 20, 25]), np.full(5, 1000.0)
     share = 0.5 + 0.5 / (1 + np.exp((x - 18) / 2))
 
-    fit = fit_psychometric(x, (trials * share).round(), trials, falling=True, shape="logistic")
+    curve = CurveForm(shape="logistic", falling=True)
+    fit = fit_psychometric(x, (trials * share).round(), trials, curve)
 
     assert fit.width < 0
     assert fit.threshold == pytest.approx(18, abs=0.3)
@@ -75,7 +76,8 @@ def test_profile_limits_cover_the_threshold(rng, proof_count):
     hits = []
     for _ in range(proof_count(160)):
         share = 0.5 + 0.48 * sigmoid(LEVELS, 0.0, 3.0, "gauss")
-        fit = fit_psychometric(LEVELS, rng.binomial(40, share), np.full(9, 40), lapse=0.02)
+        right = rng.binomial(40, share)
+        fit = fit_psychometric(LEVELS, right, np.full(9, 40), CurveForm(lapse=0.02))
         if fit.threshold_limits is not None:
             hits.append(fit.threshold_limits[0] <= 0.0 <= fit.threshold_limits[1])
 
@@ -89,7 +91,7 @@ def test_answers_that_vary_too_much_widen_the_limits(rng):
     share = np.clip(sigmoid(LEVELS, 0.0, 4.0, "gauss") + rng.normal(0, 0.15, 9), 0, 1)
     right = rng.binomial(trials, share)
     wide, plain = (
-        fit_psychometric(LEVELS, right, trials, guess=0.0, lapse=0.0, overdispersed=asked)
+        fit_psychometric(LEVELS, right, trials, CurveForm(0.0, lapse=0.0), overdispersed=asked)
         for asked in (True, False)
     )
 
@@ -117,7 +119,7 @@ def test_a_prior_draws_the_lapse_rate_and_leaves_the_likelihood_alone():
 def test_deviance_against_free_shares_is_chi_square_like(rng):
     share = 0.5 + 0.5 * sigmoid(LEVELS, 0.0, 3.0, "gauss")
     p = [
-        fit_psychometric(LEVELS, rng.binomial(80, share), np.full(9, 80), lapse=0.0).p
+        fit_psychometric(LEVELS, rng.binomial(80, share), np.full(9, 80), CurveForm(lapse=0.0)).p
         for _ in range(14)
     ]
 
@@ -134,7 +136,7 @@ def test_deviance_against_free_shares_is_chi_square_like(rng):
 )
 def test_data_that_place_no_curve_are_flagged_and_get_no_limits(successes, wanted):
     fit = fit_psychometric(
-        np.arange(5.0), np.array(successes, float), np.full(5, 20.0), guess=0.0, lapse=0.0
+        np.arange(5.0), np.array(successes, float), np.full(5, 20.0), CurveForm(0.0, lapse=0.0)
     )
 
     assert any(wanted in note for note in fit.warnings)
@@ -153,3 +155,12 @@ def test_data_that_place_no_curve_are_flagged_and_get_no_limits(successes, wante
 def test_impossible_counts_are_refused(x, successes, trials):
     with pytest.raises(ValueError, match="must"):
         fit_psychometric(np.array(x), np.array(successes), np.array(trials))
+
+
+def test_a_curve_on_logarithms_is_refused_and_the_cure_that_is_named_works():
+    x, trials = np.array([1.0, 2, 4, 8]), np.full(4, 20.0)
+    right = np.array([10.0, 12, 17, 20])
+    with pytest.raises(ValueError, match="give the logarithms of x"):
+        fit_psychometric(x, right, trials, CurveForm(logarithmic=True))
+
+    assert 1.0 < np.exp(fit_psychometric(np.log(x), right, trials).threshold) < 8.0

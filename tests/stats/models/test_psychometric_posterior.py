@@ -17,7 +17,7 @@ from analysis.models.curves.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
-from analysis.models.psychometric import sigmoid
+from analysis.models.psychometric import CurveForm, sigmoid
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_psignifit.json").read_text())
 LEVELS = np.array(ORACLE["levels"])
@@ -29,7 +29,8 @@ OURS = {"threshold": "threshold", "width": "width", "lapse": "lambda", "spread":
 def test_the_posterior_is_psignifits(case):
     said = ORACLE["cases"][case]
     shape = {"norm": "gauss", "logistic": "logistic"}[said["sigmoid"]]
-    fit = psychometric_posterior(LEVELS, np.array(said["right"], float), SHOWN, shape=shape)
+    right = np.array(said["right"], float)
+    fit = psychometric_posterior(LEVELS, right, SHOWN, CurveForm(shape=shape))
 
     reach = {name: np.diff(said["limits"][theirs])[0] for name, theirs in OURS.items()}
     for name, theirs in OURS.items():
@@ -59,8 +60,8 @@ def test_answers_that_stray_widen_the_limits_and_say_so():
 def test_falling_levels_mirror_rising_ones():
     right = np.array([5.0, 9, 14, 17, 19, 20])
     x, shown = np.arange(6.0), np.full(6, 20.0)
-    rising = psychometric_posterior(x, right, shown, guess=0.0)
-    falling = psychometric_posterior(-x, right, shown, guess=0.0, falling=True)
+    rising = psychometric_posterior(x, right, shown, CurveForm(0.0))
+    falling = psychometric_posterior(-x, right, shown, CurveForm(0.0, falling=True))
 
     assert falling.threshold.value == pytest.approx(-rising.threshold.value, abs=1e-6)
     assert falling.threshold.lower == pytest.approx(-rising.threshold.upper, abs=1e-6)
@@ -72,9 +73,8 @@ def test_falling_levels_mirror_rising_ones():
 def test_logarithmic_levels_give_thresholds_in_units_of_the_level(shape):
     x = np.array([1.0, 2, 4, 8, 16])
     share = 0.5 + 0.5 * sigmoid(np.log(x), np.log(5.0), np.log(4.0), shape)
-    fit = psychometric_posterior(
-        x, np.round(2000 * share), np.full(5, 2000.0), shape=shape, logarithmic=True
-    )
+    curve = CurveForm(shape=shape, logarithmic=True)
+    fit = psychometric_posterior(x, np.round(2000 * share), np.full(5, 2000.0), curve)
 
     assert fit.threshold.value == pytest.approx(5.0, rel=0.03)
     assert fit.width.value == pytest.approx(4.0, rel=0.1)
@@ -84,11 +84,22 @@ def test_logarithmic_levels_give_thresholds_in_units_of_the_level(shape):
 def test_a_guess_rate_that_is_fitted_is_found():
     x = np.linspace(-3, 3, 7)
     share = 0.2 + 0.78 * sigmoid(x, 0.4, 2.0, "gauss")
-    fit = psychometric_posterior(x, np.round(400 * share), np.full(7, 400.0), guess=None)
+    fit = psychometric_posterior(x, np.round(400 * share), np.full(7, 400.0), CurveForm(None))
 
     assert fit.guess.lower < 0.2 < fit.guess.upper
     assert fit.guess.value == pytest.approx(0.2, abs=0.03)
     assert fit.threshold.lower < 0.4 < fit.threshold.upper
+
+
+def test_a_lapse_rate_that_is_known_has_no_prior_and_no_doubt():
+    x = np.linspace(-3, 3, 7)
+    share = 0.5 + 0.3 * sigmoid(x, 0.4, 2.0, "gauss")
+    right, shown = np.round(400 * share), np.full(7, 400.0)
+    known = psychometric_posterior(x, right, shown, CurveForm(lapse=0.2))
+
+    assert (known.lapse.lower, known.lapse.value, known.lapse.upper) == (0.2, 0.2, 0.2)
+    assert known.threshold.value == pytest.approx(0.4, abs=0.1)
+    assert not any("lapses" in note for note in known.warnings)
 
 
 def _answers(rng, threshold, *, levels=7, shown=20, spread=0.0, lapse=0.02):
@@ -163,8 +174,8 @@ def test_a_difference_of_normal_posteriors_is_their_convolution():
         ({"x": np.ones(3)}, "two levels"),
         ({"x": np.arange(4.0)}, "equally long"),
         ({"successes": np.array([1.0, 2, 30])}, "between 0 and trials"),
-        ({"logarithmic": True}, "logarithm"),
-        ({"shape": "weibull"}, "logarithmic=True"),
+        ({"curve": CurveForm(logarithmic=True)}, "logarithm"),
+        ({"curve": CurveForm(shape="weibull")}, "logarithmic=True"),
     ],
 )
 def test_what_cannot_be_is_refused(change, said):
@@ -176,7 +187,7 @@ def test_what_cannot_be_is_refused(change, said):
 def test_fits_on_two_axes_are_not_compared():
     x, right, shown = np.array([1.0, 2, 4]), np.array([5.0, 7, 10]), np.full(3, 10.0)
     plain = psychometric_posterior(x, right, shown)
-    logarithmic = psychometric_posterior(x, right, shown, logarithmic=True)
+    logarithmic = psychometric_posterior(x, right, shown, CurveForm(logarithmic=True))
 
     with pytest.raises(ValueError, match="same axis"):
         compare_thresholds({"a": plain, "b": logarithmic})

@@ -26,7 +26,7 @@ from analysis.models.mixed.logit import fit_logit, information
 from analysis.models.observers import check_observers
 from analysis.models.paired.paired_counts import JOD_SIGMA, difference_design, pair_index
 from analysis.models.preference import preferences
-from analysis.models.psychometric import fit_psychometric
+from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.scaling import scale
 from analysis.plots.style import share_text
 from analysis.tables.decisions import read_decisions
@@ -509,7 +509,9 @@ def test_psychometric_functions(expected: Answers, stats_data: Reader):
     fit = fit_psychometric(levels, np.array(two["k_of_10"]), np.full(10, 10))
     assert (fit.threshold, fit.width) == pytest.approx((two["threshold"], two["width"]), rel=1e-3)
     yes = answer["yesno_gauss"]
-    fit = fit_psychometric(levels, np.array(yes["k_of_10"]), np.full(10, 10), guess=0.0, lapse=0.0)
+    fit = fit_psychometric(
+        levels, np.array(yes["k_of_10"]), np.full(10, 10), CurveForm(0.0, lapse=0.0)
+    )
     assert (fit.threshold, fit.width) == pytest.approx((yes["threshold"], yes["width"]), rel=0.03)
 
 
@@ -530,7 +532,7 @@ def test_seeing_quanta(expected: Answers, stats_data: Reader):
     deviance = 2.0 * (float(saturated.sum()) - solution.log_likelihood)
     assert deviance == pytest.approx(answer["dev"], **CLOSE)
     x = np.log10(run["Q"].to_numpy())
-    fit = fit_psychometric(x, seen, run["N"].to_numpy(), guess=0.0, lapse=0.0)
+    fit = fit_psychometric(x, seen, run["N"].to_numpy(), CurveForm(0.0, lapse=0.0))
     intercept, slope = answer["probit_log10Q"]
     assert fit.threshold == pytest.approx(-intercept / slope, **CLOSE)
     assert 2.0 * stats.norm.ppf(0.95) / fit.width == pytest.approx(slope, **CLOSE)

@@ -22,7 +22,7 @@ from analysis.models.curves.goodness_of_fit import _deviances, _refitted, curve_
 from analysis.models.curves.psychometric_posterior import psychometric_posterior
 from analysis.models.curves.quadrature import _Integrated
 from analysis.models.curves.response import ResponseFunction
-from analysis.models.psychometric import fit_psychometric
+from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots import DrawnCurve, people_plot, psychometric_plot
@@ -56,8 +56,8 @@ def alike(people: int = 2) -> pd.DataFrame:
 @pytest.fixture(scope="module", params=SHAPES)
 def of_r(request) -> tuple[str, ThresholdModel]:
     shape = SHAPES[request.param]
-    how = {"guess": 0.0, "lapse": 0.0, "shape": shape, "own_widths": True}
-    return request.param, fit_thresholds(alike(), "level", ("method",), **how)
+    curve = CurveForm(guess=0.0, lapse=0.0, shape=shape)
+    return request.param, fit_thresholds(alike(), "level", ("method",), curve, own_widths=True)
 
 
 @pytest.mark.parametrize(("place", "share"), [(0, None), (1, 0.75), (2, 0.6)])
@@ -164,7 +164,8 @@ def test_people_who_differ_in_slopes_widen_the_limits_of_ratios(rng):
             for who, one in enumerate(width)
             for name, one in (("a", one), ("b", 9.0 / one))
         ]  # fmt: skip
-        model = fit_thresholds(pd.concat(parts), "level", ("method",), guess=0.25, own_widths=True)
+        rows, curve = pd.concat(parts), CurveForm(guess=0.25)
+        model = fit_thresholds(rows, "level", ("method",), curve, own_widths=True)
         return model.population.slope_ratios()[0]
 
     assert ratio(0.5).standard_error > 1.5 * ratio(0.0).standard_error
@@ -197,11 +198,11 @@ def test_what_a_curve_simulates_is_fitted_anew_as_the_answers_were(shape, fallin
     levels = np.exp(np.linspace(-1, 1, 7)) if shape == "weibull" else np.linspace(-3, 3, 7)
     right, shown = np.array([9.0, 11, 12, 15, 18, 20, 20]), np.full(7, 20.0)
     right = right[::-1] if falling else right
-    how = {"shape": shape, "falling": falling}
-    fit = fit_psychometric(levels, right, shown, **how)
+    curve = CurveForm(shape=shape, falling=falling)
+    fit = fit_psychometric(levels, right, shown, curve)
     drawn = rng.binomial(20, np.tile(fit(levels), (6, 1))).astype(float)
     found = _deviances(drawn, _refitted(fit, levels, drawn, shown, 0.5), shown)
-    best = [fit_psychometric(levels, one, shown, **how).deviance for one in drawn]
+    best = [fit_psychometric(levels, one, shown, curve).deviance for one in drawn]
     (one,) = curve_misfits({"a": fit}, {"a": (levels, right, shown)}, 0.5, rng)
 
     assert np.all(found <= np.array(best) + 0.3)
@@ -227,7 +228,7 @@ def test_a_persons_stated_threshold_is_the_posteriors_by_plain_sums(share):
     right, shown = np.array([31.0, 30, 35, 44, 55, 59, 60]), np.full(7, 60.0)
     x = np.linspace(-3, 3, 7)
     fit = psychometric_posterior(
-        x, right, shown, share=share, overdispersed=False, lapse_prior=(1.0, 1e5)
+        x, right, shown, CurveForm(lapse=0.0), share=share, overdispersed=False
     )
     place, width = np.meshgrid(np.linspace(-3, 3, 400), np.linspace(2, 6, 400), indexing="ij")
     span = 2 * ndtri(0.95)

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 from analysis.models.curves.quadrature import fit_people
 from analysis.models.curves.response import ResponseFunction
 from analysis.models.logistic import glmm_logit
+from analysis.models.psychometric import CurveForm
 from analysis.models.thresholds import fit_thresholds
 from protocols.adaptive.psychometric_function import probability
 
@@ -31,7 +32,8 @@ def study(rng, thresholds=None, *, people=12, repeats=8, **more):
 def test_without_guesses_and_lapses_it_is_the_logit_mixed_model(rng):
     """Threshold = -intercept / slope; delta-method limits by hand."""
     rows = study(rng, {"a": 0.4}, alternatives=2, lapse=0.0, shape="logistic")
-    model = fit_thresholds(rows, "level", guess=0.0, lapse=0.0, shape="logistic")
+    curve = CurveForm(guess=0.0, lapse=0.0, shape="logistic")
+    model = fit_thresholds(rows, "level", curve=curve)
     glmm = glmm_logit("correct ~ 1 + level", rows, groups=("participant",))
     slope = glmm["level"].estimate
 
@@ -94,7 +96,7 @@ def test_a_participant_who_lapses_is_told_from_one_whose_threshold_is_high(rng):
     steady = study(rng, {"a": -1.0}, people=9, repeats=40, lapse=0.01)
     absent = study(rng, {"a": -1.0}, people=1, repeats=40, lapse=0.2, participant_sd=0.0)
     rows = pd.concat([steady, absent.assign(participant="P999")])
-    shared = fit_thresholds(rows, "level", lapse=0.01)
+    shared = fit_thresholds(rows, "level", curve=CurveForm(lapse=0.01))
     own = fit_thresholds(rows, "level")
 
     assert shared["all"].individual["P999"] > -0.6
@@ -200,7 +202,7 @@ def test_logarithmic_levels_give_thresholds_on_their_own_axis(rng, shape):
         rng, {"a": np.log(2.0)}, levels=np.log(levels), width=1.8, repeats=40, participant_sd=0.2
     )
     rows["level"] = np.exp(rows["level"])
-    model = fit_thresholds(rows, "level", shape=shape, logarithmic=True)
+    model = fit_thresholds(rows, "level", curve=CurveForm(shape=shape, logarithmic=True))
 
     assert model["all"].value == pytest.approx(2.0, rel=0.2)
     assert 0 < model["all"].lower < model["all"].value < model["all"].upper
@@ -223,9 +225,8 @@ def test_the_curve_is_the_one_that_an_adaptive_rule_plans_with(rng, shape, falli
         }
     )
     logarithmic = shape == "weibull"
-    model = fit_thresholds(
-        rows, "level", lapse=0.02, shape=shape, falling=falling, logarithmic=logarithmic
-    )
+    curve = CurveForm(lapse=0.02, shape=shape, falling=falling, logarithmic=logarithmic)
+    model = fit_thresholds(rows, "level", curve=curve)
     x = np.linspace(2.0, 12.0, 11)
     one = model["all"]
 
@@ -244,7 +245,8 @@ def test_the_curve_is_the_one_that_an_adaptive_rule_plans_with(rng, shape, falli
 def test_a_guess_rate_can_be_fitted(rng):
     rows = study(rng, {"a": 0.0}, alternatives=8, people=20, repeats=40, interaction_sd=0.0)
 
-    assert fit_thresholds(rows, "level", guess=None).guess == pytest.approx(0.125, abs=0.05)
+    model = fit_thresholds(rows, "level", curve=CurveForm(guess=None))
+    assert model.guess == pytest.approx(0.125, abs=0.05)
 
 
 def test_each_condition_can_have_its_own_width(rng):
@@ -289,8 +291,8 @@ def test_the_error_over_few_scenes_is_that_of_their_mean(rng):
         (lambda r: r.assign(level=1.0), {}, "two levels at least"),
         (lambda r: r[r["participant"] == "P001"], {}, "two participants"),
         (lambda r: r.assign(correct=2), {}, "0 and 1"),
-        (lambda r: r, {"logarithmic": True}, "must be positive"),
-        (lambda r: r, {"shape": "weibull"}, "logarithmic=True"),
+        (lambda r: r, {"curve": CurveForm(logarithmic=True)}, "must be positive"),
+        (lambda r: r, {"curve": CurveForm(shape="weibull")}, "logarithmic=True"),
         (lambda r: r, {"by": ("method",), "reference": "x"}, "reference must be one of"),
     ],
 )

@@ -32,7 +32,7 @@ from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
 from analysis.models.preference import preferences
-from analysis.models.psychometric import fit_psychometric
+from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
 from analysis.models.sequential_bounds import plan_of
@@ -135,7 +135,8 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     curves = {}
     for name, place in (("Reference", 22), ("Blur 0.35", 20), ("Blur 0.70", 17), ("Ours", 21)):
         good = rng.binomial(trials, 0.5 + 0.5 / (1 + np.exp((x - place) / 3)))
-        fit = fit_psychometric(x, good, trials, falling=True, shape="logistic", lapse=0.0)
+        curve = CurveForm(lapse=0.0, shape="logistic", falling=True)
+        fit = fit_psychometric(x, good, trials, curve)
         curves[name] = (x, good, trials, fit)
     sizes = TaskDesign(8, 4, 3)
     said = simulate_yes_no(sizes, {"blur": 0.6, "ours": 0.3, "F&S": 1.5}, rng)
@@ -156,7 +157,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         )
         for name, part in matched.groupby("method")
     }
-    model = fit_thresholds(named, "level", ("method",), guess=0.25)
+    model = fit_thresholds(named, "level", ("method",), CurveForm(guess=0.25))
     levels = {
         str(name): (
             np.array(sorted(part["level"].unique())) + 2.0,

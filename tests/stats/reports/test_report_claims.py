@@ -19,7 +19,7 @@ from made_up_trials import (
 
 from analysis.models.critical_scaling import critical_scaling
 from analysis.models.curves.population import Threshold
-from analysis.models.psychometric import _Problem, fit_psychometric
+from analysis.models.psychometric import CurveForm, _Problem, fit_psychometric
 from analysis.models.thresholds import fit_thresholds
 from analysis.parts import computed
 from analysis.parts.curves.critical import apa_critical
@@ -139,7 +139,7 @@ def test_flat_answers_are_fitted_without_overflow_and_place_no_threshold(shape, 
     levels = np.array([1.0, 2.0, 3.0, 4.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        fit = fit_psychometric(levels, np.array(right), np.full(4, 20.0), shape=shape)
+        fit = fit_psychometric(levels, np.array(right), np.full(4, 20.0), CurveForm(shape=shape))
 
     assert np.isfinite([fit.threshold, fit.width]).all()
     assert not fit.identified(levels.tolist())
@@ -200,7 +200,7 @@ def test_thresholds_that_are_not_identified_are_not_compared():
 @pytest.mark.parametrize("log_width", [-1e4, 1e4])
 def test_a_search_that_runs_away_does_not_overflow(shape, log_width):
     x, right, shown = np.array([1.0, 2.0, 3.0]), np.array([9.0, 10.0, 12.0]), np.full(3, 20.0)
-    problem = _Problem(x, right, shown, 0.5, 0.0, shape, 1.0)
+    problem = _Problem(x, right, shown, CurveForm(lapse=0.0, shape=shape), 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert np.isfinite(problem.loss(np.array([0.5, log_width])))
