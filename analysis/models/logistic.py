@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.special import expit
 
 from analysis.models.contrasts import Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
@@ -436,7 +435,7 @@ def _mixed(  # noqa: PLR0913  each is one of the model's
         table = tuple(
             replace(
                 row,
-                ratio_p=_ratio_p(model, place, codes, times, response, solution, row.df, draws),
+                ratio_p=_ratio_p(model, place, codes, times, solution, row.df, draws),
             )
             for place, row in enumerate(table)
         )
@@ -446,9 +445,8 @@ def _mixed(  # noqa: PLR0913  each is one of the model's
             name: sorted(map(str, trials[name].unique())) for name in groups if name in GROUPS
         }
         deviations = crossed_deviations(
-            solution, design, names, levels, response=response, slopes=names[len(groups) :],
-            level=level,
-        )  # fmt: skip
+            solution, design, names, levels, slopes=names[len(groups) :], level=level
+        )
     several = {group.partition(" x ")[0] for group in groups}
     crossed = "crossed random" if len(several) > 1 else "random"
     random = f"{crossed} intercepts ({', '.join(groups)})"
@@ -474,7 +472,6 @@ def _ratio_p(
     place: int,
     codes: Sequence[NDArray[np.int64]],
     times: Sequence[Floats | None],
-    response: ResponseFunction,
     solution: CrossedFit,
     df: float | None,
     draws: Draws | None,
@@ -485,8 +482,8 @@ def _ratio_p(
     """
     design, y, terms = model
     whole, less = well_scaled(design)[0], well_scaled(np.delete(design, place, axis=1))[0]
-    one = np.eye(design.shape[1])[place]
-    ratio, without = reduced_ratio(solution, one, place, less, y, codes, times, response)
+    one, response = np.eye(design.shape[1])[place], solution.response
+    ratio, beta, deviations = reduced_ratio(solution, one, place, less)
     if draws is None:
         law = stats.norm() if df is None else stats.t(df)
         return float(2.0 * law.sf(np.sqrt(ratio)))
@@ -494,16 +491,16 @@ def _ratio_p(
         return None
 
     def drawn(rng: np.random.Generator) -> float:
-        eta = less @ without.beta
-        for code, values, sd in zip(codes, times, without.sd, strict=True):
+        eta = less @ beta
+        for code, values, sd in zip(codes, times, deviations, strict=True):
             effect = sd * rng.standard_normal(int(code.max()) + 1)[code]
             eta = eta + (effect if values is None else values * effect)
-        answers = (rng.random(y.size) < expit(eta)).astype(np.float64)
-        start = np.concatenate([np.insert(without.beta, place, 0.0), without.sd])
+        answers = (rng.random(y.size) < response.share(eta, (0.0, 0.0))).astype(np.float64)
+        start = np.concatenate([np.insert(beta, place, 0.0), deviations])
         study = fit_crossed(whole, answers, codes, response=response, slopes=times, start=start)
         if not study.converged:
             return np.nan
-        return reduced_ratio(study, one, place, less, answers, codes, times, response)[0]
+        return reduced_ratio(study, one, place, less)[0]
 
     return draws.p(ratio, drawn)
 

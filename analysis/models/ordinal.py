@@ -25,7 +25,7 @@ from analysis.models.contrasts import (
     wald,
     with_holm,
 )
-from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
+from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.models.numeric import numeric_hessian
@@ -282,17 +282,17 @@ def fit_cumulative(
     deviations: tuple[Deviation, ...] = ()
     if level is not None and proper:
         ends = np.cumsum(sizes)[:-1]
-        deviations = deviations_of(
-            dict(zip(effects, sd.tolist(), strict=True)),
-            np.sqrt(np.diag(covariance).clip(min=0.0))[cut[1] :],
-            lambda number, own: held_maximum(sloped, natural, covariance, cut[1] + number, own),
-            best_value,
-            level,
-            names or {},
-            np.split(np.repeat(sd, sizes) * mode, ends),
-            partial(np.linalg.solve, bowl),
+        deviations = FittedEffects(
+            sd=dict(zip(effects, sd.tolist(), strict=True)),
+            errors=np.sqrt(np.diag(covariance).clip(min=0.0))[cut[1] :],
+            held=lambda number, own: held_maximum(
+                sloped, natural, covariance, cut[1] + number, own
+            ),
+            best=best_value,
+            modes=np.split(np.repeat(sd, sizes) * mode, ends),
+            solve=partial(np.linalg.solve, bowl),
             rest=LATENT_VARIANCE[link],
-        )
+        ).deviations(level, names or {})
     return CumulativeFit(
         theta=theta,
         beta=beta,

@@ -148,53 +148,56 @@ def held_maximum(
     return -float(found.fun)
 
 
-def deviations_of(  # noqa: PLR0913  each is one of the model's
-    sd: Mapping[str, float],
-    errors: Floats,
-    log_likelihood: Callable[[int, float], float],
-    best: float,
-    level: float,
-    names: Mapping[str, Sequence[str]],
-    modes: Sequence[Floats],
-    solve: Callable[[Floats], Floats],
-    *,
-    rest: float,
-    slopes: Sequence[str] = (),
-) -> tuple[Deviation, ...]:
-    """Return deviations with profile limits, their shares of the variance, and their levels.
+@dataclass(frozen=True)
+class FittedEffects:
+    """Random effects of a fitted model, of whichever kind.
 
-    Parameters
+    Attributes
     ----------
     sd, errors
         By name of the effect, and about the standard errors of these.
-    log_likelihood : callable
+    held : callable
         From the number of an effect and its deviation, held there, to the maximum over all else;
         `best` where none is held.
-    names : mapping of effect to names of its levels
-        Whose levels are wanted.
     modes : sequence of ndarray (levels,)
-        Levels of each effect. Of more than `MOST_PROFILED` neither limits nor levels are had.
+        Levels of each effect.
     solve : callable
         Inverse of the levels' curvature, in units of the deviations, times a vector (all levels,).
     rest : float
         Variance of one answer. `slopes` name the deviations that have no share of it: where what
         they multiply is at its middle they are 0.
     """
-    total = rest + sum(own**2 for name, own in sd.items() if name not in slopes)
-    ends_at = np.cumsum([len(one) for one in modes])
-    effects, found = ends_at[-1], []
-    for number, (name, own) in enumerate(sd.items()):
-        ends: tuple[float, float] = math.nan, math.nan
-        levels: tuple[EffectLevel, ...] = ()
-        if effects <= MOST_PROFILED:
-            held = partial(log_likelihood, number)
-            ends = profile_limits(held, own, best, float(errors[number]), level)
-            if name in names:
-                last = ends_at[number]
-                units = np.eye(effects)[last - len(modes[number]) : last]
-                spread = [float(unit @ solve(unit)) for unit in units]
-                apart = (own * np.sqrt(spread)).tolist()
-                levels = tuple(map(EffectLevel, names[name], modes[number].tolist(), apart))
-        icc = math.nan if name in slopes else own**2 / total
-        found.append(Deviation(name, own, *ends, icc, levels))
-    return tuple(found)
+
+    sd: Mapping[str, float]
+    errors: Floats
+    held: Callable[[int, float], float]
+    best: float
+    modes: Sequence[Floats]
+    solve: Callable[[Floats], Floats]
+    rest: float
+    slopes: Sequence[str] = ()
+
+    def deviations(self, level: float, names: Mapping[str, Sequence[str]]) -> tuple[Deviation, ...]:
+        """Return deviations with profile limits, their shares of the variance, and their levels.
+
+        Of more than `MOST_PROFILED` levels neither limits nor levels are had. `names` are those of
+        the levels that are wanted, by effect.
+        """
+        total = self.rest + sum(own**2 for name, own in self.sd.items() if name not in self.slopes)
+        ends_at = np.cumsum([len(one) for one in self.modes])
+        effects, found = ends_at[-1], []
+        for number, (name, own) in enumerate(self.sd.items()):
+            ends: tuple[float, float] = math.nan, math.nan
+            levels: tuple[EffectLevel, ...] = ()
+            if effects <= MOST_PROFILED:
+                held, error = partial(self.held, number), float(self.errors[number])
+                ends = profile_limits(held, own, self.best, error, level)
+                if name in names:
+                    mode, last = self.modes[number], ends_at[number]
+                    units = np.eye(effects)[last - len(mode) : last]
+                    spread = [float(unit @ self.solve(unit)) for unit in units]
+                    apart = (own * np.sqrt(spread)).tolist()
+                    levels = tuple(map(EffectLevel, names[name], mode.tolist(), apart))
+            icc = math.nan if name in self.slopes else own**2 / total
+            found.append(Deviation(name, own, *ends, icc, levels))
+        return tuple(found)

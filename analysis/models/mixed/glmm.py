@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from analysis.models.curves.response import LOGIT, Rates, ResponseFunction, steep_prior
 from analysis.models.mixed.arrow_matrix import Arrow, RandomEffects
-from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, deviations_of, held_maximum
+from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
 from analysis.models.mixed.logit import fit_logit
 from analysis.models.numeric import newton_polish
 
@@ -61,6 +61,7 @@ class CrossedFit:
     guess: float
     lapse: float
     random: tuple[Floats, ...]
+    response: ResponseFunction = field(repr=False)
     counted: "CountedTrials" = field(repr=False)
 
 
@@ -102,7 +103,7 @@ class CountedTrials:
         )
 
 
-def fit_crossed(  # noqa: PLR0913  each is one of the model's
+def fit_crossed(
     design: Floats,
     y: Floats,
     groups: Sequence[NDArray[np.int64]],
@@ -110,10 +111,7 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
     response: ResponseFunction = LOGIT,
     slopes: Sequence[Floats | None] = (),
     start: Floats | None = None,
-    rough: Floats | None = None,
     steepest: Floats | None = None,
-    errors: bool = True,
-    counted: CountedTrials | None = None,
 ) -> CrossedFit:
     """Maximise the Laplace likelihood of a model of trials with crossed random effects.
 
@@ -131,14 +129,8 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
         What each factor's effect is multiplied by; None, or left out: 1, a random intercept.
     start : ndarray (coefficients,) or of all parameters, optional
         Where the search begins; left out, at the coefficients of the logit model.
-    rough : ndarray (parameters, parameters), optional
-        About their covariance, for the first step of the search.
     steepest : ndarray (coefficients,), optional
         As of `quadrature.fit_people`.
-    errors : bool
-        Without them a fit is quick, and enough for a likelihood ratio.
-    counted : CountedTrials, optional
-        Of a larger model of the same trials, whose rows tell apart what this one does.
 
     Notes
     -----
@@ -151,8 +143,7 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
     or lapse the log-likelihood of eta is no single hill, and H is the expected second derivative,
     as in lme4.
     """
-    if counted is None:
-        counted = CountedTrials.of(design, y, groups, slopes)
+    counted = CountedTrials.of(design, y, groups, slopes)
     model = _Laplace(design, counted, response, steepest)
     coefficients, factors = design.shape[1], len(groups)
     if start is None:
@@ -160,11 +151,7 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
         start = np.concatenate([first, np.full(factors, START_SD), response.start()])
     elif start.size == coefficients:
         start = np.concatenate([start, np.full(factors, START_SD), response.start()])
-    options = {"gtol": 1e-3, "hess_inv0": model.rough_covariance(start) if rough is None else rough}
-    best = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
-    point, hessian = np.asarray(best.x, dtype=np.float64), np.eye(start.size)
-    if errors:
-        point, hessian = newton_polish(model, point)
+    point, hessian = newton_polish(model, _found(model, start, model.rough_covariance(start)))
     sd = np.abs(point[coefficients : coefficients + factors])
     proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST_SD
     proper = proper and bool(np.linalg.eigvalsh(hessian)[0] > 1e-8)
@@ -184,6 +171,7 @@ def fit_crossed(  # noqa: PLR0913  each is one of the model's
         guess=guess,
         lapse=lapse,
         random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
+        response=response,
         counted=counted,
     )
 
@@ -194,7 +182,6 @@ def crossed_deviations(
     names: Sequence[str],
     levels: Mapping[str, Sequence[str]],
     *,
-    response: ResponseFunction = LOGIT,
     slopes: Sequence[str] = (),
     level: float = 0.95,
 ) -> tuple[Deviation, ...]:
@@ -202,15 +189,15 @@ def crossed_deviations(
 
     Parameters
     ----------
-    design, response
+    design
         As of the fit.
     names : sequence of str
         Of its random effects; `slopes` are those that are no intercepts.
     levels : mapping of effect to names of its levels
         Of those whose levels are wanted.
     """
-    model = _Laplace(design, fit.counted, response)
-    point = np.concatenate([fit.beta, fit.sd, response.start()])
+    model = _Laplace(design, fit.counted, fit.response)
+    point = np.concatenate([fit.beta, fit.sd, fit.response.start()])
     first, arrow = fit.beta.size, model._solve(point).arrow
     kept = np.concatenate(model.effects.by_factor(np.arange(model.effects.size)))
 
@@ -219,33 +206,24 @@ def crossed_deviations(
         slots[kept] = levels
         return arrow.solve(slots)[kept]
 
-    return deviations_of(
-        dict(zip(names, fit.sd.tolist(), strict=True)),
-        np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
-        lambda number, sd: held_maximum(model, point, fit.covariance, first + number, sd),
-        fit.log_likelihood,
-        level,
-        levels,
-        fit.random,
-        solve,
-        rest=LATENT_VARIANCE[response.link],
+    return FittedEffects(
+        sd=dict(zip(names, fit.sd.tolist(), strict=True)),
+        errors=np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
+        held=lambda number, sd: held_maximum(model, point, fit.covariance, first + number, sd),
+        best=fit.log_likelihood,
+        modes=fit.random,
+        solve=solve,
+        rest=LATENT_VARIANCE[fit.response.link],
         slopes=slopes,
-    )
+    ).deviations(level, levels)
 
 
-def reduced_ratio(  # noqa: PLR0913  each is one of the model's
-    fit: CrossedFit,
-    contrast: Floats,
-    dropped: int,
-    design: Floats,
-    y: Floats,
-    groups: Sequence[NDArray[np.int64]],
-    slopes: Sequence[Floats | None] = (),
-    response: ResponseFunction = LOGIT,
-    *,
-    starts: int | None = None,
-) -> tuple[float, CrossedFit]:
-    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0; and that.
+def reduced_ratio(
+    fit: CrossedFit, contrast: Floats, dropped: int, design: Floats, *, starts: int | None = None
+) -> tuple[float, Floats, Floats]:
+    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
+
+    Beside it that model's coefficients and deviations.
 
     Parameters
     ----------
@@ -255,7 +233,7 @@ def reduced_ratio(  # noqa: PLR0913  each is one of the model's
     starts : int, optional
         How many searches at most; left out, one for each factor.
     """
-    theta = np.concatenate([fit.beta, fit.sd, response.start()])
+    theta = np.concatenate([fit.beta, fit.sd, fit.response.start()])
     along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
     # The search begins where the larger model's second derivative expects the end.
     moved = fit.covariance @ along
@@ -263,25 +241,24 @@ def reduced_ratio(  # noqa: PLR0913  each is one of the model's
     rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
     keep = np.arange(theta.size) != dropped
     rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
-    found: list[CrossedFit] = []
+    found: list[tuple[float, Floats]] = []
     begins = _absorbed(start, fit, abs(float(along @ theta)))
     for begin in islice(begins, starts):
-        less = fit_crossed(
-            design,
-            y,
-            groups,
-            slopes=slopes,
-            start=begin[keep],
-            rough=0.5 * (rough + rough.T),
-            response=response,
-            errors=False,
-            counted=fit.counted,
-        )
-        found.append(less)
-        best = max(found, key=lambda one: one.log_likelihood)
-        if 2.0 * (fit.log_likelihood - best.log_likelihood) < CLEARLY_NOTHING:
+        model = _Laplace(design, fit.counted, fit.response)
+        less = _found(model, begin[keep], 0.5 * (rough + rough.T))
+        found.append((-model(less)[0], less))
+        best, point = max(found, key=lambda one: one[0])
+        if 2.0 * (fit.log_likelihood - best) < CLEARLY_NOTHING:
             break
-    return max(0.0, 2.0 * (fit.log_likelihood - best.log_likelihood)), best
+    beta, sd, _ = np.split(point, np.cumsum([fit.beta.size - 1, fit.sd.size]))
+    return max(0.0, 2.0 * (fit.log_likelihood - best)), beta, np.abs(sd)
+
+
+def _found(model: "_Laplace", start: Floats, rough: Floats) -> Floats:
+    """Return the parameters of a maximum; `rough` is about their covariance, for the first step."""
+    options = {"gtol": 1e-3, "hess_inv0": rough}
+    found = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
+    return np.asarray(found.x, dtype=np.float64)
 
 
 def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:

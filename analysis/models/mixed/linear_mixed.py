@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 from scipy.sparse import linalg as splinalg
 
-from analysis.models.mixed.deviations import Deviation, deviations_of
+from analysis.models.mixed.deviations import Deviation, FittedEffects
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 
@@ -172,18 +172,16 @@ class _Products:
         _, beta, _, _, answer = self._solved(inner, scale)
         modes = scale * (answer - inner.solve(scale[:, None] * self.zx) @ beta)
         ends = np.cumsum(self.sizes)[:-1]
-        return deviations_of(
-            dict(zip([*groups, "residual"], sd.tolist(), strict=True)),
-            0.2 * sd,
-            partial(self._held, sd),
-            best,
-            level,
-            names,
-            np.split(modes, ends),
-            inner.solve,
+        return FittedEffects(
+            sd=dict(zip([*groups, "residual"], sd.tolist(), strict=True)),
+            errors=0.2 * sd,
+            held=partial(self._held, sd),
+            best=best,
+            modes=np.split(modes, ends),
+            solve=inner.solve,
             rest=residual**2,
             slopes=["residual"],
-        )
+        ).deviations(level, names)
 
     def _held(self, sd: Floats, place: int, value: float) -> float:
         """Return the largest restricted log likelihood where one deviation is held."""

@@ -144,7 +144,7 @@ def paired_model(
         deviations = crossed_deviations(fit, design, names, {}, slopes=names, level=level)
     if proper:
         compared = {tuple(sorted(pair)) for pair in np.unique(both, axis=0).tolist()}
-        contrasts = _contrasts(fit, order, signs, y, groups, times, methods, compared, df)
+        contrasts = _contrasts(fit, order, signs, methods, compared, df)
     return PairedModel(
         contrasts=contrasts,
         shown_first=float(fit.beta[0]) if proper else np.nan,
@@ -161,13 +161,10 @@ def paired_model(
 _SIDES = ("first", "second")
 
 
-def _contrasts(  # noqa: PLR0913  each is one of the model's
+def _contrasts(
     fit: CrossedFit,
     order: Floats,
     signs: Floats,
-    y: Floats,
-    groups: Sequence[NDArray[np.int64]],
-    times: Sequence[Floats],
     methods: Sequence[str],
     compared: set[tuple[int, ...]],
     df: int,
@@ -187,8 +184,7 @@ def _contrasts(  # noqa: PLR0913  each is one of the model's
         contrast = np.eye(count)[i] - np.eye(count)[j]
         contrast[0] = 0.0  # the order's place; the first method is the zero
         reduced = np.hstack([order, equal[:, 1:]])
-        ratio, _ = reduced_ratio(fit, contrast, j, reduced, y, groups, times, starts=starts)
-        ratios.append(ratio)
+        ratios.append(reduced_ratio(fit, contrast, j, reduced, starts=starts)[0])
     p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
     return tuple(
         PairedContrast(

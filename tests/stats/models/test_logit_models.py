@@ -448,7 +448,7 @@ def test_a_likelihood_ratio_is_against_the_best_of_the_smaller_models(rng):
         design, y, groups = one_trial_each(rng, common, 0.4)
         order = np.where(rng.random(y.size) < 0.5, 0.5, -0.5)[:, None]
         fit = fit_crossed(np.hstack([design, order]), y, groups)
-        found, _ = reduced_ratio(fit, np.array([1.0, 0.0]), 0, order, y, groups)
+        found, *_ = reduced_ratio(fit, np.array([1.0, 0.0]), 0, order)
         tried = [
             fit_crossed(order, y, groups, start=np.array([fit.beta[1], *sd])).log_likelihood
             for sd in ((0.5, 0.5), (2.0, 0.1), (0.1, 2.0))
