@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from scipy import stats
 from analysis.models.contrasts import Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
 from analysis.models.mixed.deviations import Deviation
-from analysis.models.mixed.formula import aliased, group_codes, matrices, well_scaled
+from analysis.models.mixed.formula import FormulaDesign, group_codes, well_scaled
 from analysis.models.mixed.glmm import (
     SINGULAR_SD,
     CrossedFit,
@@ -21,6 +22,7 @@ from analysis.models.mixed.glmm import (
     fit_crossed,
     reduced_ratio,
 )
+from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
     fit_logit,
@@ -28,7 +30,6 @@ from analysis.models.mixed.logit import (
     profile_limits,
     separated,
 )
-from analysis.models.mixed.parametric_bootstrap import Draws
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
@@ -147,13 +148,11 @@ def glm_logit(
     """
     if len(cluster) > 2:
         raise ValueError(f"cluster must name at most two columns (got {list(cluster)})")
-    design, y, terms = matrices(formula, trials, reference)
-    ones = np.ones_like(y)
-    design, back = well_scaled(design)
-    hidden = aliased(design, back, terms)
-    found = list(_alike(hidden))
+    model = FormulaDesign.of(formula, trials, reference)
+    design, y, terms, back = model.scaled, model.y, model.terms, model.back
+    ones, found, hidden = np.ones_like(y), model.notes, model.hidden
     if separated(design, y, ones):
-        return _without(_firth(formula, design, y, terms, level, found, back), hidden)
+        return _firth(model, level)
     solution = fit_logit(design, y, ones)
     if not solution.converged:
         found.append("the fit did not converge: its numbers are left out")
@@ -190,17 +189,15 @@ def glm_logit(
     return _without(fit, hidden)
 
 
-def glmm_logit(  # noqa: PLR0913  each is one of the model's
+def glmm_logit(
     formula: str,
     trials: pd.DataFrame,
     *,
     groups: Sequence[str],
     slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
     between: bool = False,
-    profile: bool = False,
-    draws: Draws | None = None,
+    inference: Inference = USUAL,
 ) -> ModelFit:
     """Fit a logit model with crossed random intercepts by the Laplace approximation.
 
@@ -214,11 +211,6 @@ def glmm_logit(  # noqa: PLR0913  each is one of the model's
         Statistics and likelihood ratios are judged by t with degrees of freedom between those of
         participants and of scenes, whose effects `groups` and `slopes` then are (the first word
         or the last of a name says whose); else by z and chi-square.
-    profile : bool
-        Deviations of random effects get profile limits, which takes longest.
-    draws : Draws, optional
-        Likelihood ratios of terms are judged by parametric bootstrap; left out, by t or
-        chi-square.
 
     Raises
     ------
@@ -232,37 +224,23 @@ def glmm_logit(  # noqa: PLR0913  each is one of the model's
     stands beside (`Coefficient.ratio_p`). A term whose effect differs between people, in a model
     without a random effect that says so, is found far too often.
     """
-    design, y, terms = matrices(formula, trials, reference)
-    scaled, back = well_scaled(design)
-    hidden = aliased(scaled, back, terms)
-    found = list(_alike(hidden))
-    if separated(scaled, y, np.ones_like(y)):
-        return _without(_firth(formula, scaled, y, terms, level, found, back), hidden)
-    fit, converged = _mixed(
-        formula,
-        trials,
-        groups,
-        slopes,
-        LOGIT,
-        "GLMM",
-        (design, y, terms),
-        level,
-        found,
-        between,
-        profile,
-        draws,
-    )
-    if not converged:
+    model = FormulaDesign.of(formula, trials, reference)
+    if separated(model.scaled, model.y, np.ones_like(model.y)):
+        return _firth(model, inference.level)
+    fit = _mixed(model, trials, groups, slopes, LOGIT, inference, between=between)
+    if fit.covariance is None:
         # Nearly everyone always answers alike: deviations run off to infinity. Or terms do.
         several = [column for column in groups if trials[column].nunique() > 1][:2]
-        robust = glm_logit(formula, trials, cluster=several, reference=reference, level=level)
-        why = "" if hidden else " (nearly everyone always answers alike)"
+        robust = glm_logit(
+            formula, trials, cluster=several, reference=reference, level=inference.level
+        )
+        why = "" if model.hidden else " (nearly everyone always answers alike)"
         note = (
             f"the mixed model has no finite maximum{why};"
             " a model with clustered standard errors stands in its place"
         )
         return replace(robust, warnings=(note, *robust.warnings))
-    return _without(fit, hidden)
+    return fit
 
 
 def glmm_probit(
@@ -272,7 +250,7 @@ def glmm_probit(
     groups: Sequence[str],
     slopes: Sequence[tuple[str, str]] = (),
     reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
+    inference: Inference = USUAL,
 ) -> ModelFit:
     """Fit a probit model with crossed random effects: detection theory as a regression.
 
@@ -285,16 +263,12 @@ def glmm_probit(
     -----
     As `glmm_logit`; a model without finite maximum is flagged and has no numbers.
     """
-    design, y, terms = matrices(formula, trials, reference)
-    hidden = aliased(*well_scaled(design), terms)
-    found = list(_alike(hidden))
-    fit, converged = _mixed(
-        formula, trials, groups, slopes, PROBIT, "probit GLMM", (design, y, terms), level, found
-    )
-    if converged:
-        return _without(fit, hidden)
+    model = FormulaDesign.of(formula, trials, reference)
+    fit = _mixed(model, trials, groups, slopes, PROBIT, inference)
+    if fit.covariance is not None:
+        return fit
     note = "the mixed model has no finite maximum: its numbers are left out"
-    return replace(_without(fit, terms), random_sd={}, warnings=(note, *fit.warnings))
+    return replace(_without(fit, model.terms), random_sd={}, warnings=(note, *fit.warnings))
 
 
 @dataclass(frozen=True)
@@ -317,8 +291,7 @@ def models_beside(
     trials: pd.DataFrame,
     *,
     reference: Mapping[str, str] | None = None,
-    level: float = 0.95,
-    draws: Draws | None = None,
+    inference: Inference = USUAL,
 ) -> ModelsBeside:
     """Fit ``logit(correct) ~ 1 + level + method`` as a GLM, with clustered errors, and mixed.
 
@@ -350,18 +323,15 @@ def models_beside(
             else:
                 table[name] = trials[group].astype(str) + "\0" + trials[column].astype(str)
                 groups.append(name)
+    plain = partial(glm_logit, formula, trials, reference=reference, level=inference.level)
     return ModelsBeside(
-        independent=glm_logit(formula, trials, reference=reference, level=level),
-        clustered=glm_logit(formula, trials, cluster=several, reference=reference, level=level),
+        independent=plain(),
+        clustered=plain(cluster=several),
         mixed=glmm_logit(
-            formula, table, groups=groups, slopes=slopes, reference=reference, level=level,
-            between=True, profile=True, draws=draws,
+            formula, table, groups=groups, slopes=slopes, reference=reference, between=True,
+            inference=inference,
         ),
     )  # fmt: skip
-
-
-def _alike(hidden: Sequence[str]) -> tuple[str, ...]:
-    return (f"{', '.join(hidden)} cannot be told apart, and have no numbers",) if hidden else ()
 
 
 def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
@@ -378,21 +348,17 @@ def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
     )
 
 
-def _mixed(  # noqa: PLR0913  each is one of the model's
-    formula: str,
+def _mixed(
+    model: FormulaDesign,
     trials: pd.DataFrame,
     groups: Sequence[str],
     slopes: Sequence[tuple[str, str]],
     response: ResponseFunction,
-    name: str,
-    model: tuple[Floats, Floats, Sequence[str]],
-    level: float,
-    found: list[str],
+    inference: Inference,
     between: bool = False,
-    profile: bool = False,
-    draws: Draws | None = None,
-) -> tuple[ModelFit, bool]:
-    design, y, terms = model
+) -> ModelFit:
+    """Return the fit; it has no covariance where the likelihood has no finite maximum."""
+    design, back, terms, found = model.scaled, model.back, model.terms, model.notes
     codes = [group_codes(trials, column) for column in groups]
     for column, code in zip(groups, codes, strict=True):
         if int(code.max()) + 1 < 5:
@@ -406,8 +372,7 @@ def _mixed(  # noqa: PLR0913  each is one of the model's
             raise ValueError(f"column {column!r} of a random slope must hold numbers")
         times.append(value)
         names.append(f"{column} | {group}")
-    design, back = well_scaled(design)
-    solution = fit_crossed(design, y, codes, response=response, slopes=times)
+    solution = fit_crossed(design, model.y, codes, response=response, slopes=times)
     fixed = np.arange(len(terms))
     variance = back @ solution.covariance[np.ix_(fixed, fixed)] @ back.T
     errors = solution.beta_se
@@ -430,22 +395,22 @@ def _mixed(  # noqa: PLR0913  each is one of the model's
             between_df(own, effects, float(error) ** 2)
             for own, error in zip(influence, errors, strict=True)
         ]
-    table = _table(terms, back @ solution.beta, errors, df, level)
+    table = _table(terms, back @ solution.beta, errors, df, inference.level)
     if solution.converged:
         table = tuple(
             replace(
                 row,
-                ratio_p=_ratio_p(model, place, codes, times, solution, row.df, draws),
+                ratio_p=_ratio_p(model, place, codes, times, solution, row.df, inference.draws),
             )
             for place, row in enumerate(table)
         )
     deviations: tuple[Deviation, ...] = ()
-    if profile and solution.converged:
+    if inference.profile and solution.converged:
         levels = {
             name: sorted(map(str, trials[name].unique())) for name in groups if name in GROUPS
         }
         deviations = crossed_deviations(
-            solution, design, names, levels, slopes=names[len(groups) :], level=level
+            solution, design, names, levels, slopes=names[len(groups) :], level=inference.level
         )
     several = {group.partition(" x ")[0] for group in groups}
     crossed = "crossed random" if len(several) > 1 else "random"
@@ -453,22 +418,22 @@ def _mixed(  # noqa: PLR0913  each is one of the model's
     if slopes:
         random += f", random slopes ({', '.join(names[len(groups) :])})"
     fit = ModelFit(
-        formula=formula,
-        method=f"{name}, {random}, Laplace",
+        formula=model.formula,
+        method=f"{'probit ' * (response.link == 'probit')}GLMM, {random}, Laplace",
         coefficients=table,
         random_sd=dict(zip(names, map(float, solution.sd), strict=True)),
-        trials=int(y.size),
+        trials=int(model.y.size),
         log_likelihood=solution.log_likelihood,
-        level=level,
+        level=inference.level,
         warnings=tuple(found),
         deviations=deviations,
         covariance=variance if solution.converged else None,
     )
-    return fit, solution.converged
+    return _without(fit, model.hidden)
 
 
 def _ratio_p(
-    model: tuple[Floats, Floats, Sequence[str]],
+    model: FormulaDesign,
     place: int,
     codes: Sequence[NDArray[np.int64]],
     times: Sequence[Floats | None],
@@ -480,14 +445,13 @@ def _ratio_p(
 
     By bootstrap, answers are drawn from that model; the intercept has none.
     """
-    design, y, terms = model
-    whole, less = well_scaled(design)[0], well_scaled(np.delete(design, place, axis=1))[0]
-    one, response = np.eye(design.shape[1])[place], solution.response
+    less = well_scaled(np.delete(model.design, place, axis=1))[0]
+    one, response = np.eye(len(model.terms))[place], solution.response
     ratio, beta, deviations = reduced_ratio(solution, one, place, less)
     if draws is None:
         law = stats.norm() if df is None else stats.t(df)
         return float(2.0 * law.sf(np.sqrt(ratio)))
-    if terms[place] == "Intercept":
+    if model.terms[place] == "Intercept":
         return None
 
     def drawn(rng: np.random.Generator) -> float:
@@ -495,9 +459,11 @@ def _ratio_p(
         for code, values, sd in zip(codes, times, deviations, strict=True):
             effect = sd * rng.standard_normal(int(code.max()) + 1)[code]
             eta = eta + (effect if values is None else values * effect)
-        answers = (rng.random(y.size) < response.share(eta, (0.0, 0.0))).astype(np.float64)
+        answers = (rng.random(eta.size) < response.share(eta, (0.0, 0.0))).astype(np.float64)
         start = np.concatenate([np.insert(beta, place, 0.0), deviations])
-        study = fit_crossed(whole, answers, codes, response=response, slopes=times, start=start)
+        study = fit_crossed(
+            model.scaled, answers, codes, response=response, slopes=times, start=start
+        )
         if not study.converged:
             return np.nan
         return reduced_ratio(study, one, place, less)[0]
@@ -505,21 +471,14 @@ def _ratio_p(
     return draws.p(ratio, drawn)
 
 
-def _firth(
-    formula: str,
-    design: Floats,
-    y: Floats,
-    terms: Sequence[str],
-    level: float,
-    found: list[str],
-    back: Floats,
-) -> ModelFit:
-    rows, place = np.unique(design, axis=0, return_inverse=True)
+def _firth(model: FormulaDesign, level: float) -> ModelFit:
+    y, terms, back = model.y, model.terms, model.back
+    rows, place = np.unique(model.scaled, axis=0, return_inverse=True)
     trials = np.bincount(place.ravel()).astype(np.float64)
     counted = rows, np.bincount(place.ravel(), weights=y).astype(np.float64), trials
     solution = fit_logit(*counted, firth=True)
     p_values = likelihood_ratio_p(*counted, firth=True)
-    found.append(
+    note = (
         "answers are separated (some condition was always or never chosen): Firth's penalty was"
         " used, p and limits by penalised likelihood ratio; it takes trials as independent, and"
         " trials of one participant are not"
@@ -534,8 +493,8 @@ def _firth(
             table, shifted, profile_limits(*counted, level), np.diag(back), strict=True
         )
     ]
-    return ModelFit(
-        formula=formula,
+    fit = ModelFit(
+        formula=model.formula,
         method="Firth's penalised likelihood, trials independent",
         coefficients=tuple(
             replace(row, p=float(p), lower=float(low), upper=float(high))
@@ -545,8 +504,9 @@ def _firth(
         trials=int(y.size),
         log_likelihood=solution.log_likelihood,
         level=level,
-        warnings=tuple(found),
+        warnings=(*model.notes, note),
     )
+    return _without(fit, model.hidden)
 
 
 def _table(

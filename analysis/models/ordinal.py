@@ -26,8 +26,8 @@ from analysis.models.contrasts import (
     with_holm,
 )
 from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
+from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
-from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.models.numeric import numeric_hessian
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
@@ -304,17 +304,15 @@ def fit_cumulative(
     )
 
 
-def rating_model(  # noqa: PLR0913  each is one of the model's
+def rating_model(
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
     categories: Sequence[str] | None = None,
     reference: str | None = None,
     link: OrdinalLink = "probit",
-    level: float = 0.95,
-    profile: bool = False,
     asked: Asked | None = None,
-    draws: Draws | None = None,
+    inference: Inference = USUAL,
 ) -> RatingModel:
     """Compare ordered ratings between conditions.
 
@@ -326,12 +324,8 @@ def rating_model(  # noqa: PLR0913  each is one of the model's
         All ratings as text, from the lowest; left out: numbers in order.
     reference : str, optional
         Condition that the others are compared with; left out, all pairs.
-    profile : bool
-        Whether deviations are given with profile limits, which take several times as long.
     asked : mapping of name to weights of conditions, optional
         Contrasts of places, in `RatingModel.margins`.
-    draws : Draws, optional
-        Likelihood ratios are judged by parametric bootstrap; left out, by t.
 
     Raises
     ------
@@ -361,39 +355,27 @@ def rating_model(  # noqa: PLR0913  each is one of the model's
     if lack := lacking(people, len(names), len(used)):
         raise ValueError(lack)
     pairs = pairs_of(names, reference)
-    design = _indicator(condition, len(names))[:, 1:]
     groups = places.several
     cells = {
         name: np.unique(cell, return_inverse=True)[1].ravel()
         for name, cell in places.in_conditions(condition).items()
     }
     effects = {name: _indicator(code) for name, code in (groups | cells).items()}
-    fit = fit_cumulative(
-        design, y, effects, link=link, names=places.names, level=level if profile else None
-    )
+    chosen = _codes(texts, known)
+    rated = _Trials(
+        _indicator(condition, len(names)), y, effects, link,
+        {name: chosen[part.index.to_numpy()] for name, part in parts}, known,
+    )  # fmt: skip
+    fit = rated.fit(places.names, inference)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [
         f"each {name} has one rating of a condition: how it departs there is part of the SD"
         for name in groups
         if name + IN_CONDITION not in effects
     ]
-    notes += _misfit(design, y, condition, link)
+    notes += _misfit(rated, condition)
     crossed = Crossed.of(condition, groups, fit.sd)
-    fitted = _Trials(_indicator(condition, len(names)), y, effects)
-    return _model(
-        parts,
-        pairs,
-        _codes(texts, known),
-        known,
-        fit,
-        crossed,
-        link,
-        level,
-        notes,
-        fitted,
-        asked,
-        draws,
-    )
+    return _model(rated, pairs, fit, crossed, notes, asked, inference)
 
 
 def lacking(people: int, conditions: int, ratings: int) -> str:
@@ -414,10 +396,8 @@ def paired_ratings(
     *,
     reference: str | None = None,
     link: OrdinalLink = "probit",
-    level: float = 0.95,
-    profile: bool = False,
     asked: Asked | None = None,
-    draws: Draws | None = None,
+    inference: Inference = USUAL,
 ) -> RatingModel:
     """Place methods on one axis by graded comparisons of pairs, with ties.
 
@@ -458,26 +438,38 @@ def paired_ratings(
         for sign, side in zip((1.0, -1.0), sides, strict=True):
             own[np.arange(len(rows)), code * len(names) + side] += sign
         effects[group + IN_CONDITION] = own[:, np.any(own != 0.0, axis=0)]
-    fit = fit_cumulative(gap[:, 1:], y, effects, link=link, level=level if profile else None)
+    given = {name: y[(sides[0] == k) | (sides[1] == k)] for k, name in enumerate(names)}
+    rated = _Trials(gap, y, effects, link, given, used)
+    fit = rated.fit({}, inference)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
     crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
-    parts = [(name, rows[(sides[0] == k) | (sides[1] == k)]) for k, name in enumerate(names)]
-    notes = _notes(fit, people, [])
-    fitted = _Trials(gap, y, effects)
-    return _model(parts, pairs, y, used, fit, crossed, link, level, notes, fitted, asked, draws)
+    return _model(rated, pairs, fit, crossed, _notes(fit, people, []), asked, inference)
 
 
 @dataclass(frozen=True)
 class _Trials:
-    """Trials of a model of ratings; `conditions` (trials, conditions) has all of them."""
+    """Trials of a model of ratings; `conditions` (trials, conditions) has all of them.
+
+    `given` holds the ratings of each condition, as places on `scale`.
+    """
 
     conditions: Floats
     y: Whole
     effects: Mapping[str, Floats]
+    link: OrdinalLink
+    given: Mapping[str, Whole]
+    scale: Sequence[str]
+
+    def fit(self, levels: Mapping[str, Sequence[str]], inference: Inference) -> CumulativeFit:
+        """Fit the model of all conditions; `levels` name those of effects."""
+        return fit_cumulative(
+            self.conditions[:, 1:], self.y, self.effects, link=self.link, names=levels,
+            level=inference.profile_level,
+        )  # fmt: skip
 
 
 def _ratio(
-    trials: _Trials, fit: CumulativeFit, pair: tuple[int, int], link: OrdinalLink
+    trials: _Trials, fit: CumulativeFit, pair: tuple[int, int]
 ) -> tuple[float, CumulativeFit]:
     """Return the likelihood ratio of two equal conditions, and the model where they are one."""
     places = np.concatenate([[0.0], fit.beta])
@@ -492,7 +484,7 @@ def _ratio(
         equal(trials.conditions, pair)[:, 1:],
         trials.y,
         trials.effects,
-        link=link,
+        link=trials.link,
         starts=[np.concatenate([theta, rest, [*sd.values()]]) for sd in sds],
         errors=False,
     )
@@ -503,18 +495,17 @@ def _ratio_p(
     trials: _Trials,
     fit: CumulativeFit,
     pair: tuple[int, int],
-    link: OrdinalLink,
     df: float,
     draws: Draws | None,
 ) -> float:
     """Return p of that ratio, by t or by drawing ratings from the model where they are one."""
-    observed, less = _ratio(trials, fit, pair, link)
+    observed, less = _ratio(trials, fit, pair)
     if draws is None:
         return ratio_p(observed, df)
     fixed = equal(trials.conditions, pair)[:, 1:] @ less.beta
 
     def drawn(rng: np.random.Generator) -> float:
-        rows = trials.y.size
+        rows, link = trials.y.size, trials.link
         noise = rng.standard_normal(rows) if link == "probit" else rng.logistic(size=rows)
         latent = fixed + noise
         for name, block in trials.effects.items():
@@ -526,32 +517,27 @@ def _ratio_p(
         whole = fit_cumulative(
             trials.conditions[:, 1:], study.y, trials.effects, link=link, errors=False
         )
-        return _ratio(study, whole, pair, link)[0]
+        return _ratio(study, whole, pair)[0]
 
     return draws.p(observed, drawn)
 
 
-def _model(  # noqa: PLR0913  each is one of the model's
-    parts: Sequence[tuple[str, pd.DataFrame]],
+def _model(
+    trials: _Trials,
     pairs: Sequence[Pair],
-    chosen: Whole,
-    scale: Sequence[str],
     fit: CumulativeFit,
     crossed: Crossed,
-    link: OrdinalLink,
-    level: float,
     notes: Sequence[str],
-    trials: _Trials,
     asked: Asked | None,
-    draws: Draws | None,
+    inference: Inference,
 ) -> RatingModel:
-    names = [name for name, _ in parts]
+    names, level = list(trials.given), inference.level
     gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
     gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
     tested = with_holm(
         [
-            _ratio_p(trials, fit, (names.index(gap.first), names.index(gap.second)), link, gap.df,
-                     draws)
+            _ratio_p(trials, fit, (names.index(gap.first), names.index(gap.second)), gap.df,
+                     inference.draws)
             if fit.converged and math.isfinite(gap.difference)
             else math.nan
             for gap in gaps
@@ -559,13 +545,13 @@ def _model(  # noqa: PLR0913  each is one of the model's
     )  # fmt: skip
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     return RatingModel(
-        link=link,
-        categories=tuple(scale),
+        link=trials.link,
+        categories=tuple(trials.scale),
         thresholds=tuple(
             float(theta) if _told(theta, error) else np.nan
             for theta, error in zip(fit.theta, errors, strict=True)
         ),
-        conditions=_rated(parts, chosen, scale, fit, crossed, level),
+        conditions=_rated(trials, fit, crossed, level),
         contrasts=tuple(
             RatingDifference(
                 first=gap.first,
@@ -577,7 +563,7 @@ def _model(  # noqa: PLR0913  each is one of the model's
                 df=gap.df,
                 p=gap.p,
                 p_adjusted=gap.p_adjusted,
-                superiority=superiority(gap.difference, link),
+                superiority=superiority(gap.difference, trials.link),
                 t=gap.t,
                 ratio_p=own,
                 ratio_p_adjusted=together,
@@ -587,7 +573,7 @@ def _model(  # noqa: PLR0913  each is one of the model's
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
         level=level,
-        ratings=chosen.size,
+        ratings=trials.y.size,
         participants=len(crossed.shares["participant"]),
         warnings=tuple(notes),
         deviations=fit.deviations,
@@ -688,11 +674,11 @@ def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
     return notes
 
 
-def _misfit(design: Floats, y: Whole, condition: Whole, link: OrdinalLink) -> list[str]:
+def _misfit(trials: _Trials, condition: Whole) -> list[str]:
     """Say where conditions differ by more than a shift: thresholds of their own fit far better."""
-    plain = fit_cumulative(design, y, {}, link=link)
-    table = np.zeros((int(condition.max()) + 1, int(y.max()) + 1))
-    np.add.at(table, (condition, y), 1.0)
+    plain = fit_cumulative(trials.conditions[:, 1:], trials.y, {}, link=trials.link)
+    table = np.zeros((int(condition.max()) + 1, int(trials.y.max()) + 1))
+    np.add.at(table, (condition, trials.y), 1.0)
     share = table / table.sum(axis=1, keepdims=True)
     free = float(np.sum(table[table > 0] * np.log(share[table > 0])))
     df = (table.shape[0] - 1) * (table.shape[1] - 2)
@@ -705,12 +691,7 @@ def _misfit(design: Floats, y: Whole, condition: Whole, link: OrdinalLink) -> li
 
 
 def _rated(
-    parts: Sequence[tuple[str, pd.DataFrame]],
-    chosen: Whole,
-    scale: Sequence[str],
-    fit: CumulativeFit,
-    crossed: Crossed,
-    level: float,
+    trials: _Trials, fit: CumulativeFit, crossed: Crossed, level: float
 ) -> tuple[RatedCondition, ...]:
     value, covariance = _places(fit)
     error = np.sqrt(np.diag(covariance).clip(min=0))
@@ -718,10 +699,9 @@ def _rated(
     from_first[1:, 0] = -1.0
     df = [crossed.df(one, own**2) for one, own in zip(from_first, error, strict=True)]
     reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
-    numbers = _scale_numbers(scale)
+    numbers = _scale_numbers(trials.scale)
     found = []
-    for k, (name, part) in enumerate(parts):
-        own = chosen[part.index.to_numpy()]
+    for k, (name, own) in enumerate(trials.given.items()):
         place = float(value[k]) if _told(value[k], error[k]) else np.nan
         found.append(
             RatedCondition(
@@ -731,7 +711,7 @@ def _rated(
                 upper=place + float(reach[k]),
                 mean_rating=float(numbers[own].mean()),
                 ratings=own.size,
-                shares=tuple(float(np.mean(own == j)) for j in range(len(scale))),
+                shares=tuple(float(np.mean(own == j)) for j in range(numbers.size)),
             )
         )
     return tuple(found)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.answers import SimulatedAnswers
-from analysis.models.mixed.parametric_bootstrap import Draws
+from analysis.models.mixed.inference import Draws, Inference
 from analysis.seed import SEED
 from protocols.blocks import Block, Section
 from protocols.errors import StudyError
@@ -52,10 +52,11 @@ class AnalysisPlan(Analysis):
     """As of `protocols.tasks.mixed.MixedAnalysis`."""
 
     @property
-    def draws(self) -> Draws | None:
-        """Draws of the parametric bootstrap that is asked for, the same at every call."""
-        rng = np.random.default_rng(SEED)
-        return Draws(self.bootstrap_draws, rng) if self.bootstrap_draws else None
+    def inference(self) -> Inference:
+        """Limits and tests of mixed models, whose draws are the same at every call."""
+        rng, count = np.random.default_rng(SEED), self.bootstrap_draws
+        draws = Draws(count, rng) if count else None
+        return Inference(self.confidence, profile=True, draws=draws)
 
     @classmethod
     def of(cls, asked: Analysis, **facts: Any) -> Self:

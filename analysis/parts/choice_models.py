@@ -12,6 +12,7 @@ from numpy.random import Generator
 
 from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
+from analysis.models.mixed.inference import Inference
 from analysis.models.paired.bradley_terry_mixed import PairedModel, paired_model
 from analysis.models.preference import Preference
 from analysis.parts import Part, Shown, tried
@@ -144,8 +145,8 @@ def _mixed(decisions: Comparisons, cell: Preference) -> ModelFit:
         f"preferred ~ {terms}",
         table,
         groups=groups or ["participant"],
-        level=cell.estimate.level,
         between=True,
+        inference=Inference(cell.estimate.level),
     )
 
 

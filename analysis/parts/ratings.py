@@ -75,12 +75,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
     def of(self, table: pd.DataFrame, plan: RatingPlan) -> RatingResults:
         """Fit the model; count each participant's ratings."""
         how: dict[str, Any] = {"reference": plan.reference_in(()), "link": plan.link}
-        how |= {
-            "level": plan.confidence,
-            "profile": True,
-            "asked": plan.contrasts,
-            "draws": plan.draws,
-        }
+        how |= {"asked": plan.contrasts, "inference": plan.inference}
         if not plan.by:
             model = paired_ratings(table, **how)
         else:

@@ -83,8 +83,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         groups = [name for name in ("participant", "scene") if name in table]
         rows = table[["correct", *groups]].assign(**held)
         formula = "logit(correct) ~ 1 + " + " + ".join(held)
-        beside = models_beside(formula, rows, reference=reference or None, level=plan.confidence,
-                               draws=plan.draws)  # fmt: skip
+        beside = models_beside(formula, rows, reference=reference or None, inference=plan.inference)
         several = tuple(name for name in groups if rows[name].nunique() > 1)
         shown = shown_in(rows.assign(condition=table["condition"]), plan) if reference else []
         margins = _margins(beside.mixed, rows, shown, plan)

@@ -25,6 +25,7 @@ from analysis.models.detection import (
     yes_no,
 )
 from analysis.models.logistic import ModelFit, glmm_probit
+from analysis.models.mixed.inference import Inference
 from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
@@ -390,7 +391,7 @@ class TypicalPart(SimplePart[RatePlan, Typical]):
                     part[groups].assign(said=said.astype(int), signal=there.astype(float) - 0.5),
                     groups=groups,
                     slopes=[("signal", "participant")] if "participant" in groups else (),
-                    level=plan.confidence,
+                    inference=Inference(plan.confidence),
                 ),
                 f"mixed model of {name}",
                 notes,

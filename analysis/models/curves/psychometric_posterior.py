@@ -21,8 +21,8 @@ from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
 
 Floats = NDArray[np.float64]
 
-LAPSE_PRIOR = GUESS_PRIOR = SPREAD_PRIOR = (1.0, 10.0)
-"""Beta laws of the lapse rate, of a guess rate that is fitted, and of the overdispersion."""
+PRIOR = (1.0, 10.0)
+"""Beta law of the lapse rate, of a guess rate that is fitted, and of the overdispersion."""
 
 RATE_MAX = 0.5
 SPREAD_MAX = 0.999
@@ -185,6 +185,7 @@ def psychometric_posterior(
     *,
     overdispersed: bool = True,
     level: float = 0.95,
+    rate_prior: tuple[float, float] = PRIOR,
     share: float | None = None,
 ) -> PsychometricPosterior:
     """Integrate the posterior of a psychometric function on a grid.
@@ -198,6 +199,8 @@ def psychometric_posterior(
         are on the same axis.
     overdispersed : bool
         Beta-binomial answers; else binomial.
+    rate_prior : (a, b)
+        Beta law of rates that are fitted.
     share : float, optional
         Of right answers, at which a threshold is given, too.
 
@@ -246,10 +249,10 @@ def psychometric_posterior(
         )  # fmt: skip
         prior = _log(_threshold_prior(place, low, high)) + _log(_width_prior(width, gap, span))
         if curve.lapse is None:
-            prior = prior + _log_beta(lapsed, *LAPSE_PRIOR)
+            prior = prior + _log_beta(lapsed, *rate_prior)
         if curve.guess is None:
-            prior = prior + _log_beta(guessed, *GUESS_PRIOR)
-        strayed = _log_beta(grid["spread"], *SPREAD_PRIOR) if overdispersed else np.zeros(1)
+            prior = prior + _log_beta(guessed, *rate_prior)
+        strayed = _log_beta(grid["spread"], *PRIOR) if overdispersed else np.zeros(1)
         height = np.asarray(prior[..., None] + strayed)
         for level_x, hits, shown_n in zip(axis, right, total, strict=True):
             rise = _rise(level_x, place, width, shape, falling)

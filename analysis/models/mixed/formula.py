@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -23,23 +25,59 @@ _SUM = re.compile(r"\s*1((?:\s*\+\s*[A-Za-z_]\w*)*)\s*")
 _LOGIT_LEFT = re.compile(r"^\s*logit\(\s*([^()]+?)\s*\)\s*~")
 
 
-def matrices(
+@dataclass(frozen=True)
+class FormulaDesign:
+    """Design of a formula on a table of trials.
+
+    Attributes
+    ----------
+    design : ndarray (trials, terms)
+    y : ndarray (trials,)
+        Answers, 0 or 1.
+    scaled, back
+        As of `well_scaled`.
+    hidden : tuple of str
+        Terms that cannot be told apart (`aliased`).
+    """
+
+    formula: str
+    design: Floats
+    y: Floats
+    terms: Sequence[str]
+    scaled: Floats
+    back: Floats
+    hidden: tuple[str, ...]
+
+    @classmethod
+    def of(cls, formula: str, trials: pd.DataFrame, reference: Mapping[str, str] | None) -> Self:
+        """Return the design of a formula.
+
+        Parameters
+        ----------
+        formula : str
+            As papers print it; ``logit(column)`` on the left is the column.
+        reference : mapping, optional
+            Column to the level that the others are compared with.
+
+        Raises
+        ------
+        ValueError
+            If the formula does not fit the table.
+        """
+        design, y, terms = _matrices(formula, trials, reference)
+        scaled, back = well_scaled(design)
+        return cls(formula, design, y, terms, scaled, back, aliased(scaled, back, terms))
+
+    @property
+    def notes(self) -> list[str]:
+        """Reasons not to trust the terms."""
+        told = f"{', '.join(self.hidden)} cannot be told apart, and have no numbers"
+        return [told] if self.hidden else []
+
+
+def _matrices(
     formula: str, trials: pd.DataFrame, reference: Mapping[str, str] | None
 ) -> tuple[Floats, Floats, list[str]]:
-    """Return the design (trials, terms), the answers (trials,) of 0 and 1, and the terms' names.
-
-    Parameters
-    ----------
-    formula : str
-        As papers print it; ``logit(column)`` on the left is the column.
-    reference : mapping, optional
-        Column to the level that the others are compared with.
-
-    Raises
-    ------
-    ValueError
-        If the formula does not fit the table.
-    """
     plain = _LOGIT_LEFT.sub(r"\1 ~", formula.replace(TILDE_OPERATOR, "~"))
     left = plain.split("~", maxsplit=1)[0].strip()
     if "~" not in plain or left not in trials.columns:

@@ -21,9 +21,9 @@ from analysis.models.contrasts import (
     with_holm,
 )
 from analysis.models.mixed.deviations import Deviation
+from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
-from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
@@ -105,10 +105,8 @@ def time_model(
     by: Sequence[str] = (),
     *,
     reference: str | None = None,
-    level: float = 0.95,
-    profile: bool = False,
     asked: Asked | None = None,
-    draws: Draws | None = None,
+    inference: Inference = USUAL,
 ) -> TimeModel:
     """Fit ln(rt) = condition, random over participants and scenes, and both in a condition.
 
@@ -119,12 +117,8 @@ def time_model(
         are left out.
     reference : str, optional
         Condition that the others are compared with; left out, all pairs.
-    profile : bool
-        Whether deviations are given with profile limits, which take several times as long.
     asked : mapping of name to weights of conditions, optional
         Contrasts of mean logarithms, in `TimeModel.margins`.
-    draws : Draws, optional
-        Likelihood ratios are judged by parametric bootstrap; left out, by t.
 
     Raises
     ------
@@ -156,8 +150,8 @@ def time_model(
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
-    fit = fit_linear_mixed(design, y, effects, names=places.names, level=level if profile else None)
-    beta, covariance, sd = fit.beta, fit.covariance, fit.sd
+    fit = fit_linear_mixed(design, y, effects, names=places.names, level=inference.profile_level)
+    level, beta, covariance, sd = inference.level, fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"
         for kind, name in (("participants", "participant"), ("scenes", "scene"))
@@ -171,7 +165,7 @@ def time_model(
     tested = with_holm(
         [
             _ratio_p(design, y, effects, fit, (names.index(gap.first), names.index(gap.second)),
-                     gap.df, draws)
+                     gap.df, inference.draws)
             for gap in gaps
         ]
     )  # fmt: skip

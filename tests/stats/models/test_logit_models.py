@@ -23,6 +23,7 @@ from analysis.models.logistic import (
 from analysis.models.mixed.arrow_matrix import RandomEffects
 from analysis.models.mixed.formula import TILDE_OPERATOR
 from analysis.models.mixed.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
+from analysis.models.mixed.inference import Draws, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
     fit_logit,
@@ -96,6 +97,16 @@ def test_crossed_probit_equals_glmmtmb(crossed):
     np.testing.assert_allclose(column(fit, "standard_error"), R_TASKS["probit_se"], atol=1e-4)
     np.testing.assert_allclose(list(fit.random_sd.values()), R_TASKS["probit_sd"], atol=1e-4)
     assert fit.log_likelihood == pytest.approx(R_TASKS["probit_loglik"][0], abs=1e-5)
+
+
+def test_a_probit_model_has_profile_limits_and_p_by_bootstrap(crossed, rng):
+    told = Inference(profile=True, draws=Draws(4, rng))
+    fit = glmm_probit("y ~ 1 + x", coded(crossed), groups=("participant",), inference=told)
+
+    assert fit["x"].ratio_p in np.arange(1, 6) / 5
+    (people,) = fit.deviations
+    assert people.lower < people.sd < people.upper
+    assert people.icc == pytest.approx(people.sd**2 / (people.sd**2 + 1))
 
 
 def test_random_slopes_equal_glmmtmb(crossed):

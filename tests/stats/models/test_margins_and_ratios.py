@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from analysis.models.mixed.inference import Draws, Inference
 from analysis.models.mixed.marginal_means import margins
-from analysis.models.mixed.parametric_bootstrap import Draws
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
 from analysis.parts.right_models import ModelsPart
@@ -81,7 +81,7 @@ def test_p_by_parametric_bootstrap_is_lme4s_where_people_are_few(trials):
         trials["participant"].le("P06") & trials["scene"].le("c") & (trials["cond"] != "a")
     ]
     draws = Draws(39, np.random.default_rng(1))
-    (own,) = time_model(few, ("cond",), draws=draws).ratios
+    (own,) = time_model(few, ("cond",), inference=Inference(draws=draws)).ratios
 
     assert ratios(time_model(few, ("cond",)).ratios) == pytest.approx(R["few_ratio"], rel=5e-3)
     (p,) = R["few_bootstrap_p"]

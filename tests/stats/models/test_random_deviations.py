@@ -14,6 +14,7 @@ import pytest
 from analysis.models.logistic import ModelFit, glmm_logit, models_beside
 from analysis.models.mixed.deviations import profile_limits
 from analysis.models.mixed.glmm import crossed_deviations, fit_crossed
+from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.linear_mixed import fit_linear_mixed
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import fit_cumulative, rating_model
@@ -22,6 +23,7 @@ from analysis.parts.shared import apa_test
 
 FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
+PROFILE = Inference(profile=True)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def times() -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def right(times) -> ModelFit:
     groups = ["participant", "scene"]
-    return glmm_logit("hit ~ 1 + cond", times, groups=groups, profile=True)
+    return glmm_logit("hit ~ 1 + cond", times, groups=groups, inference=PROFILE)
 
 
 def test_deviations_of_times_have_the_restricted_profile_of_glmmtmb_and_lme4s_levels(times):
@@ -116,9 +118,9 @@ def test_a_likelihood_that_never_falls_has_no_upper_limit():
 
 
 def test_models_of_reports_hold_deviations_of_every_effect(times):
-    model = time_model(times, ("cond",), profile=True)
+    model = time_model(times, ("cond",), inference=PROFILE)
     assert [one.name for one in model.deviations][:2] == ["participant", "scene"]
-    rated = rating_model(times, ("cond",), profile=True)
+    rated = rating_model(times, ("cond",), inference=PROFILE)
     assert {one.name: one.sd for one in rated.deviations} == rated.sd
     assert [len(one.levels) for one in rated.deviations[:2]] == [9, 5]
     assert all(one.lower <= one.sd <= one.upper for one in (*model.deviations, *rated.deviations))
@@ -126,7 +128,7 @@ def test_models_of_reports_hold_deviations_of_every_effect(times):
 
 def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
     monkeypatch.setattr("analysis.models.mixed.deviations.MOST_PROFILED", 5)
-    fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], profile=True)
+    fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], inference=PROFILE)
     assert math.isnan(fit.deviations[0].lower)
     assert fit.deviations[0].levels == ()
 

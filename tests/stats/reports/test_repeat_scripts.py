@@ -21,6 +21,7 @@ import pytest
 from fixed_studies import TABLES, report_of
 from undrawn_reports import undrawn
 
+from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.reaction_model import time_model
 from analysis.parts.times import Times, TimesPart
 from analysis.plans.table_settings import TimeTableSettings
@@ -232,7 +233,7 @@ def test_times_that_nobody_and_no_scene_varies_in_have_scripts(rng):
     rows = pd.DataFrame(product(range(8), "abc", ("blur", "ours"), range(4)),
                         columns=["participant", "scene", "method", "again"])  # fmt: skip
     rows["rt_s"] = np.exp(rng.normal(0.0, 0.3, len(rows)))
-    model = time_model(rows, ("method",), profile=True)
+    model = time_model(rows, ("method",), inference=Inference(profile=True))
     flat = replace(model, participant_sd=0.0, interaction_sd=0.0, scene_sd=0.0,
                    scene_interaction_sd=0.0)  # fmt: skip
     plan = analysis_of("reaction").settings_of_table(rows, "rows", TimeTableSettings(by="method"))
