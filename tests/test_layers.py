@@ -224,6 +224,12 @@ def test_no_folder_holds_more_modules_than_a_reader_can_take_in(repository):
     assert not {folder: count for folder, count in held.items() if count > 31}  # __init__.py, too
 
 
+def test_no_function_is_excused_from_taking_settings(repository):
+    """More than eight parameters are settings: ruff's rule, which no comment switches off."""
+    modules = [path for path, *_ in our_modules(repository)]
+    assert [str(path) for path in modules if "PLR0913" in path.read_text(encoding="utf-8")] == []
+
+
 def test_the_front_door_loads_nothing_heavy_before_a_command_is_chosen(repository):
     found = [
         line

@@ -49,7 +49,8 @@ class CrossedFit:
 
     `covariance` is of beta, then sd, then the logits of fitted rates. `random` holds the mode of
     each factor's effects, in units of eta. `converged` is False where the likelihood has no
-    proper maximum: deviations run off to infinity when nearly everyone always answers alike.
+    proper maximum: deviations run off to infinity when nearly everyone always answers alike. What
+    it was fitted with, `response` and `counted`, says how a smaller model is.
     """
 
     beta: Floats
