@@ -317,6 +317,28 @@ def power(
         say(f"curve: {out / 'power-2-column.png'}")
 
 
+@dataclasses.dataclass(frozen=True)
+class ImportOptions:
+    """Task of an imported table, its columns, and settings of its analysis."""
+
+    task: Annotated[str, typer.Option(metavar="|".join((*TASKS, "ratings", "reaction")))] = (
+        "two-interval"
+    )
+    """Task of participants in a trial."""
+    columns: Annotated[list[str] | None, typer.Option("--map", metavar="OURS=THEIRS")] = None
+    """Columns of the table; may be given more than once. Pairs need participant, first, second, and
+    chosen (a method) or chose_first (1/0); also scene, size. Other tasks need participant, and
+    expected with answer, or correct (1/0); also scene, and any columns of your own. Ratings need
+    participant, rating, and the column that --set by=COLUMN names, or first and second; also scene.
+    All: order, rt_s. Columns that already have our names need no --map. A unit may follow:
+    rt_s=rt:ms."""
+    settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None
+    """Settings of the analysis, as in a protocol's section on analysis; may be given more than
+    once: by=method, level=eccentricity_deg, falling=true, baseline=reference, signal=seen (yes-no),
+    alternatives=4 (identification), rule=independent (abx), scale=bad,fair,good (ratings),
+    primary=ours/blur (pairs). All but ratings: order=ours,blur,none and label.ours='Our method'."""
+
+
 @app.command("import")
 def import_(
     table: Annotated[
@@ -327,38 +349,7 @@ def import_(
         ),
     ],
     out: NewFolderOption,
-    task: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join((*TASKS, "ratings", "reaction")),
-            help="Task of participants in a trial.",
-        ),
-    ] = "two-interval",
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="OURS=THEIRS",
-            help="Columns of the table; may be given more than once. Pairs need participant,"
-            " first, second, and chosen (a method) or chose_first (1/0); also scene, size. Other"
-            " tasks need participant, and expected with answer, or correct (1/0); also scene, and"
-            " any columns of your own. Ratings need participant, rating, and the column that --set"
-            " by=COLUMN names, or first and second; also scene. All: order, rt_s. Columns that"
-            " already have our names need no --map. A unit may follow: rt_s=rt:ms.",
-        ),
-    ] = None,
-    options: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Settings of the analysis, as in a protocol's section on analysis; may be"
-            " given more than once: by=method, level=eccentricity_deg, falling=true,"
-            " baseline=reference, signal=seen (yes-no), alternatives=4 (identification),"
-            " rule=independent (abx), scale=bad,fair,good (ratings), primary=ours/blur (pairs)."
-            " All but ratings: order=ours,blur,none and label.ours='Our method'.",
-        ),
-    ] = None,
+    asked: ImportOptions,
     where: WhereOption = None,
     answer: AnswerOption = None,
     replace: ReplaceOption = False,
@@ -395,13 +386,13 @@ def import_(
     from protocols.disk.result_folder import check_result, whole_folder
 
     check_result(out, replace=replace, reads=[table])
-    analysis = analysis_of_task(task)
-    chosen = options_from(analysis.kind, pairs("--set", options or ()))
+    analysis = analysis_of_task(asked.task)
+    chosen = options_from(analysis.kind, pairs("--set", asked.settings or ()))
     has_answers = issubclass(analysis.options, RateTableSettings)
     square: Counted | None = "answers" if has_answers else None
     if analysis.kind == "preference":
         square = "choices"
-    plain = table_told(table, (columns, where, answer), BY_IMPORT, square)
+    plain = table_told(table, (asked.columns, where, answer), BY_IMPORT, square)
     decisions = analysis.read(plain, {}, chosen)
     settings = analysis.settings_of_table(decisions, table.stem, chosen)
     plain.notes += analysis.table_notes(decisions, settings)
