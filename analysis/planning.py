@@ -1,18 +1,19 @@
 """Checks that a plan can find anything at all: by looks, by a family of tests, over scenes."""
 
-from collections.abc import Callable
-from functools import cache
+from bisect import bisect_left
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from analysis.models.sequential_bounds import never_stops, plan_of, spent
-from analysis.showable import MOST_PEOPLE, hopeless, two_scenes
+from analysis.models.sequential_bounds import SequentialPlan, never_stops, plan_of, spent
+from analysis.showable import MOST_UNITS, Family, two_scenes
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.sequential import Sequential
+from protocols.tasks.mixed import MOST_DRAWS
 
 
 def look_problems(study: StudyProtocol) -> list[str]:
@@ -20,22 +21,17 @@ def look_problems(study: StudyProtocol) -> list[str]:
     section = study.analysis.sequential
     if section is None:
         return []
-    analysis, alpha = analysis_of(study.analysis.kind), study.analysis.alpha
-
-    @cache
-    def least(people: int) -> float:
-        return analysis.least_p(study, people)
-
+    families, alpha = analysis_of(study.analysis.kind).families(study), study.analysis.alpha
     plan = plan_of(section, alpha)
-    never = [k for k in range(len(plan.looks)) if never_stops(plan, k, least(plan.looks[k]))]
+    never = _never(plan, families[0]) if families else []
     if not never:
         return []
     bound, people = plan.reject_p[never[0]], plan.looks[never[0]]
     return [
         "analysis.sequential.looks: each look must be able to stop the study; with"
-        f" {count_of(people, 'participant')} it stops where p is at most {bound:.2g}, and so few"
-        f" can show no p below {least(people):.2g} (got {list(plan.looks)});"
-        f" {_cure(section, alpha, least)}"
+        f" {count_of(people, 'participant')} it stops where p is at most {bound:.2g}, and"
+        f" {families[0].why(people)} (got {list(plan.looks)});"
+        f" {_cure(section, plan, families[0])}"
     ]
 
 
@@ -45,34 +41,44 @@ def check_looks(path: Path, study: StudyProtocol) -> None:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
 
 
-def _cure(section: Sequential, alpha: float, least: Callable[[int], float]) -> str:
+def _never(plan: SequentialPlan, family: Family) -> list[int]:
+    """Return looks, counted from 0, at which no p of the planned test can stop the study."""
+    return [k for k, n in enumerate(plan.looks) if never_stops(plan, k, family.least_p(n))]
+
+
+def _cure(section: Sequential, plan: SequentialPlan, family: Family) -> str:
     """Return looks that can stop: the first later, others as they are; or what else helps."""
-    *early, last = section.looks
+    *early, last = plan.looks
+    alpha = plan.alpha
 
     def stops(*looks: int) -> bool:
-        plan = plan_of(section.model_copy(update={"looks": looks}), alpha)
-        return not any(never_stops(plan, k, least(people)) for k, people in enumerate(looks))
+        return not _never(plan_of(section.model_copy(update={"looks": looks}), alpha), family)
 
     for first in range(early[0], last):
         # What the first look may spend is its bound.
         may = 1.0 if section.rule == "bayes-factor" else spent(first / last, alpha, section.rule)
         kept = (first, *(look for look in early if look > first), last)
-        if may >= least(first) and stops(*kept):
+        if may >= family.least_p(first) and stops(*kept):
             return f"say looks = {list(kept)}"
+    if family.draws:
+        more = range(family.draws, MOST_DRAWS + 1)
+        enough = bisect_left(more, True, key=lambda n: not _never(plan, replace(family, draws=n)))
+        leave = "leave out analysis.bootstrap_draws"
+        return f"say analysis.bootstrap_draws = {more[enough]}" if enough < len(more) else leave
     if stops(last):
         return "leave out [analysis.sequential], and test once, at the end"
-    enough = next(people for people in range(last, MOST_PEOPLE) if stops(people))
+    enough = next(people for people in range(last, MOST_UNITS) if stops(people))
     return f"plan {enough} participants or more (study.participants), or fewer comparisons"
 
 
 def planning_notes(study: StudyProtocol) -> list[str]:
     """Return what the planned design can hardly or never show."""
     analysis = study.analysis
-    kind, people = analysis_of(analysis.kind), study.study.participants
+    people, families = study.study.participants, analysis_of(analysis.kind).families(study)
     scenes = np.unique([cell.scene for cell in study.task.cells(study.pool)]).size
     whose = getattr(analysis, "test", "participant-scene")
     return [
-        *hopeless(people, kind.family(study), analysis.alpha),
+        *(note for one in families for note in one.hopeless(people, analysis.alpha)),
         *(
             f'{note}. Show four or more, or say test = "participant", which speaks of these alone'
             for note in two_scenes(scenes)

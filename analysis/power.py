@@ -18,7 +18,7 @@ from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, comp
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
 from analysis.seed import SEED
-from analysis.showable import two_scenes
+from analysis.showable import Family, two_scenes
 from protocols.errors import StudyError
 from protocols.prose import count_of
 
@@ -166,6 +166,11 @@ class PowerSimulation(ABC, Generic[S]):
         shape = (self.repeats, studies, people, number.size)
         noise = assumed["rt_sd"] * rng.standard_normal(shape, dtype=np.float32)
         return replace(answers, times=times + noise)
+
+    def families(self) -> tuple[Family, ...]:
+        """Return the families of tests that the study plans, that of the planned test first."""
+        parts = with_added(self.parts)
+        return tuple(one for part in parts for one in part.families(self.cells, self.plan))
 
     def participants(self) -> tuple[int, ...]:
         """Return the numbers of participants that a curve shows."""
@@ -340,16 +345,22 @@ def power(
         f"{f'{_title(name)}: ' * (name != first)}false positives": one
         for name, one in wrong.items()
     }
+    families = simulation.families()
+    alone = families[0].uncorrected if families else ""
     errs = [
         note
         for name, one in wrong.items()
-        for note in _errs_too_often(people, one, plan.alpha, count, _title(name) * (name != first))
+        for note in _errs_too_often(
+            people, one, plan.alpha, count, _title(name) * (name != first), alone * (name == first)
+        )
     ]
     by_means = (
         "reaction times are compared by analysis of variance of ln s, not by the report's mixed"
         " model, which takes longer"
     )
     notes = [*simulation.notes(taken), *([by_means] if simulation.timed else []), *errs, *notes]
+    if planned is not None:
+        notes += [note for one in families for note in one.hopeless(planned, plan.alpha)]
     if EQUIVALENCE in each:
         equal = each[EQUIVALENCE]
         shown = equal[people.index(planned)] if planned in people else equal.max()
@@ -506,7 +517,7 @@ def _by_tables(
             numbers = computed(parts, table, simulation.plan)[0].get(part.name)
         except StudyError:  # such as answers that are all alike: nothing is found
             return np.nan
-        p = None if numbers is None else part.planned_p(numbers)
+        p = None if numbers is None else part.planned_p(numbers, simulation.plan)
         return np.nan if p is None else p
 
     studies = range(answers.given.shape[1])
@@ -569,11 +580,16 @@ def _legend(
 
 
 def _errs_too_often(
-    participants: Sequence[int], false_positives: Floats, alpha: float, studies: int, of: str
+    participants: Sequence[int],
+    false_positives: Floats,
+    alpha: float,
+    studies: int,
+    of: str,
+    alone: str,
 ) -> list[str]:
     """Say if the test errs more than twice as often as alpha allows, beyond chance of `studies`.
 
-    `of` says of what it is; empty: of what the study is about.
+    `of` says of what it is; empty: of what the study is about. `alone`: why several err so often.
     """
     worst, doubled = int(np.argmax(false_positives)), 2 * alpha
     if false_positives[worst] <= doubled + 3 * np.sqrt(doubled * (1 - doubled) / studies):
@@ -582,7 +598,8 @@ def _errs_too_often(
         f"do not plan by these numbers: in this design the test{f' of {of}' * bool(of)} errs too"
         " often. With nothing to"
         f" find, {false_positives[worst]:.2f} of studies of {participants[worst]} participants are"
-        f" significant all the same, at alpha {alpha:g}. Add scenes"
+        f" significant all the same, at alpha {alpha:g}"
+        + (f": {alone}. Correct for them" if alone else ". Add scenes")
     ]
 
 

@@ -1,28 +1,117 @@
-"""Limits of what so few participants, or scenes, can show at all."""
+"""Limits of what so few participants, scenes or draws can show at all."""
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 
 from analysis.models.clustered import least_p
+from analysis.models.mixed.inference import least_p_of_draws
 from protocols.prose import count_of
+from protocols.tasks.mixed import MOST_DRAWS
 
-MOST_PEOPLE = 1000
-"""Up to which a number of participants that can show something is looked for."""
+Words = Callable[[int], str]
+Least = Callable[[int], float]
+
+MOST_UNITS = 1000
+"""Up to which a number of participants, or of scenes, that can show something is looked for."""
 
 
-def hopeless(people: int, count: int, alpha: float) -> list[str]:
-    """Say that so few participants cannot make any of a Holm family of comparisons significant."""
-    least = float(least_p(people))
-    if count * least < alpha or count < 1:
-        return []
-    enough = next(n for n in range(people, MOST_PEOPLE) if count * least_p(n) < alpha)
-    if count == 1:
-        return [
-            f"the comparison cannot be significant: {count_of(people, 'participant')} can show no p"
-            f" below {least:.2g}; that takes {enough} participants"
-        ]
-    return [
-        f"none of {count} comparisons can be significant after Holm's adjustment: {people}"
-        f" participants show no p below {least:.2g}; that takes {enough} participants, or fewer"
-        " comparisons"
-    ]
+@dataclass(frozen=True)
+class Family:
+    """Tests whose p is corrected together, and what none of these p can fall below.
+
+    Attributes
+    ----------
+    noun, of : str
+        One of them, ``comparison``, and what it is of, `` of ratings``.
+    count : int
+    holm : bool
+        Each p is Holm-adjusted over all of them.
+    people : bool
+        No p is below that of participants who all agree.
+    toward : float
+        Chance that one of these answers so where there is nothing to find.
+    scenes : int
+        Fewest scenes that one value of a factor shows alone: a bootstrap that draws them holds p by
+        them, too; 0: it does not.
+    draws : int
+        Draws of the parametric bootstrap that gives p; 0: none.
+    """
+
+    noun: str
+    of: str = ""
+    count: int = 1
+    holm: bool = True
+    people: bool = True
+    toward: float = 0.5
+    scenes: int = 0
+    draws: int = 0
+
+    @property
+    def uncorrected(self) -> str:
+        """Reason that some of them is significant more often than alpha; empty if there is none."""
+        several = self.count > 1 and not self.holm
+        return f'each {self.noun} is judged by itself (correction = "none")' * several
+
+    def least_p(self, people: int) -> float:
+        """Return the least p, adjusted, that so many participants can show; 0: any."""
+        return self._highest(people)[0]
+
+    def why(self, people: int) -> str:
+        """Return who can show no p below the least."""
+        least, who = self._highest(people)
+        return f"{who} can show no {'adjusted ' * (self._times > 1)}p below {least:.2g}"
+
+    def hopeless(self, people: int, alpha: float) -> list[str]:
+        """Say that none can be significant with so many participants, and what that takes."""
+        if self.count < 1:
+            return []
+        none = f"the {self.noun}{self.of} cannot be significant"
+        if self.count > 1:
+            adjusted = " after Holm's adjustment" * self.holm
+            none = f"none of {self.count} {self.noun}s{self.of} can be significant{adjusted}"
+        fewer = [f"fewer {self.noun}s"] * (self._times > 1)
+        notes = []
+        for words, number, least, most in self._held(people):
+            if self._times * least(number) < alpha:
+                continue
+            known = range(number, most + 1)
+            place = bisect_left(known, True, key=lambda n: self._times * least(n) < alpha)
+            takes = [words(n) for n in known[place : place + 1]] + [words(0)] * (most == MOST_DRAWS)
+            notes.append(
+                f"{none}: {words(number)} can show no p below {least(number):.2g}; that takes"
+                f" {', or '.join([*takes, *fewer])}"
+            )
+        return notes
+
+    @property
+    def _times(self) -> int:
+        return self.count if self.holm else 1
+
+    def _held(self, people: int) -> Iterator[tuple[Words, int, Least, int]]:
+        """Yield what holds p: its words, its number, the least p of a number, the largest."""
+        if self.people:
+            least = partial(_least_of_votes, toward=self.toward)
+            yield partial(count_of, noun="participant"), people, least, MOST_UNITS
+        if self.scenes:
+            yield _scenes_at, self.scenes, _least_of_votes, MOST_UNITS
+        if self.draws:
+            yield "bootstrap_draws = {}".format, self.draws, least_p_of_draws, MOST_DRAWS
+
+    def _highest(self, people: int) -> tuple[float, str]:
+        held = self._held(people)
+        each = ((least(number), words(number)) for words, number, least, _ in held)
+        least, who = max(each, default=(0.0, ""))
+        return min(1.0, self._times * least), who
+
+
+def _least_of_votes(number: int, toward: float = 0.5) -> float:
+    return float(least_p(number, toward))
+
+
+def _scenes_at(number: int) -> str:
+    return f"{count_of(number, 'scene')} at a value"
 
 
 def two_scenes(scenes: int) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from protocols.blocks import Block, Section, TableBlock
@@ -27,6 +27,7 @@ def preregistration(
     *,
     why: str | None = None,
     power: Mapping[str, Any] | None = None,
+    limits: Sequence[str] = (),
 ) -> list[Section]:
     """Return the text of a preregistration.
 
@@ -44,6 +45,8 @@ def preregistration(
         Why so many participants, in the author's words.
     power : mapping, optional
         What `metamerlab analysis power --out` wrote as ``power.json``.
+    limits : sequence of str
+        What so few participants or scenes cannot show.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def preregistration(
         _stimuli(protocol, display),
         _procedure(protocol, display),
         _texts(protocol),
-        _analysis(protocol),
+        _analysis(protocol, limits),
         Section.of(
             "Data",
             [
@@ -303,7 +306,10 @@ def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
 
 def _looks(protocol: StudyProtocol) -> list[str]:
     planned = protocol.analysis.sequential
-    return [] if planned is None else planned.plain_sentences(protocol.analysis.alpha)
+    if planned is None:
+        return []
+    judged = protocol.analysis.judged(protocol.task, protocol.pool)
+    return planned.plain_sentences(protocol.analysis.alpha, judged)
 
 
 def _times(protocol: StudyProtocol) -> list[str]:
@@ -318,7 +324,7 @@ def _times(protocol: StudyProtocol) -> list[str]:
     ]
 
 
-def _analysis(protocol: StudyProtocol) -> Section:
+def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
     analysis = protocol.analysis
     rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
@@ -329,6 +335,7 @@ def _analysis(protocol: StudyProtocol) -> Section:
             *_looks(protocol),
             *_times(protocol),
         ],
+        *(["What this design cannot show:", [f"{limit}." for limit in limits]] if limits else []),
         "Exclusions, fixed before the data:",
         [
             f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",

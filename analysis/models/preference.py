@@ -14,13 +14,12 @@ from analysis.models.clustered import (
     FEW_SCENES,
     ClusteredShare,
     holm,
-    least_p,
     sign_flip_floor,
     sign_flip_p,
     two_way,
 )
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, found_pairings
-from analysis.showable import hopeless, two_scenes
+from analysis.showable import two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -288,10 +287,6 @@ def preferences(
             )
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
-    if correction == "holm":
-        people = max(cell.answers.participants for cell in cells)
-        if len(cells) > 1 and least_p(people) < alpha:
-            notes += hopeless(people, len(cells), alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,

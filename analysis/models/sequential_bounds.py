@@ -209,11 +209,11 @@ def _p_at_factor(people: int, factor: float) -> float | None:
 
 
 def standing(
-    plan: SequentialPlan, people: int, p: float | None, least: float = 0.0
+    plan: SequentialPlan, people: int, p: float | None, judged: str, least: float = 0.0
 ) -> InterimResult:
     """Say at which look a study with so many participants stands, and what p means there.
 
-    They can show no p below `least`.
+    `judged` says in words which p it is; they can show none below `least`.
     """
     look = sum(people >= planned for planned in plan.looks)
     last = look == len(plan.looks)
@@ -232,21 +232,22 @@ def standing(
         if plan.rule == "bayes-factor"
         else f"bound of the rule {plan.rule}"
     )
+    is_ = f"p = {p:.4g} ({judged}) is"
     if p <= bound:
         verdict = "stop: significant"
-        said = f"p = {p:.4g} is at most {bound:.4g}, the {rule}: significant; the study may stop."
+        said = f"{is_} at most {bound:.4g}, the {rule}: significant; the study may stop."
     elif accept is not None and p >= accept:
         verdict = "stop: no difference"
         said = (
-            f"p = {p:.4g} is at least {accept:.4g}, where the Bayes factor is"
+            f"{is_} at least {accept:.4g}, where the Bayes factor is"
             f" 1/{plan.bayes_factor:g}: the study may stop for no difference."
         )
     else:
         verdict = "end: not significant" if last else "go on"
         end = "not significant; the study ends here." if last else "not yet; go on."
-        said = f"p = {p:.4g} is above {bound:.4g}, the {rule}: {end}{upcoming}"
+        said = f"{is_} above {bound:.4g}, the {rule}: {end}{upcoming}"
         if never_stops(plan, look - 1, least):
-            said += f" This look could never stop the study: {count} show no p below {least:.2g}."
+            said += f" This look could never stop the study: no p below {least:.2g} can be had."
     return InterimResult(
         look, len(plan.looks), people, planned, p, bound, verdict, f"{here}: {said}"
     )

@@ -19,6 +19,7 @@ from pydantic import Field
 from analysis.answers import SimulatedAnswers
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.seed import SEED
+from analysis.showable import Family
 from protocols.blocks import Block, Section
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
@@ -235,12 +236,19 @@ class Part(ABC, Generic[P, R]):
             If nothing can be said of such a table; the report then says why.
         """
 
-    def planned_p(self, _found: R) -> float | None:
+    def planned_p(self, _found: R, _plan: P) -> float | None:
         """Return p of the planned test, which looks at unfinished data test; None: there is none.
 
-        Of several planned comparisons it is the least, adjusted.
+        Of several planned comparisons it is the least, adjusted if the plan corrects for them.
         """
         return None
+
+    def families(self, _cells: pd.DataFrame, _plan: P) -> Sequence[Family]:
+        """Return the families of tests that a study plans, that of `planned_p` first.
+
+        `cells` are those of the study's `PowerSimulation`.
+        """
+        return ()
 
     def planned_over(self, _answers: SimulatedAnswers, _people: Sequence[int], _plan: P) -> Tests:
         """Return the planned tests of many simulated studies, for `analysis power`.

@@ -10,7 +10,7 @@ import pandas as pd
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Rate
 from analysis.parts import Part, Shown
-from analysis.parts.shared import apa_difference
+from analysis.parts.shared import apa_difference, decisive, planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     leading,
@@ -21,7 +21,6 @@ from analysis.report.wording import (
     share,
     share_range,
 )
-from analysis.showable import hopeless
 from protocols.blocks import Box
 
 
@@ -68,15 +67,17 @@ class ComparisonsPart(Part[RatePlan, Planned]):
             )
         elif "sensitivity" in found:
             differences = found["sensitivity"].planned
-            family = len(differences) if plan.correction == "holm" else min(len(differences), 1)
-            notes += hopeless(table["participant"].nunique(), family, plan.alpha)
-        return Planned(differences, () if differences else found["rates"].conditions, tuple(notes))
+        instead = () if differences else found["rates"].conditions
+        if not plan.adaptive and (differences or len(instead) == 1):
+            people = table["participant"].nunique()
+            notes += planned_family(len(differences), plan).hopeless(people, plan.alpha)
+        return Planned(differences, instead, tuple(notes))
 
-    def planned_p(self, found: Planned) -> float | None:
-        """Return the least adjusted p of the planned comparisons; of a single condition its own."""
+    def planned_p(self, found: Planned, plan: RatePlan) -> float | None:
+        """Return the least p of the planned comparisons; of a single condition its own."""
         if found.differences:
-            return min(one.p_adjusted for one in found.differences)
-        return found.instead[0].p if len(found.instead) == 1 else None
+            return min(_decides(one, plan) for one in found.differences)
+        return found.instead[0].p if len(found.instead) == 1 and not plan.adaptive else None
 
     def show(self, found: Planned, plan: RatePlan) -> Shown:
         """Return the comparisons in short."""
@@ -105,9 +106,13 @@ class ComparisonsPart(Part[RatePlan, Planned]):
         )
 
 
+def _decides(one: Difference, plan: RatePlan) -> float:
+    return decisive(one, adjusted=plan.correction == "holm")
+
+
 def _said(one: Difference, plan: RatePlan) -> str:
     """Return a comparison with the baseline in short; adjusted p decides if it is asked for."""
-    p = one.p_adjusted if plan.correction == "holm" else one.p
+    p = _decides(one, plan)
     between = f"{plan.label(one.first)} against {plan.label(one.second)}"
     level = f"{level_text(one.level)} {number_range(one.lower, one.upper)}"
     word = "they differ" if p < plan.alpha else "no difference is shown"

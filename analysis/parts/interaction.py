@@ -1,5 +1,7 @@
 """Interaction of preferences, or of differences of right answers, with a second factor."""
 
+import math
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,12 +36,15 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from analysis.showable import hopeless
+from analysis.showable import Family
 from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
 
 Pair = tuple[str, str]
+AtValues = Mapping[str, Sequence[pd.Series]]
+"""Cells of a comparison's condition, or of its two, by value of the factor."""
+T = TypeVar("T")
 P = TypeVar("P", PreferencePlan, RatePlan)
 
 
@@ -103,6 +108,25 @@ class InteractionPart(Part[P, Interactions]):
     def wanted(self, table: pd.DataFrame, plan: P) -> bool:
         """Return whether a second factor is named, and has several values."""
         return plan.interaction in table and len(_values(table, plan)) > 1
+
+    @abstractmethod
+    def at_values(self, cells: pd.DataFrame, plan: P) -> Mapping[Pair, AtValues]:
+        """Return the cells of each comparison, at every value, shown or not."""
+
+    def _shown(self, cells: pd.DataFrame, plan: P) -> dict[Pair, AtValues]:
+        """Return the cells of comparisons that are shown at several values, at these."""
+        if plan.interaction not in cells:
+            return {}
+        every = {
+            pair: {value: own for value, own in one.items() if all(mask.any() for mask in own)}
+            for pair, one in self.at_values(cells, plan).items()
+        }
+        return {pair: one for pair, one in every.items() if len(one) > 1}
+
+    def families(self, cells: pd.DataFrame, plan: P) -> Sequence[Family]:
+        """Return the planned changes, and all of them."""
+        shown = {pair: math.comb(len(one), 2) for pair, one in self._shown(cells, plan).items()}
+        return _families(shown, cells, plan)
 
     def show(self, found: Interactions, plan: P) -> Shown:
         """Return the planned ones before all, every difference, and shares by value."""
@@ -195,9 +219,9 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
                 )
         if not shares:
             raise ValueError(f"no two methods were compared at two values of {plan.interaction}")
-        first = plan.primary[:2] if plan.primary else plan.pairings[0]
+        first = _first(plan)
         planned = _family(_only(shares, first))
-        notes = _notes(sides, len(planned), plan)
+        notes = _notes(sides, _families(_numbers(shares), rows, plan), plan)
         known = [set(plan.compared_at(rows, value)[1]) for value in values]
         methods = [name for name in plan.methods if all(name in some for some in known)]
         jod: dict[Pair, list[Difference]] = {}
@@ -223,16 +247,22 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             notes=tuple(notes),
         )
 
+    def at_values(self, cells: pd.DataFrame, plan: PreferencePlan) -> Mapping[Pair, AtValues]:
+        """Return the cells of each pairing by size."""
+        of = [
+            (pair, (cells["method"] == pair[0]) & (cells["against"] == pair[1]))
+            for pair in plan.pairings
+        ]
+        return {
+            pair: {size: [own & (cells["size"] == size)] for size in plan.sizes} for pair, own in of
+        }
+
     def planned_over(
         self, answers: SimulatedAnswers, people: Sequence[int], plan: PreferencePlan
     ) -> Tests:
         """Test whether shares of the primary comparison differ between sizes."""
-        if plan.interaction is None or plan.primary is None:
-            return {}
-        cells, (method, against, _) = answers.cells, plan.primary
-        pair = (cells["method"] == method) & (cells["against"] == against)
-        shown = {size: [pair & (cells["size"] == size)] for size in plan.sizes}
-        return _planned(self.name, answers, people, plan, [shown])
+        shown = self._shown(answers.cells, plan)
+        return _planned(self.name, answers, people, plan, _only(shown, _first(plan)))
 
 
 class RateInteraction(InteractionPart[RatePlan]):
@@ -281,29 +311,32 @@ class RateInteraction(InteractionPart[RatePlan]):
             every,
             every,
             (),
-            tuple(_notes(sides, len(every), plan)),
+            tuple(_notes(sides, _families(_numbers(found), rows, plan), plan)),
         )
+
+    def at_values(self, cells: pd.DataFrame, plan: RatePlan) -> Mapping[Pair, AtValues]:
+        """Return the cells of each condition and the baseline; of a single one its own."""
+        if plan.adaptive:
+            return {}
+        at, (baseline, *others) = cells[plan.interaction].map(name_of), plan.values
+        pairs = [(one, baseline) for one in others] or [(baseline, "")]
+        return {
+            pair: {
+                value: [(cells["condition"] == name) & (at == value) for name in pair if name]
+                for value in _values(cells, plan)
+            }
+            for pair in pairs
+        }
 
     def planned_over(
         self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan
     ) -> Tests:
         """Test whether differences to the baseline differ between the factor's values."""
-        cells = answers.cells
-        if plan.adaptive or plan.interaction not in cells:
-            return {}
+        shown = self._shown(answers.cells, plan)
         if plan.kind == "detection":  # what is given is the answer of the signal
-            there = (cells["expected"] == plan.answers[0]).to_numpy()
+            there = (answers.cells["expected"] == plan.answers[0]).to_numpy()
             answers = replace(answers, given=answers.given == there)
-        at, (baseline, *others) = cells[plan.interaction].map(name_of), plan.values
-        sides: list[tuple[str, ...]] = [(one, baseline) for one in others] or [(baseline,)]
-        compared = [
-            {
-                value: [(cells["condition"] == name) & (at == value) for name in names]
-                for value in _values(cells, plan)
-            }
-            for names in sides
-        ]
-        return _planned(self.name, answers, people, plan, compared)
+        return _planned(self.name, answers, people, plan, shown)
 
 
 def _planned(
@@ -311,18 +344,12 @@ def _planned(
     answers: SimulatedAnswers,
     people: Sequence[int],
     plan: PreferencePlan | RatePlan,
-    compared: Sequence[Mapping[str, Sequence[pd.Series]]],
+    shown: Mapping[Pair, AtValues],
 ) -> Tests:
     """Return the test of how shares change between values, Holm-adjusted, by `name`.
 
-    `compared`: of each comparison, by value, the cells of its condition, or of its two. Nothing
-    where no comparison is shown at two values.
+    Nothing where no comparison is shown at two values.
     """
-    shown = [
-        {value: masks for value, masks in one.items() if all(mask.any() for mask in masks)}
-        for one in compared
-    ]
-    shown = [one for one in shown if len(one) > 1]
 
     def moved(count: int, masks: Sequence[pd.Series]) -> Influence:
         each = []
@@ -336,7 +363,7 @@ def _planned(
 
     def of(count: int) -> NDArray[np.float64]:
         p = []
-        for one in shown:
+        for one in shown.values():
             at = [moved(count, masks) for masks in one.values()]
             p += [first.less(second).p_value() for first, second in combinations(at, 2)]
         return holm(np.stack(p, axis=-1))
@@ -379,8 +406,44 @@ def _votes(rows: pd.DataFrame, places: TrialGrid, methods: Sequence[str]) -> NDA
     return votes
 
 
-def _only(found: Mapping[Pair, list[Difference]], pair: Pair) -> dict[Pair, list[Difference]]:
+def _first(plan: PreferencePlan) -> Pair:
+    """Return the comparison whose changes are tested by themselves."""
+    return plan.primary[:2] if plan.primary else plan.pairings[0]
+
+
+def _only(found: Mapping[Pair, T], pair: Pair) -> dict[Pair, T]:
     return {pair: found[pair]} if pair in found else {}
+
+
+def _numbers(found: Mapping[Pair, Sequence[Difference]]) -> dict[Pair, int]:
+    return {pair: len(several) for pair, several in found.items()}
+
+
+def _families(
+    changes: Mapping[Pair, int], rows: pd.DataFrame, plan: PreferencePlan | RatePlan
+) -> list[Family]:
+    """Return the families of so many changes of each comparison; `rows` say where scenes belong."""
+    of, total = f" with {plan.interaction}", sum(changes.values())
+    found = [Family("change", of, total)] * (total > 0)
+    if isinstance(plan, RatePlan):
+        return found
+    first = _first(plan)
+    whose = "the primary preference" if plan.primary else " / ".join(map(plan.label, first))
+    if first in changes:
+        found = [Family("change", f" of {whose}{of}", changes[first]), *found * (len(changes) > 1)]
+    apart = _scenes_apart(rows, plan)
+    in_jod = [replace(one, of=f"{one.of} in JOD", people=False, scenes=apart) for one in found]
+    return found + in_jod * (apart > 0)
+
+
+def _scenes_apart(rows: pd.DataFrame, plan: PreferencePlan) -> int:
+    """Return the fewest scenes of a size where each scene is shown at one; else 0."""
+    if plan.test != "participant-scene":
+        return 0
+    places = rows[["scene", "size"]].astype(str).drop_duplicates()
+    several = places["size"].value_counts()
+    apart = not places["scene"].duplicated().any() and (several > 1).any()
+    return int(several[several > 1].min()) if apart else 0
 
 
 def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ...]:
@@ -393,10 +456,12 @@ def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ..
     )
 
 
-def _notes(sides: Sequence[Side], planned: int, plan: PreferencePlan | RatePlan) -> list[str]:
-    """Say what few people cannot show of so many planned changes, and few scenes hardly tell."""
-    fewest = min(one.scenes for one in sides)
-    found = hopeless(max(one.participants for one in sides), planned, plan.alpha)
+def _notes(
+    sides: Sequence[Side], families: Sequence[Family], plan: PreferencePlan | RatePlan
+) -> list[str]:
+    """Say what few people cannot show of these changes, and few scenes hardly tell."""
+    fewest, most = min(one.scenes for one in sides), max(one.participants for one in sides)
+    found = [note for one in families for note in one.hopeless(most, plan.alpha)]
     if fewest == 1:
         found.append("one scene at some value: the change is about these scenes")
     elif fewest < FEW_SCENES:

@@ -12,7 +12,9 @@ from analysis.models.sequential_bounds import InterimResult, SequentialPlan, pla
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Shown, estimates_of
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
+from analysis.showable import Family
 from protocols.blocks import Block, Box, FigurePlace, Paragraph, TableBlock
+from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.sequential import Sequential
 
 LEAST = 1e-9
@@ -42,9 +44,10 @@ class LooksPart(Part[AnalysisPlan, Looks]):
     section: ClassVar[tuple[str, str]] = ("looks", "Planned looks")
 
     def __init__(
-        self, planned: Sequential, parts: Sequence[AnyPart], least_p: Callable[[int], float]
+        self, study: StudyProtocol, planned: Sequential, parts: Sequence[AnyPart], family: Family
     ) -> None:
-        self._planned, self._parts, self._least_p = planned, parts, least_p
+        self._planned, self._parts, self._family = planned, parts, family
+        self._judged = study.analysis.judged(study.task, study.pool)
         self.needs = tuple(one.name for one in parts)  # type: ignore[misc]
 
     def compute(
@@ -52,10 +55,10 @@ class LooksPart(Part[AnalysisPlan, Looks]):
     ) -> Looks:
         """Compare p of the planned test with the look's bound, and invert the test there."""
         bounds = plan_of(self._planned, plan.alpha)
-        known = (one.planned_p(found[one.name]) for one in self._parts if one.name in found)
+        known = (one.planned_p(found[one.name], plan) for one in self._parts if one.name in found)
         p = next((p for p in known if p is not None), None)
         people = int(table["participant"].nunique())
-        now = standing(bounds, people, p, self._least_p(people))
+        now = standing(bounds, people, p, self._judged, self._family.least_p(people))
         if now.reject_p is None or now.reject_p < LEAST or bounds.rule == "bayes-factor":
             return Looks(bounds, now, ())
         at_bound = plan.but(alpha=now.reject_p)
@@ -104,7 +107,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
             ),
             blocks=(FigurePlace("looks"), looks_table(bounds), *limits),
             sentences=(now.sentence,),
-            methods=" ".join(self._planned.plain_sentences(plan.alpha)),
+            methods=" ".join(self._planned.plain_sentences(plan.alpha, self._judged)),
             tables=tables,
             figures=(
                 PartFigure(

@@ -25,6 +25,7 @@ from analysis.parts.shared import (
     difference_tables,
     in_order,
     law_of_mixed,
+    pairs_in,
 )
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.psychometric_plots import PANELS, DrawnCurve, people_plot, psychometric_plot
@@ -42,6 +43,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
+from analysis.showable import Family
 from protocols.adaptive.answer_history import Shape
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
@@ -374,6 +376,11 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             return holm(p) if plan.correction == "holm" else p
 
         return {"": tested} if plan.adaptive else {}
+
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+        """Return the comparisons, where levels adapt; nothing holds their p."""
+        count = len(pairs_in(cells, plan))
+        return (Family("comparison", " of thresholds", count, people=False),) * plan.adaptive
 
     def estimates(self, found: Thresholds, plan: RatePlan) -> Sequence[Estimate]:
         """Return differences of thresholds, where levels adapt and so these are the result."""

@@ -32,6 +32,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from analysis.showable import Family
 from protocols.blocks import (
     Block,
     Box,
@@ -114,6 +115,9 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
+        people = max(cell.answers.participants for cell in cells.cells)
+        for family in _families(primary is not None, len(cells.cells), plan):
+            notes += family.hopeless(people, plan.alpha)
         return PreferenceResults(
             primary,
             cells,
@@ -122,9 +126,13 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             tuple(notes),
         )
 
-    def planned_p(self, found: PreferenceResults) -> float | None:
+    def planned_p(self, found: PreferenceResults, _plan: PreferencePlan) -> float | None:
         """Return p of the primary comparison."""
         return None if found.primary is None else found.primary.test.p
+
+    def families(self, _cells: pd.DataFrame, plan: PreferencePlan) -> Sequence[Family]:
+        """Return the primary comparison, and all comparisons together."""
+        return _families(plan.primary is not None, len(plan.comparisons), plan)
 
     def planned_over(
         self, answers: SimulatedAnswers, people: Sequence[int], plan: PreferencePlan
@@ -195,6 +203,14 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             tables={"preferences.csv": pd.DataFrame(rows), "shares.csv": _shares(found)},
             figures=tuple(_figures(found, plan)),
         )
+
+
+def _families(primary: bool, count: int, plan: PreferencePlan) -> list[Family]:
+    """Return the primary comparison, where there is one, and all together."""
+    people, holms = plan.test != "pooled", plan.correction == "holm"
+    every = Family("comparison", count=count, holm=holms, people=people)
+    first = [Family("primary comparison", people=people)] * primary
+    return [*first, *[every] * (count > 1 or not primary)]
 
 
 def _estimate(cell: Preference, plan: PreferencePlan) -> Estimate:

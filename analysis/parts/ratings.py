@@ -29,6 +29,7 @@ from analysis.parts.shared import (
     decisive,
     limits,
     mean_differences_p,
+    pairs_in,
     ratio_told,
     sd_text,
 )
@@ -45,6 +46,7 @@ from analysis.report.wording import (
     placed,
     share,
 )
+from analysis.showable import Family
 from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
 
 
@@ -86,13 +88,19 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         levels = pd.crosstab(table["participant"], table["rating"].map(category))
         levels = levels.reindex(columns=list(model.categories), fill_value=0)
         return RatingResults(
-            model, {str(who): tuple(map(int, row)) for who, row in levels.iterrows()}
+            model,
+            {str(who): tuple(map(int, row)) for who, row in levels.iterrows()},
+            tuple(_family(len(model.contrasts), plan).hopeless(len(levels), plan.alpha)),
         )
 
-    def planned_p(self, found: RatingResults) -> float | None:
-        """Return the least adjusted p of the comparisons."""
-        known = [p for p in map(decisive, found.model.contrasts) if p >= 0]
-        return min(known, default=None)
+    def planned_p(self, found: RatingResults, plan: RatingPlan) -> float | None:
+        """Return the least p of the comparisons."""
+        every = (_decides(one, plan) for one in found.model.contrasts)
+        return min((p for p in every if p >= 0), default=None)
+
+    def families(self, cells: pd.DataFrame, plan: RatingPlan) -> Sequence[Family]:
+        """Return the comparisons."""
+        return (_family(len(pairs_in(cells, plan)), plan),)
 
     def planned_over(
         self, answers: SimulatedAnswers, people: Sequence[int], plan: RatingPlan
@@ -116,7 +124,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 one.difference,
                 one.lower,
                 one.upper,
-                decisive(one),
+                _decides(one, plan),
                 count,
             )
             for one in found.model.contrasts
@@ -129,7 +137,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         holm = plan.correction == "holm"
         own = [decisive(one, adjusted=False) for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
-        count = sum(decisive(one, adjusted=holm) < plan.alpha for one in model.contrasts)
+        count = sum(_decides(one, plan) < plan.alpha for one in model.contrasts)
         caption = (
             f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
             f" {plan.limits}, from the first condition on."
@@ -158,6 +166,16 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
             ),
         )
+
+
+def _decides(one: RatingDifference, plan: RatingPlan) -> float:
+    return decisive(one, adjusted=plan.correction == "holm")
+
+
+def _family(count: int, plan: RatingPlan) -> Family:
+    """Return so many comparisons, whose p a parametric bootstrap alone holds."""
+    holms = plan.correction == "holm"
+    return Family("comparison", " of ratings", count, holms, False, draws=plan.bootstrap_draws)
 
 
 def category(value: object) -> str:

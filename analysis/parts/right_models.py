@@ -20,7 +20,7 @@ from analysis.parts.margins import (
     margin_tables,
     means_table,
 )
-from analysis.parts.shared import bootstrapped, law_of_mixed, rows_of, sd_text
+from analysis.parts.shared import bootstrapped, law_of_mixed, pairs_in, rows_of, sd_text
 from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.wording import (
@@ -34,6 +34,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from analysis.showable import Family
 from protocols.blocks import Cautions, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
@@ -70,6 +71,11 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         """Return whether there is a level, or conditions to compare."""
         return plan.level is not None or (bool(plan.by) and baseline_in(table, plan) is not None)
 
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+        """Return a term of the mixed model, whose p a parametric bootstrap alone holds."""
+        asked = plan.level is not None or bool(pairs_in(cells, plan))
+        return (_term(plan),) * asked
+
     def of(self, table: pd.DataFrame, plan: RatePlan) -> RightModels:
         """Fit the models, with names that a formula can hold."""
         held: dict[str, pd.Series] = {}
@@ -87,7 +93,8 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         several = tuple(name for name in groups if rows[name].nunique() > 1)
         shown = shown_in(rows.assign(condition=table["condition"]), plan) if reference else []
         margins = _margins(beside.mixed, rows, shown, plan)
-        return RightModels(**vars(beside), groups=several, margins=margins)
+        notes = _term(plan).hopeless(rows["participant"].nunique(), plan.alpha)
+        return RightModels(**vars(beside), groups=several, margins=margins, notes=tuple(notes))
 
     def show(self, found: RightModels, plan: RatePlan) -> Shown:
         """Return the three beside each other, and the mixed one's terms as sentences."""
@@ -158,6 +165,10 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
             },
             scripts=_scripts(found, plan),
         )
+
+
+def _term(plan: RatePlan) -> Family:
+    return Family("term", " of the mixed model", people=False, draws=plan.bootstrap_draws)
 
 
 def _margins(

@@ -1,6 +1,7 @@
 """Quality in JOD: Thurstone's scale of the methods, and whether answers fit on one axis."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -29,7 +30,7 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
 from analysis.seed import SEED
-from analysis.showable import hopeless
+from analysis.showable import Family
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 
@@ -105,6 +106,11 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
         )
         return Scales(tuple(one for one in sizes if one is not None), tuple(notes))
 
+    def families(self, cells: pd.DataFrame, _plan: PreferencePlan) -> Sequence[Family]:
+        """Return the differences of three methods or more, by how many each size compares."""
+        shown = [{*rows["method"], *rows["against"]} for _, rows in cells.groupby("size")]
+        return [_family(count) for count in sorted({len(one) for one in shown}) if count > 2]
+
     def show(self, found: Scales, plan: PreferencePlan) -> Shown:
         """Return a figure of all sizes; scores, differences and checks of each."""
         if not found.sizes:
@@ -132,6 +138,10 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
             tables=tables,
             figures=(PartFigure("scale", caption, partial(jod_plot, scales, label=plan.label)),),
         )
+
+
+def _family(methods: int) -> Family:
+    return Family("difference", " in JOD, or in odds,", math.comb(methods, 2))
 
 
 def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
@@ -223,7 +233,7 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
     elif len(methods) > 2:
         found.append("not everyone saw every pair: no triads, no agreement")
     if intervals is not None and len(methods) > 2:
-        found += hopeless(len(people), len(contrasts(total, methods)), plan.alpha)
+        found += _family(len(methods)).hopeless(len(people), plan.alpha)
     triads = zip(people, answers, strict=True) if complete else ()
     return SizeScale(
         size=size,

@@ -40,6 +40,7 @@ from analysis.parts.shared import (
     estimate,
     in_order,
     limits,
+    planned_family,
     sd_text,
     told_apart,
 )
@@ -58,6 +59,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
+from analysis.showable import Family
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
@@ -120,15 +122,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
         """Test differences of d', and of bias where the baseline has a d' too."""
         if plan.adaptive:
             return {}
-        own = {name: _cells_of(answers, name) for name in plan.values}
-        there = (answers.cells["expected"] == plan.answers[0]).to_numpy()
-        lacking = [cells for cells in own.values() if not there[cells].any()]
-        shared = np.any(lacking, axis=0) if lacking else ~there
-        told = {
-            name: (cells & there, cells & ~there if not there[cells].all() else shared & ~there)
-            for name, cells in own.items()
-            if there[cells].any() and (lacking or not there[cells].all())
-        }
+        own, told = _told(answers.cells, plan)
         test = partial(_planned, answers, people, plan)
         found: dict[str, Callable[[], Floats]] = {"": partial(test, told, _moved_d_prime)}
         if len(own) > 1 and plan.values[0] in told:
@@ -136,6 +130,10 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             held = [list(own).index(name) - 1 for name in list(told)[1:]]
             found["bias"] = lambda: test(every, share_influence)[..., held]
         return found
+
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+        """Return the comparisons of d'; of a single condition the test against chance."""
+        return () if plan.adaptive else (planned_family(len(_told(cells, plan)[1]) - 1, plan),)
 
     def estimates(self, found: YesNoSensitivity, plan: RatePlan) -> Sequence[Estimate]:
         """Return d' and what they differ by, unless levels adapt."""
@@ -245,6 +243,22 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
     return pd.concat([kept, *shared], ignore_index=True)
 
 
+def _told(
+    cells: pd.DataFrame, plan: RatePlan
+) -> tuple[dict[str, Mask], dict[str, tuple[Mask, Mask]]]:
+    """Return each condition's cells, and with signal and noise those of which d' is known."""
+    own = {name: _cells_of(cells, name) for name in plan.values}
+    there = (cells["expected"] == plan.answers[0]).to_numpy()
+    lacking = [one for one in own.values() if not there[one].any()]
+    shared = np.any(lacking, axis=0) if lacking else ~there
+    told = {
+        name: (one & there, one & ~there if not there[one].all() else shared & ~there)
+        for name, one in own.items()
+        if there[one].any() and (lacking or not there[one].all())
+    }
+    return own, told
+
+
 def _planned(
     answers: SimulatedAnswers,
     people: Sequence[int],
@@ -289,8 +303,8 @@ def _planned(
     return holm(p) if plan.correction == "holm" else p
 
 
-def _cells_of(answers: SimulatedAnswers, condition: str) -> Mask:
-    return np.asarray(answers.cells["condition"] == condition)
+def _cells_of(cells: pd.DataFrame, condition: str) -> Mask:
+    return np.asarray(cells["condition"] == condition)
 
 
 def _moved_d_prime(hits: Floats, signal: Floats, alarms: Floats, noise: Floats) -> Influence:
@@ -492,12 +506,16 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
         """Test differences of shares, or of a single condition's against chance."""
         if plan.adaptive:
             return {}
-        own = {name: (_cells_of(answers, name),) for name in plan.values}
+        own = {name: (_cells_of(answers.cells, name),) for name in plan.values}
         if len(own) > 1:
             return {"": partial(_planned, answers, people, plan, own, share_influence)}
         by_scene = plan.test == "participant-scene"
         alone = answers.grid(own[plan.values[0]][0], by_scene=by_scene)
         return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
+
+    def families(self, _cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+        """Return the comparisons of shares; of a single condition the test against chance."""
+        return () if plan.adaptive else (planned_family(len(plan.values) - 1, plan),)
 
     def estimates(self, found: ChoiceSensitivity, plan: RatePlan) -> Sequence[Estimate]:
         """Return shares of right answers and what they differ by, unless levels adapt."""

@@ -17,6 +17,7 @@ from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
 from analysis.models.right_answers import Rate
 from analysis.parts import AnalysisPlan, Estimate
+from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     NONE,
     df_text,
@@ -28,6 +29,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
+from analysis.showable import Family
 from protocols.blocks import Cautions, TableBlock, grouped
 
 G = TypeVar("G")
@@ -138,6 +140,12 @@ def told_apart(found: Sequence[Difference], plan: AnalysisPlan) -> tuple[Differe
     return in_order(known, plan, lambda one: one.first)
 
 
+def pairs_in(cells: pd.DataFrame, plan: AnalysisPlan) -> list[tuple[str, str]]:
+    """Return the conditions of a study's cells that are compared."""
+    names = list(dict.fromkeys(cells["condition"]))
+    return pairs_of(names, plan.reference_in(names))
+
+
 def difference_tables(
     caption: str, found: Sequence[Difference], plan: AnalysisPlan
 ) -> tuple[TableBlock | Cautions, ...]:
@@ -185,8 +193,15 @@ def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estim
     return Estimate(what, value, one.lower, one.upper, one.p, trials)
 
 
+def planned_family(others: int, plan: RatePlan) -> Family:
+    """Return the comparisons of others with the baseline; without any, the test against chance."""
+    if others:
+        return Family("comparison", count=others, holm=plan.correction == "holm")
+    return Family("test", " against chance", toward=min(plan.chance, 1.0 - plan.chance))
+
+
 def difference_estimates(
-    several: Sequence[Difference], trials: Mapping[str, int], plan: AnalysisPlan
+    several: Sequence[Difference], trials: Mapping[str, int], plan: RatePlan
 ) -> list[Estimate]:
     """Return differences as the main numbers of a report; `trials` are those of conditions."""
     return [
@@ -195,7 +210,7 @@ def difference_estimates(
             one.difference,
             one.lower,
             one.upper,
-            one.p_adjusted,
+            decisive(one, adjusted=plan.correction == "holm"),
             trials[one.first] + trials[one.second],
         )
         for one in several
@@ -214,7 +229,7 @@ def mean_differences_p(
     for name in dict.fromkeys(names):
         total, shown = scored.grid((names == name).to_numpy(), by_scene=True)
         means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
-    pairs = pairs_of(means, plan.reference_in(list(means)))
+    pairs = pairs_in(scored.cells, plan)
     each = [
         [_difference_p((means[one] - means[other])[:, :count]) for one, other in pairs]
         for count in people

@@ -31,6 +31,7 @@ from analysis.parts.shared import (
     law_of_mixed,
     limits,
     mean_differences_p,
+    pairs_in,
     ratio_told,
     sd_text,
 )
@@ -46,6 +47,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
+from analysis.showable import Family
 from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
@@ -97,6 +99,8 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
                 "model of reaction times",
                 notes,
             )
+            count = len(model.ratios) if model else 0
+            notes += _family(count, plan).hopeless(rows["participant"].nunique(), plan.alpha)
             if "correct" in rows and plan.alternatives == 2:
                 diffusion = tried(
                     lambda: diffusion_by_condition(
@@ -122,6 +126,12 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         times = replace(answers, given=answers.times)
         return {self.name: partial(mean_differences_p, times, people, plan)}
 
+    def families(self, cells: pd.DataFrame, plan: AnalysisPlan) -> Sequence[Family]:
+        """Return the comparisons, where the study tests times."""
+        if plan.reaction != "models" or "condition" not in cells:
+            return ()
+        return (_family(len(pairs_in(cells, plan)), plan),)
+
     def show(self, found: Times, plan: AnalysisPlan) -> Shown:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
         draw = partial(
@@ -140,6 +150,11 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
             scripts=_scripts(found.model, plan) if found.model is not None else {},
             figures=(PartFigure("reaction", caption, draw),),
         )
+
+
+def _family(count: int, plan: AnalysisPlan) -> Family:
+    """Return so many comparisons, whose p a parametric bootstrap alone holds."""
+    return Family("ratio", " of times", count, people=False, draws=plan.bootstrap_draws)
 
 
 def _summary(found: Times, plan: AnalysisPlan) -> Iterator[Block]:

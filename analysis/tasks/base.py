@@ -13,6 +13,7 @@ import pandas as pd
 from analysis.parts import AnalysisPlan, AnyPart
 from analysis.power import PowerSimulation
 from analysis.seed import SEED
+from analysis.showable import Family
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns
 from protocols.columns import Column
@@ -106,14 +107,6 @@ class TaskAnalysis(ABC, Generic[S]):
         """Return decisions as the parts take them."""
         return decisions
 
-    def least_p(self, _study: StudyProtocol, _people: int) -> float:
-        """Return the least p that the planned test of so many participants can show; 0: any."""
-        return 0.0
-
-    def family(self, _study: StudyProtocol) -> int:
-        """Return how many planned comparisons are corrected together and have such a least p."""
-        return 0
-
     def tidy_tables(self, _decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the decisions in forms that other programs read, by file name."""
         return {}
@@ -132,6 +125,13 @@ class TaskAnalysis(ABC, Generic[S]):
             f"analysis.kind: the power of {study.analysis.kind!r} cannot be simulated; plan by a"
             " pilot, whose report gives the limits of every difference"
         )
+
+    def families(self, study: StudyProtocol) -> tuple[Family, ...]:
+        """Return the families of tests that a study plans, that of the planned test first."""
+        try:
+            return self.simulation(study).families()
+        except StudyError:  # nothing is compared, or nobody knows what is
+            return ()
 
 
 AnyAnalysis: TypeAlias = TaskAnalysis[Any]

@@ -34,18 +34,18 @@ class Sequential(Model):
             )
         return self
 
-    def plain_sentences(self, alpha: float) -> list[str]:
-        """Return the rule in sentences, for a preregistration."""
-        looks = ", ".join(map(str, self.looks))
+    def plain_sentences(self, alpha: float, judged: str) -> list[str]:
+        """Return the rule in sentences, for a preregistration; `judged` says which p."""
+        looks = f"{', '.join(map(str, self.looks))} participants, by its p, {judged}"
         if self.rule == "bayes-factor":
             return [
-                f"The planned test is looked at with {looks} participants. The study stops where"
-                f" its default Bayes factor is at least {self.bayes_factor:g}, or at most"
+                f"The planned test is looked at with {looks}. The study stops where its"
+                f" default Bayes factor is at least {self.bayes_factor:g}, or at most"
                 f" 1/{self.bayes_factor:g}."
             ]
         name = {"obrien-fleming": "O'Brien-Fleming", "pocock": "Pocock"}[self.rule]
         return [
-            f"The planned test is looked at with {looks} participants. Error is spent by the"
-            f" Lan-DeMets function of {name} type, alpha {alpha:g} over all looks; the study stops"
+            f"The planned test is looked at with {looks}. Error is spent by the Lan-DeMets"
+            f" function of {name} type, alpha {alpha:g} over all looks; the study stops"
             " where the test is significant at its look."
         ]

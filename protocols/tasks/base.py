@@ -140,6 +140,10 @@ class Analysis(ExtendedModel):
         """Return the analysis in sentences, for a preregistration."""
         raise NotImplementedError
 
+    def judged(self, _task: Task, _pool: Pool) -> str:
+        """Return which p planned looks judge, within a sentence."""
+        return "that of the planned test"
+
 
 class CatchTrials(Model):
     """Catch trials, spread evenly over the blocks."""

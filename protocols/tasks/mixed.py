@@ -14,6 +14,8 @@ from protocols.tasks.base import Analysis
 
 NOTHING_LEFT = 2e-3
 """Of a sum of weights that is to be 0, by the largest: thirds are written in three digits."""
+MOST_DRAWS = 100_000
+"""Of a parametric bootstrap."""
 _WEIGHT = re.compile(r"\s*(.+?)\s*=\s*([-+]?[\d./]+)\s*(?:,|$)")
 
 
@@ -31,6 +33,15 @@ Weights = Annotated[dict[str, float], BeforeValidator(_weights)]
 """Of conditions, by name; in one text `ours=1, blur=-1/2, none=-1/2`."""
 
 
+def least_of(comparisons: str, *, several: bool, correction: str) -> str:
+    """Return which p planned looks judge, within a sentence: the least of comparisons."""
+    if not several:
+        return f"that of the comparison {comparisons}"
+    if correction == "holm":
+        return f"the least, Holm-adjusted, of the comparisons {comparisons}"
+    return f"the least, not adjusted, of the comparisons {comparisons}: alpha holds for each alone"
+
+
 class MixedAnalysis(Analysis):
     """An analysis with a mixed model of its answers."""
 
@@ -43,7 +54,7 @@ class MixedAnalysis(Analysis):
     contrasts: dict[str, Weights] = Field(default_factory=dict)
     """Contrasts of the mixed models' means by name, Holm-adjusted together: of each, weights of
     conditions that sum to 0, such as `{ ours = 1, blur = -0.5, none = -0.5 }`. Default: none."""
-    bootstrap_draws: Annotated[int, Field(ge=0, le=100_000)] = 0
+    bootstrap_draws: Annotated[int, Field(ge=0, le=MOST_DRAWS)] = 0
     """Studies drawn from each smaller model, for p of likelihood ratios by parametric bootstrap,
     which holds where people are few; some 1000, each a fit. Default: none."""
 

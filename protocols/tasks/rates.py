@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, StringConstraints
 from protocols.errors import Problem, did_you_mean
 from protocols.pool import Pool
 from protocols.tasks.base import Task
-from protocols.tasks.mixed import MixedAnalysis
+from protocols.tasks.mixed import MixedAnalysis, least_of
 from protocols.units import Condition, Name, Scalar
 
 BETWEEN = ", "
@@ -208,6 +208,14 @@ class RatesAnalysis(MixedAnalysis):
                 f" {performance_in_words(self.threshold_at)}."
             )
         return found + self.mixed_sentences()
+
+    def judged(self, task: Task, pool: Pool) -> str:
+        """Return which p planned looks judge, within a sentence."""
+        baseline, *others = self.ordered(task, pool)
+        if not others:
+            return "that of right answers against chance"
+        of = "of thresholds " * (task.adaptation is not None)
+        return least_of(f"{of}with {baseline}", several=len(others) > 1, correction=self.correction)
 
 
 def _reads_as_number(value: object) -> bool:

@@ -15,7 +15,7 @@ from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, Cell, Task, blank_phase, shown_phase
 from protocols.tasks.compared import Standards
-from protocols.tasks.mixed import MixedAnalysis
+from protocols.tasks.mixed import MixedAnalysis, least_of
 from protocols.tasks.rates import name_of
 from protocols.units import Name, Scalar, Seconds
 
@@ -39,8 +39,7 @@ class RatingsAnalysis(MixedAnalysis):
         """Yield columns and values that the stimuli do not have."""
         wrong = list(task.check_shown(pool, "analysis.by", (self.by,)))
         yield from wrong
-        shown = [cell.arrangements[0].condition for cell in task.cells(pool)]
-        known = list(dict.fromkeys(name_of(condition.get(self.by, "")) for condition in shown))
+        known = self.known(task, pool)
         if not wrong and len(known) < 2:
             yield Problem(
                 "analysis.by",
@@ -55,6 +54,19 @@ class RatingsAnalysis(MixedAnalysis):
                 f"must be a value of {self.by!r} that is rated ({', '.join(known)}) (got"
                 f" {self.baseline!r}){did_you_mean(name_of(self.baseline), known)}",
             )
+
+    def known(self, task: Task, pool: Pool) -> list[str]:
+        """Return the values of `by` that are rated, in the order of the cells."""
+        shown = [cell.arrangements[0].condition for cell in task.cells(pool)]
+        return list(dict.fromkeys(name_of(condition.get(self.by, "")) for condition in shown))
+
+    def judged(self, task: Task, pool: Pool) -> str:
+        """Return which p planned looks judge, within a sentence."""
+        known = self.known(task, pool)
+        of = f"between {' and '.join(known)}" if len(known) == 2 else f"between values of {self.by}"
+        if self.baseline is not None:
+            of = f"with {name_of(self.baseline)}"
+        return least_of(of, several=len(known) > 2, correction=self.correction)
 
     def plain_sentences(self, _task: Task, _pool: Pool) -> list[str]:
         """Return the analysis in sentences."""

@@ -257,7 +257,7 @@ def preregister(
 
         metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
-    from analysis.planning import check_looks
+    from analysis.planning import check_looks, planning_notes
 
     study, screen = load_study(protocol, display)
     check_looks(protocol, study)
@@ -265,7 +265,10 @@ def preregister(
     _plan(study, screen, manifest)
     revision = f"{package_version()}, revision {code_revision()}"
     found = None if power is None else _read_power(power)
-    sections = preregistration(study, screen, revision, manifest, why=why, power=found)
+    limits = planning_notes(study)
+    sections = preregistration(
+        study, screen, revision, manifest, why=why, power=found, limits=limits
+    )
     title = f"Preregistration: {study.study.title}"
     if out is None:
         say(to_markdown(title, sections))

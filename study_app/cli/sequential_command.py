@@ -73,6 +73,7 @@ def sequential(
         )
     check_looks(protocol, study)
     simulation = analysis_of(study.analysis.kind).simulation(study)
+    families = simulation.families()
     assumed = assumed_values(simulation.assumptions, pairs("--set", assume or ()))
     plan = plan_of(section, study.analysis.alpha)
     rng = np.random.default_rng(seed)
@@ -98,7 +99,7 @@ def sequential(
         f" alpha {plan.alpha:g}"
     )
     sentences = [*_sentences(plan, nothing, something)]
-    notes = [*_notes(plan, nothing)]
+    notes = [*_notes(plan, nothing, families[0].uncorrected if families else "")]
     if out is not None:
         said = {
             "title": title,
@@ -139,10 +140,10 @@ def _sentences(
         )
 
 
-def _notes(plan: SequentialPlan, nothing: SequentialError) -> Iterator[str]:
+def _notes(plan: SequentialPlan, nothing: SequentialError, alone: str) -> Iterator[str]:
     error = math.sqrt(plan.alpha * (1.0 - plan.alpha) / nothing.studies)
     if nothing.significant > plan.alpha + 2.0 * error:
-        why = "too few people at the first looks for this test"
+        why = alone or "too few people at the first looks for this test"
         if plan.rule == "bayes-factor":
             why = "a Bayes factor promises no error; raise bayes_factor, or choose another rule"
         yield f"false positives {nothing.significant:.3f} are above alpha {plan.alpha:g}: {why}"

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
-from analysis.models.clustered import least_p
 from analysis.models.compared_methods import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.bayes import BayesPart
@@ -101,16 +100,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
     def table(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> pd.DataFrame:
         """Return decisions with names as categories, which parts group."""
         return as_numbers(decisions)
-
-    def least_p(self, study: StudyProtocol, people: int) -> float:
-        """Return that of the primary comparison; pooled trials have none worth a name."""
-        return 0.0 if from_protocol(study).test == "pooled" else float(least_p(people))
-
-    def family(self, study: StudyProtocol) -> int:
-        """Return the number of comparisons."""
-        settings = from_protocol(study)
-        each = len(settings.comparisons) if settings.correction == "holm" else 1
-        return 0 if settings.test == "pooled" else each
 
     def tidy_tables(self, decisions: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         """Return the table of the program pwcmp."""

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.models.clustered import least_p
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
@@ -80,22 +79,6 @@ class RatesTask(TaskAnalysis[RatePlan]):
     @abstractmethod
     def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
-
-    def least_p(self, study: StudyProtocol, people: int) -> float:
-        """Return the least adjusted p of shares or d'; of thresholds any can be had."""
-        settings, count = self.settings(study), self.family(study)
-        if settings.adaptive:
-            return 0.0
-        toward = min(settings.chance, 1.0 - settings.chance) if count == 0 else 0.5
-        return min(1.0, max(count, 1) * float(least_p(people, toward)))
-
-    def family(self, study: StudyProtocol) -> int:
-        """Return the number of comparisons with the baseline."""
-        settings = self.settings(study)
-        if settings.adaptive or len(settings.values) < 2:
-            return 0
-        compared = len(self.simulation(study).compared)
-        return max(compared, 1) if settings.correction == "holm" else 1
 
     # PreferencePlan and tables.
 

@@ -33,7 +33,7 @@ class LabSides(Part):
         p = stats.binomtest(more, more + fewer).pvalue if more + fewer else 1.0
         return Sides(more + fewer, more, float(p))
 
-    def planned_p(self, found):
+    def planned_p(self, found, _plan):
         return found.p
 
     def show(self, found, _plan):

@@ -183,7 +183,7 @@ def test_few_people_and_many_values_are_said_to_show_no_change(rng):
         plan = analysis.settings_of_table(table, "table", told)
         (part,) = (one for one in analysis.parts if one.name == "interaction")
         notes = part.compute(analysis.table(table, plan), plan, {}, rng).notes
-        assert any("none of 6 comparisons can be significant" in one for one in notes) == said
+        assert any("none of 6 changes with gap can be significant" in one for one in notes) == said
 
 
 def test_a_study_plans_it_and_preregisters_it(tmp_path):

@@ -1,15 +1,24 @@
 """Plans that can never show anything: said, or refused, before the data."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from task_cases import case_text
 from typer.testing import CliRunner
+from web_study import WEB_CASES
 
 from analysis.models.sequential_bounds import plan_of, standing
+from analysis.parts import Part
+from analysis.parts.interaction import PreferenceInteraction
+from analysis.parts.shared import planned_family
 from analysis.planning import look_problems, planning_notes
-from analysis.showable import hopeless
-from analysis.tasks import analysis_of
+from analysis.plans.rate_plan import RatePlan
+from analysis.showable import Family
+from analysis.simulations import Choices
+from analysis.tasks import ANALYSES, analysis_of
 from protocols.load import load_protocol
 from protocols.study_file.sequential import Sequential
 from study_app.cli import app
@@ -50,8 +59,8 @@ def test_looks_that_can_never_stop_have_a_cure_that_works(tmp_path, looks, rule,
     assert "each look must be able to stop the study" in problem
     if enough := re.search(r"plan (\d+) participants or more", problem):
         study = load_protocol(written(tmp_path, looks, looks[-1], name=name))
-        least = analysis_of(study.analysis.kind).least_p(study, int(enough[1]))
-        assert least <= study.analysis.alpha
+        first, *_ = analysis_of(study.analysis.kind).families(study)
+        assert first.least_p(int(enough[1])) <= study.analysis.alpha
         return
     (cure,) = re.findall(r"say looks = \[(.*?)\]", problem)
     better = tuple(map(int, cure.split(",")))
@@ -80,7 +89,7 @@ def test_the_examples_of_page_and_template_can_stop(tmp_path):
             assert not look_problems(load_protocol(file)), (looks, name)
 
 
-def test_pooled_trials_and_ratings_stop_at_any_look(tmp_path):
+def test_pooled_trials_stop_at_any_look(tmp_path):
     file = written(tmp_path, (2, 24), 24, name="demo")
     pooled = load_protocol(file)
     pooled = pooled.model_copy(
@@ -88,23 +97,25 @@ def test_pooled_trials_and_ratings_stop_at_any_look(tmp_path):
     )
     assert look_problems(load_protocol(file))
     assert not look_problems(pooled)
-    assert analysis_of("ratings").least_p(pooled, 2) == 0.0
 
 
 def test_a_look_of_old_data_that_could_not_stop_says_so():
     plan = plan_of(Sequential(rule="obrien-fleming", looks=(8, 16, 24)), 0.05)
 
-    assert "could never stop" in standing(plan, 8, 0.0078, 2 * 0.5**8).sentence
-    assert "could never stop" not in standing(plan, 16, 0.03, 2 * 0.5**16).sentence
+    assert "could never stop" in standing(plan, 8, 0.0078, "that of the test", 2 * 0.5**8).sentence
+    assert (
+        "could never stop" not in standing(plan, 16, 0.03, "that of the test", 2 * 0.5**16).sentence
+    )
 
 
 def test_a_family_needs_as_many_participants_as_are_said():
-    (said,) = hopeless(8, 15, 0.05)
+    family = Family("comparison", count=15)
+    (said,) = family.hopeless(8, 0.05)
     enough = int(re.search(r"takes (\d+) participants", said)[1])
 
     assert 15 * 2 * 0.5**enough < 0.05 <= 15 * 2 * 0.5 ** (enough - 1)
-    assert hopeless(enough, 15, 0.05) == []
-    assert "the comparison cannot be significant" in hopeless(5, 1, 0.05)[0]
+    assert family.hopeless(enough, 0.05) == []
+    assert "the comparison cannot be significant" in Family("comparison").hopeless(5, 0.05)[0]
 
 
 def test_planning_says_what_two_scenes_and_small_families_cannot_show():
@@ -113,8 +124,161 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show():
         update={"analysis": study.analysis.model_copy(update={"test": "participant"})}
     )
 
-    assert [note.split()[0] for note in planning_notes(study)] == ["none", "two"]
-    assert [note.split()[0] for note in planning_notes(participant)] == ["none"]
+    assert [note.split()[0] for note in planning_notes(study)] == ["the", "none", "none", "two"]
+    assert [note.split()[0] for note in planning_notes(participant)] == ["the", "none", "none"]
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
     said = " ".join(run("protocol", "check", "demo").output.split())
     assert "note: two scenes show hardly anything" in said
+
+
+# Every family of tests that a report makes is one that planning knows.
+
+
+def planned_by(study, **analysis):
+    """Return the study with other rules of analysis."""
+    return study.model_copy(update={"analysis": study.analysis.model_copy(update=analysis)})
+
+
+def case_study(folder, name, participants):
+    """Return the small study of a task, with so many participants."""
+    file = folder / "case.toml"
+    text = case_text(WEB_CASES[name])
+    file.write_text(re.sub(r"participants = \d+", f"participants = {participants}", text))
+    return load_protocol(file)
+
+
+@pytest.mark.parametrize("kind", ANALYSES)
+def test_each_part_that_plans_a_test_names_its_families(kind):
+    for part in analysis_of(kind).parts:
+        plans = type(part).planned_over is not Part.planned_over
+        assert not plans or type(part).families is not Part.families, part.name
+
+
+def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(tmp_path):
+    """Eight people show no p below 2/2^8 = .0078; Holm times 3 pairings x 3 pairs of sizes: .07."""
+    sizes = ("s", "m", "l")
+    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    scenes = plan.comparisons[0].scenes
+    several = [replace(one, size=size, scenes=scenes) for one in plan.comparisons[:3]
+               for size in sizes]  # fmt: skip
+    plan = plan.but(sizes=sizes, comparisons=tuple(several), interaction="size")
+    families = Choices(plan, analysis_of("preference").parts).families()
+    own = [one for one in families if one.noun == "change"]
+
+    assert [one.count for one in own] == [3, 9]
+    assert [len(one.hopeless(8, 0.05)) for one in own] == [0, 1]
+    assert [len(one.hopeless(9, 0.05)) for one in own] == [0, 0]
+    (said,) = own[1].hopeless(8, 0.05)
+    assert said == (
+        "none of 9 changes with size can be significant after Holm's adjustment:"
+        " 8 participants can show no p below 0.0078; that takes 9 participants, or fewer changes"
+    )
+
+    study = planned_by(load_protocol(Path("demo")), interaction="size")
+    first, every = (note for note in planning_notes(study) if "with size" in note)
+    assert first.startswith("the change of the primary preference with size cannot be significant")
+    assert every.startswith("none of 3 changes with size")
+    file = tmp_path / "study.toml"
+    file.write_text(
+        TEXTS["demo"].replace(
+            '\nkind = "preference"\n', '\nkind = "preference"\ninteraction = "size"\n'
+        )
+    )
+    for command in (("protocol", "check"), ("protocol", "preregister"), ("analysis", "power")):
+        more = ("--studies", 100) if "power" in command else ()
+        assert first in " ".join(run(*command, file, *more).output.split()), command
+
+
+def test_p_of_people_who_all_agree_is_the_least_that_planning_promises(rng):
+    """Of nine pairs of methods and sizes, nobody wavers: every p is the floor, none is below it."""
+    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    simulation = Choices(plan.but(interaction="size"), analysis_of("preference").parts)
+    sure = {"rate": 0.99, "participant_sd": 0.0, "scene_sd": 0.0, "interaction": 0.0}
+    assumed = {one.name: one.value for one in simulation.assumptions} | sure
+    answers = simulation.draw(assumed, 1, 6, rng)
+    answers = replace(answers, given=np.ones_like(answers.given))
+    tests = {}
+    for part in simulation.parts:
+        tests |= part.planned_over(answers, (6,), simulation.plan)
+    first, every, *_ = simulation.families()
+
+    assert tests["primary"]().min() == pytest.approx(first.least_p(6)) == 2 * 0.5**6
+    assert tests[""]().min() == pytest.approx(every.least_p(6)) == 6 * 2 * 0.5**6
+
+
+@pytest.mark.parametrize("large", [3, 4])
+def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
+    """As few scenes are drawn as people are: of three no p is below 2/2^3 = .25."""
+    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    one = plan.comparisons[0]
+    scenes = {"small": "abcde", "large": "vwxyz"[:large]}
+    apart = tuple(replace(one, size=size, scenes=tuple(names)) for size, names in scenes.items())
+    plan = plan.but(comparisons=apart, pairings=plan.pairings[:1], interaction="size")
+    simulation = Choices(plan, (PreferenceInteraction(),))
+    in_jod = next(one for one in simulation.families() if one.scenes)
+    assumed = {one.name: one.value for one in simulation.assumptions}
+    answers = simulation.draw(assumed, 1, 12, rng)
+    small = (simulation.cells["size"] == "small").to_numpy()
+    given = np.broadcast_to(small, answers.given.shape) ^ (rng.random(answers.given.shape) < 0.05)
+    table = simulation.table(replace(answers, given=given))
+    (part,) = simulation.parts
+    found = part.compute(table, plan, {}, rng)
+
+    assert in_jod.least_p(12) == 2 * 0.5**large
+    assert found.jod[0].gap.p == pytest.approx(in_jod.least_p(12))
+    assert found.shares[0].gap.p < 0.05
+    assert in_jod.hopeless(12, 0.05)[0] in found.notes
+
+
+def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):
+    """One comparison at two levels: six people show .031, five no p below .062."""
+    five, six = (
+        planning_notes(planned_by(case_study(tmp_path, "identification", people), by="method",
+                                  level=None, baseline="one", interaction="level"))
+        for people in (5, 6)
+    )  # fmt: skip
+
+    assert [note.split(" cannot")[0] for note in five] == [
+        "the comparison",
+        "the change with level",
+    ]
+    assert six == []
+
+
+def test_a_test_against_chance_needs_fewer_people_where_guessing_is_rarer():
+    """Four alternatives: three people who are right by chance are a matter of 2/4^3 = .031."""
+    of = {n: planned_family(0, RatePlan.model_construct(alternatives=n)) for n in (2, 4)}
+
+    assert of[4].least_p(3) == 2 * 0.25**3
+    assert [len(of[4].hopeless(people, 0.05)) for people in (2, 3)] == [1, 0]
+    assert [len(of[2].hopeless(people, 0.05)) for people in (5, 6)] == [1, 0]
+    assert "the test against chance cannot be significant" in of[2].hopeless(5, 0.05)[0]
+
+
+def test_draws_of_a_bootstrap_that_are_too_few_are_said_with_a_cure_that_works(tmp_path):
+    """19 draws show no p below 1/20 = .05, which is not below alpha."""
+    study = case_study(tmp_path, "rating", 6)
+    few = planning_notes(planned_by(study, bootstrap_draws=19))
+
+    assert [note.split(" cannot")[0] for note in few] == [
+        "the comparison of ratings", "the ratio of times",
+    ]  # fmt: skip
+    assert "that takes bootstrap_draws = 20, or bootstrap_draws = 0" in few[0]
+    for draws in (20, 0):
+        assert planning_notes(planned_by(study, bootstrap_draws=draws)) == []
+
+
+def test_looks_that_a_bootstrap_can_never_pass_have_a_cure_that_works(tmp_path):
+    study = case_study(tmp_path, "rating", 24)
+
+    def problems(draws, *looks):
+        looked = Sequential(rule="obrien-fleming", looks=looks)
+        return look_problems(planned_by(study, bootstrap_draws=draws, sequential=looked))
+
+    (problem,) = problems(199, 8, 16, 24)
+    assert "bootstrap_draws = 199 can show no p below 0.005" in problem
+    (looks,) = re.findall(r"say looks = \[(.*?)\]", problem)
+    assert not problems(199, *map(int, looks.split(",")))
+    (problem,) = problems(19, 8, 24)
+    draws = int(re.search(r"say analysis.bootstrap_draws = (\d+)", problem)[1])
+    assert [bool(problems(more, 8, 24)) for more in (draws - 1, draws)] == [True, False]

@@ -69,6 +69,7 @@ def test_power_is_what_it_was_within_chance(name, rng, full):
         ("beyond-blur-detection", "as planned"),
         ("beyond-blur-detection", "participant"),
         ("beyond-blur-task", "as planned"),
+        ("beyond-blur-task", "none"),
         ("critical-scaling-halves", "participant"),
     ],
 )
@@ -92,7 +93,7 @@ def test_p_of_simulated_answers_is_that_of_their_table(name, how, rng):
         for place, people in enumerate((5, 9)):
             one = answers.of(study, people)
             found, _ = computed(parts, simulation.table(one), plan)
-            planned = [part.planned_p(found[part.name]) for part in parts]
+            planned = [part.planned_p(found[part.name], simulation.plan) for part in parts]
             first = next(iter(p.values()))[study, place].min()
             assert first == pytest.approx(next(q for q in planned if q is not None), rel=1e-6)
             if pairs:
@@ -133,7 +134,7 @@ class Sides(Part):
         more = int((won.mean() > 0.5).sum())
         return stats.binomtest(more, won.ngroups).pvalue
 
-    def planned_p(self, found):
+    def planned_p(self, found, _plan):
         return found
 
     def show(self, _found, _plan):
@@ -222,7 +223,10 @@ def test_p_of_simulated_ratings_is_near_that_of_the_reports_model(rated, rng):
     near = RatingsPart().planned_over(answers, (8,), rated.plan)[""]()[:, 0, 0]
     part = RatingsPart()
     models = np.array(
-        [part.planned_p(part.of(rated.table(answers.of(k, 8)), rated.plan)) for k in range(10)]
+        [
+            part.planned_p(part.of(rated.table(answers.of(k, 8)), rated.plan), rated.plan)
+            for k in range(10)
+        ]
     )
     gap = np.log(near) - np.log(models)
     assert np.corrcoef(np.log(near), np.log(models))[0, 1] > 0.9

@@ -129,7 +129,7 @@ def test_stops_for_no_difference_are_counted_apart():
 )
 def test_where_a_study_stands(people, p, verdict, said):
     plan = plan_of(Sequential(rule="obrien-fleming", looks=(10, 20, 30)), 0.05)
-    found = standing(plan, people, p)
+    found = standing(plan, people, p, "that of the test")
 
     assert found.verdict == verdict
     assert said in found.sentence

@@ -101,13 +101,13 @@ def test_the_likelihood_ratio_that_stands_first_decides(votes, rng):
     ours = replace(ours, p=0.001, p_adjusted=0.002, ratio_p=0.2, ratio_p_adjusted=0.2)
     found = replace(found, model=replace(found.model, contrasts=(fill, ours)))
 
-    assert part.planned_p(found) == 0.02
+    assert part.planned_p(found, plan) == 0.02
     assert [one.p for one in part.estimates(found, plan)] == [0.02, 0.2]
     (box,) = part.show(found, plan).lead
     assert box.lead.startswith("fill was rated")
     assert "1 of 2 comparisons differ, two-sided, Holm-adjusted, by likelihood ratio" in box.text
     assert part.planned_p(replace(found, model=replace(found.model, contrasts=(
-        replace(ours, ratio_p=np.nan, ratio_p_adjusted=np.nan),)))) == 0.002  # fmt: skip
+        replace(ours, ratio_p=np.nan, ratio_p_adjusted=np.nan),))), plan) == 0.002  # fmt: skip
 
 
 def test_graded_pairs_with_ties_become_a_report_too(tmp_path):
