@@ -328,6 +328,10 @@ def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
     analysis = protocol.analysis
     rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
+    never: list[Block] = [
+        "What this design can hardly or never show:",
+        [f"{limit}." for limit in limits],
+    ] * bool(limits)
     return Section.of(
         "Analysis",
         [
@@ -335,7 +339,7 @@ def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
             *_looks(protocol),
             *_times(protocol),
         ],
-        *(["What this design cannot show:", [f"{limit}." for limit in limits]] if limits else []),
+        *never,
         "Exclusions, fixed before the data:",
         [
             f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",

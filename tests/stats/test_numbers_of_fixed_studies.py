@@ -53,6 +53,7 @@ RENAMED = (
 )
 """Stored name (a pattern of the whole path) and today's, in the order in which they are tried."""
 REWORDED = (
+    ("participants show no p below", "participants can show no p below"),
     (
         "no column correct: EZ diffusion needs",
         "no column correct, nor expected and answer: EZ diffusion needs",

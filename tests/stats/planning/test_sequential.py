@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields, replace
+from itertools import starmap
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,6 +15,8 @@ from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
 from analysis.models.bayes_factor import t_bayes_factor
+from analysis.models.contrasts import Difference
+from analysis.models.ordinal import RatingDifference
 from analysis.models.sequential_bounds import (
     critical_values,
     plan_of,
@@ -19,7 +24,13 @@ from analysis.models.sequential_bounds import (
     spent,
     standing,
 )
-from analysis.parts import estimates_of
+from analysis.parts import computed, estimates_of
+from analysis.parts.comparisons import ComparisonsPart, Planned
+from analysis.parts.interim_looks import LooksPart
+from analysis.parts.ratings import RatingsPart
+from analysis.parts.shared import difference_estimates
+from analysis.plans.rate_plan import RatePlan
+from analysis.plans.rating_plan import RatingPlan
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.power import planned_p_values
 from analysis.report.write_report import report_sessions
@@ -297,3 +308,92 @@ def test_the_command_prints_bounds_and_error(tmp_path):
     assert (tmp_path / "out" / "looks-1-column.pdf").is_file()
     assert without.exit_code == 2
     assert "add [analysis.sequential]" in " ".join(without.output.split())
+
+
+# Which p a look judges.
+
+
+def gap(p: float, adjusted: float) -> Difference:
+    nothing = dict.fromkeys(("difference", "standard_error", "lower", "upper", "level", "df"), 0.0)
+    return Difference(measure="d'", first="a", second="b", p=p, p_adjusted=adjusted, **nothing)
+
+
+@pytest.mark.parametrize(("correction", "judged"), [("holm", 0.06), ("none", 0.02)])
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_a_look_judges_p_as_the_study_corrects_it(adaptive, correction, judged):
+    """Three p of .02, .04 and .5: Holm's least is 3 x .02. Thresholds are compared alike."""
+    plan = RatePlan.model_construct(correction=correction, adaptive=adaptive)
+    found = Planned(tuple(starmap(gap, ((0.04, 0.08), (0.02, 0.06), (0.5, 0.5)))), (), ())
+
+    assert ComparisonsPart().planned_p(found, plan) == judged
+    shown = difference_estimates(found.differences, {"a": 1, "b": 1}, plan)
+    assert min(one.p for one in shown) == judged
+
+
+@pytest.mark.parametrize(("correction", "judged"), [("holm", 0.06), ("none", 0.02)])
+def test_a_look_at_ratings_judges_likelihood_ratios_as_the_study_corrects_them(correction, judged):
+    nothing = dict.fromkeys([one.name for one in fields(RatingDifference)], np.nan)
+    ratings = [
+        RatingDifference(**nothing | {"ratio_p": own, "ratio_p_adjusted": together})
+        for own, together in ((0.04, 0.08), (0.02, 0.06), (np.nan, np.nan))
+    ]
+    ratings = [replace(one, first="a", second="b", difference=1.0) for one in ratings]
+    found = SimpleNamespace(model=SimpleNamespace(contrasts=ratings), levels={})
+    plan = RatingPlan.model_construct(correction=correction, by="method")
+
+    assert RatingsPart().planned_p(found, plan) == judged
+    assert RatingsPart().estimates(found, plan)[1].p == judged
+
+
+@pytest.mark.parametrize(("correction", "verdict"), [("holm", "go on"), ("none", "stop")])
+def test_report_and_preregistration_say_which_p_a_look_judges(correction, verdict, rng):
+    """One of five methods is told apart by 8 of 14 people: p lies below the bound, 5 p above."""
+    study = load_protocol(Path("beyond-blur-task"))
+    section = Sequential(rule="pocock", looks=(8, 14))
+    study = with_rules(study, sequential=section, correction=correction)
+    analysis = analysis_of(study.analysis.kind)
+    simulation = analysis.simulation(study)
+    parts = [one for one in simulation.parts if one.name in ("rates", "sensitivity", "comparisons")]
+    answers = simulation.draw(
+        {one.name: one.value for one in simulation.assumptions} | {"difference": 0.0}, 1, 8, rng
+    )
+    found, _ = computed(parts, simulation.table(answers), simulation.plan)
+    differences = found["comparisons"].differences
+    bound = plan_of(section, 0.05).reject_p[0]
+    own = (0.9 * bound, *[0.9] * (len(differences) - 1))
+    found["comparisons"] = replace(
+        found["comparisons"],
+        differences=tuple(replace(one, p=p, p_adjusted=min(1.0, len(own) * p))
+                          for one, p in zip(differences, own, strict=True)),
+    )  # fmt: skip
+    part = LooksPart(study, section, parts, analysis.families(study)[0])
+    looks = part.compute(simulation.table(answers), simulation.plan, found, rng)
+
+    assert looks.standing.p == pytest.approx(own[0] * (len(own) if correction == "holm" else 1))
+    assert looks.standing.verdict.startswith(verdict)
+    adjusted = {"holm": "Holm-adjusted", "none": "not adjusted"}[correction]
+    word = f"the least, {adjusted}, of the comparisons with reference"
+    assert word in looks.standing.sentence
+    assert word in preregistration_text(study)
+    assert word in part.show(looks, simulation.plan).methods
+
+
+def with_rules(protocol, **rules):
+    return protocol.model_copy(update={"analysis": protocol.analysis.model_copy(update=rules)})
+
+
+def test_a_look_at_preferences_judges_the_primary_comparison_alone(demo_protocol):
+    for correction in ("holm", "none"):
+        study = with_rules(demo_protocol, correction=correction)
+        study = with_looks(study, rule="bayes-factor", looks=(8, 16))
+        assert "that of the primary comparison, not adjusted" in preregistration_text(study)
+
+
+def test_several_comparisons_without_correction_are_why_looks_err(tmp_path):
+    shipped = Path(__file__).parents[3] / "protocols" / "studies" / "beyond-blur-task.toml"
+    text = shipped.read_text().replace('correction = "holm"', 'correction = "none"')
+    file = tmp_path / "study.toml"
+    file.write_text(f'{text}\n[analysis.sequential]\nrule = "pocock"\nlooks = [10, 14]\n')
+    result = run("sequential", file, "--studies", 100)
+
+    assert 'each comparison is judged by itself (correction = "none")' in result.output
