@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.models.sequential_bounds import SequentialPlan, never_stops, plan_of, spent
-from analysis.showable import MOST_UNITS, Family, two_scenes
+from analysis.showable import MOST_UNITS, FamilyOfTests, two_scenes
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.prose import count_of
@@ -41,12 +41,12 @@ def check_looks(path: Path, study: StudyProtocol) -> None:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
 
 
-def _never(plan: SequentialPlan, family: Family) -> list[int]:
+def _never(plan: SequentialPlan, family: FamilyOfTests) -> list[int]:
     """Return looks, counted from 0, at which no p of the planned test can stop the study."""
     return [k for k, n in enumerate(plan.looks) if never_stops(plan, k, family.least_p(n))]
 
 
-def _cure(section: Sequential, plan: SequentialPlan, family: Family) -> str:
+def _cure(section: Sequential, plan: SequentialPlan, family: FamilyOfTests) -> str:
     """Return looks that can stop: the first later, others as they are; or what else helps."""
     *early, last = plan.looks
     alpha = plan.alpha

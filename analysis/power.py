@@ -18,7 +18,7 @@ from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, comp
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
 from analysis.seed import SEED
-from analysis.showable import Family, two_scenes
+from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError
 from protocols.prose import count_of
 
@@ -167,7 +167,7 @@ class PowerSimulation(ABC, Generic[S]):
         noise = assumed["rt_sd"] * rng.standard_normal(shape, dtype=np.float32)
         return replace(answers, times=times + noise)
 
-    def families(self) -> tuple[Family, ...]:
+    def families(self) -> tuple[FamilyOfTests, ...]:
         """Return the families of tests that the study plans, that of the planned test first."""
         parts = with_added(self.parts)
         return tuple(one for part in parts for one in part.families(self.cells, self.plan))

@@ -18,7 +18,7 @@ MOST_UNITS = 1000
 
 
 @dataclass(frozen=True)
-class Family:
+class FamilyOfTests:
     """Tests whose p is corrected together, and what none of these p can fall below.
 
     Attributes

@@ -19,7 +19,7 @@ from pydantic import Field
 from analysis.answers import SimulatedAnswers
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.seed import SEED
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Section
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
@@ -243,7 +243,7 @@ class Part(ABC, Generic[P, R]):
         """
         return None
 
-    def families(self, _cells: pd.DataFrame, _plan: P) -> Sequence[Family]:
+    def families(self, _cells: pd.DataFrame, _plan: P) -> Sequence[FamilyOfTests]:
         """Return the families of tests that a study plans, that of `planned_p` first.
 
         `cells` are those of the study's `PowerSimulation`.

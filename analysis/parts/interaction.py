@@ -36,7 +36,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
@@ -123,7 +123,7 @@ class InteractionPart(Part[P, Interactions]):
         }
         return {pair: one for pair, one in every.items() if len(one) > 1}
 
-    def families(self, cells: pd.DataFrame, plan: P) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: P) -> Sequence[FamilyOfTests]:
         """Return the planned changes, and all of them."""
         shown = {pair: math.comb(len(one), 2) for pair, one in self._shown(cells, plan).items()}
         return _families(shown, cells, plan)
@@ -421,16 +421,19 @@ def _numbers(found: Mapping[Pair, Sequence[Difference]]) -> dict[Pair, int]:
 
 def _families(
     changes: Mapping[Pair, int], rows: pd.DataFrame, plan: PreferencePlan | RatePlan
-) -> list[Family]:
+) -> list[FamilyOfTests]:
     """Return the families of so many changes of each comparison; `rows` say where scenes belong."""
     of, total = f" with {plan.interaction}", sum(changes.values())
-    found = [Family("change", of, total)] * (total > 0)
+    found = [FamilyOfTests("change", of, total)] * (total > 0)
     if isinstance(plan, RatePlan):
         return found
     first = _first(plan)
     whose = "the primary preference" if plan.primary else " / ".join(map(plan.label, first))
     if first in changes:
-        found = [Family("change", f" of {whose}{of}", changes[first]), *found * (len(changes) > 1)]
+        found = [
+            FamilyOfTests("change", f" of {whose}{of}", changes[first]),
+            *found * (len(changes) > 1),
+        ]
     apart = _scenes_apart(rows, plan)
     in_jod = [replace(one, of=f"{one.of} in JOD", people=False, scenes=apart) for one in found]
     return found + in_jod * (apart > 0)
@@ -457,7 +460,7 @@ def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ..
 
 
 def _notes(
-    sides: Sequence[Side], families: Sequence[Family], plan: PreferencePlan | RatePlan
+    sides: Sequence[Side], families: Sequence[FamilyOfTests], plan: PreferencePlan | RatePlan
 ) -> list[str]:
     """Say what few people cannot show of these changes, and few scenes hardly tell."""
     fewest, most = min(one.scenes for one in sides), max(one.participants for one in sides)

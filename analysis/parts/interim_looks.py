@@ -12,7 +12,7 @@ from analysis.models.sequential_bounds import InterimResult, SequentialPlan, pla
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Shown, estimates_of
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Box, FigurePlace, Paragraph, TableBlock
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.sequential import Sequential
@@ -44,7 +44,11 @@ class LooksPart(Part[AnalysisPlan, Looks]):
     section: ClassVar[tuple[str, str]] = ("looks", "Planned looks")
 
     def __init__(
-        self, study: StudyProtocol, planned: Sequential, parts: Sequence[AnyPart], family: Family
+        self,
+        study: StudyProtocol,
+        planned: Sequential,
+        parts: Sequence[AnyPart],
+        family: FamilyOfTests,
     ) -> None:
         self._planned, self._parts, self._family = planned, parts, family
         self._judged = study.analysis.judged(study.task, study.pool)

@@ -43,7 +43,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.adaptive.answer_history import Shape
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
@@ -377,10 +377,10 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
         return {"": tested} if plan.adaptive else {}
 
-    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[FamilyOfTests]:
         """Return the comparisons, where levels adapt; nothing holds their p."""
         count = len(pairs_in(cells, plan))
-        return (Family("comparison", " of thresholds", count, people=False),) * plan.adaptive
+        return (FamilyOfTests("comparison", " of thresholds", count, people=False),) * plan.adaptive
 
     def estimates(self, found: Thresholds, plan: RatePlan) -> Sequence[Estimate]:
         """Return differences of thresholds, where levels adapt and so these are the result."""

@@ -32,7 +32,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import (
     Block,
     Box,
@@ -130,7 +130,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
         """Return p of the primary comparison."""
         return None if found.primary is None else found.primary.test.p
 
-    def families(self, _cells: pd.DataFrame, plan: PreferencePlan) -> Sequence[Family]:
+    def families(self, _cells: pd.DataFrame, plan: PreferencePlan) -> Sequence[FamilyOfTests]:
         """Return the primary comparison, and all comparisons together."""
         return _families(plan.primary is not None, len(plan.comparisons), plan)
 
@@ -205,11 +205,11 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
         )
 
 
-def _families(primary: bool, count: int, plan: PreferencePlan) -> list[Family]:
+def _families(primary: bool, count: int, plan: PreferencePlan) -> list[FamilyOfTests]:
     """Return the primary comparison, where there is one, and all together."""
     people, holms = plan.test != "pooled", plan.correction == "holm"
-    every = Family("comparison", count=count, holm=holms, people=people)
-    first = [Family("primary comparison", people=people)] * primary
+    every = FamilyOfTests("comparison", count=count, holm=holms, people=people)
+    first = [FamilyOfTests("primary comparison", people=people)] * primary
     return [*first, *[every] * (count > 1 or not primary)]
 
 

@@ -46,7 +46,7 @@ from analysis.report.wording import (
     placed,
     share,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
 
 
@@ -98,7 +98,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         every = (_decides(one, plan) for one in found.model.contrasts)
         return min((p for p in every if p >= 0), default=None)
 
-    def families(self, cells: pd.DataFrame, plan: RatingPlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: RatingPlan) -> Sequence[FamilyOfTests]:
         """Return the comparisons."""
         return (_family(len(pairs_in(cells, plan)), plan),)
 
@@ -172,10 +172,12 @@ def _decides(one: RatingDifference, plan: RatingPlan) -> float:
     return decisive(one, adjusted=plan.correction == "holm")
 
 
-def _family(count: int, plan: RatingPlan) -> Family:
+def _family(count: int, plan: RatingPlan) -> FamilyOfTests:
     """Return so many comparisons, whose p a parametric bootstrap alone holds."""
     holms = plan.correction == "holm"
-    return Family("comparison", " of ratings", count, holms, False, draws=plan.bootstrap_draws)
+    return FamilyOfTests(
+        "comparison", " of ratings", count, holms, False, draws=plan.bootstrap_draws
+    )
 
 
 def category(value: object) -> str:

@@ -34,7 +34,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         """Return whether there is a level, or conditions to compare."""
         return plan.level is not None or (bool(plan.by) and baseline_in(table, plan) is not None)
 
-    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[FamilyOfTests]:
         """Return a term of the mixed model, whose p a parametric bootstrap alone holds."""
         asked = plan.level is not None or bool(pairs_in(cells, plan))
         return (_term(plan),) * asked
@@ -167,8 +167,8 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         )
 
 
-def _term(plan: RatePlan) -> Family:
-    return Family("term", " of the mixed model", people=False, draws=plan.bootstrap_draws)
+def _term(plan: RatePlan) -> FamilyOfTests:
+    return FamilyOfTests("term", " of the mixed model", people=False, draws=plan.bootstrap_draws)
 
 
 def _margins(

@@ -30,7 +30,7 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
 from analysis.seed import SEED
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 
@@ -106,7 +106,7 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
         )
         return Scales(tuple(one for one in sizes if one is not None), tuple(notes))
 
-    def families(self, cells: pd.DataFrame, _plan: PreferencePlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, _plan: PreferencePlan) -> Sequence[FamilyOfTests]:
         """Return the differences of three methods or more, by how many each size compares."""
         shown = [{*rows["method"], *rows["against"]} for _, rows in cells.groupby("size")]
         return [_family(count) for count in sorted({len(one) for one in shown}) if count > 2]
@@ -140,8 +140,8 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
         )
 
 
-def _family(methods: int) -> Family:
-    return Family("difference", " in JOD, or in odds,", math.comb(methods, 2))
+def _family(methods: int) -> FamilyOfTests:
+    return FamilyOfTests("difference", " in JOD, or in odds,", math.comb(methods, 2))
 
 
 def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:

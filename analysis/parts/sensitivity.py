@@ -59,7 +59,7 @@ from analysis.report.wording import (
     share_range,
     t_text,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             found["bias"] = lambda: test(every, share_influence)[..., held]
         return found
 
-    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[FamilyOfTests]:
         """Return the comparisons of d'; of a single condition the test against chance."""
         return () if plan.adaptive else (planned_family(len(_told(cells, plan)[1]) - 1, plan),)
 
@@ -513,7 +513,7 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
         alone = answers.grid(own[plan.values[0]][0], by_scene=by_scene)
         return {"": lambda: two_way_of_first(*alone, people).p_value(plan.chance)[..., None]}
 
-    def families(self, _cells: pd.DataFrame, plan: RatePlan) -> Sequence[Family]:
+    def families(self, _cells: pd.DataFrame, plan: RatePlan) -> Sequence[FamilyOfTests]:
         """Return the comparisons of shares; of a single condition the test against chance."""
         return () if plan.adaptive else (planned_family(len(plan.values) - 1, plan),)
 

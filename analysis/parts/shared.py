@@ -29,7 +29,7 @@ from analysis.report.wording import (
     placed,
     t_text,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, TableBlock, grouped
 
 G = TypeVar("G")
@@ -193,11 +193,11 @@ def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estim
     return Estimate(what, value, one.lower, one.upper, one.p, trials)
 
 
-def planned_family(others: int, plan: RatePlan) -> Family:
+def planned_family(others: int, plan: RatePlan) -> FamilyOfTests:
     """Return the comparisons of others with the baseline; without any, the test against chance."""
     if others:
-        return Family("comparison", count=others, holm=plan.correction == "holm")
-    return Family("test", " against chance", toward=min(plan.chance, 1.0 - plan.chance))
+        return FamilyOfTests("comparison", count=others, holm=plan.correction == "holm")
+    return FamilyOfTests("test", " against chance", toward=min(plan.chance, 1.0 - plan.chance))
 
 
 def difference_estimates(

@@ -47,7 +47,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
 
 COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
@@ -126,7 +126,7 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         times = replace(answers, given=answers.times)
         return {self.name: partial(mean_differences_p, times, people, plan)}
 
-    def families(self, cells: pd.DataFrame, plan: AnalysisPlan) -> Sequence[Family]:
+    def families(self, cells: pd.DataFrame, plan: AnalysisPlan) -> Sequence[FamilyOfTests]:
         """Return the comparisons, where the study tests times."""
         if plan.reaction != "models" or "condition" not in cells:
             return ()
@@ -152,9 +152,9 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         )
 
 
-def _family(count: int, plan: AnalysisPlan) -> Family:
+def _family(count: int, plan: AnalysisPlan) -> FamilyOfTests:
     """Return so many comparisons, whose p a parametric bootstrap alone holds."""
-    return Family("ratio", " of times", count, people=False, draws=plan.bootstrap_draws)
+    return FamilyOfTests("ratio", " of times", count, people=False, draws=plan.bootstrap_draws)
 
 
 def _summary(found: Times, plan: AnalysisPlan) -> Iterator[Block]:

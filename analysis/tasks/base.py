@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.parts import AnalysisPlan, AnyPart
 from analysis.power import PowerSimulation
 from analysis.seed import SEED
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns
 from protocols.columns import Column
@@ -126,7 +126,7 @@ class TaskAnalysis(ABC, Generic[S]):
             " pilot, whose report gives the limits of every difference"
         )
 
-    def families(self, study: StudyProtocol) -> tuple[Family, ...]:
+    def families(self, study: StudyProtocol) -> tuple[FamilyOfTests, ...]:
         """Return the families of tests that a study plans, that of the planned test first."""
         try:
             return self.simulation(study).families()

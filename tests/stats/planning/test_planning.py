@@ -16,7 +16,7 @@ from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.shared import planned_family
 from analysis.planning import look_problems, planning_notes
 from analysis.plans.rate_plan import RatePlan
-from analysis.showable import Family
+from analysis.showable import FamilyOfTests
 from analysis.simulations import Choices
 from analysis.tasks import ANALYSES, analysis_of
 from protocols.load import load_protocol
@@ -109,13 +109,15 @@ def test_a_look_of_old_data_that_could_not_stop_says_so():
 
 
 def test_a_family_needs_as_many_participants_as_are_said():
-    family = Family("comparison", count=15)
+    family = FamilyOfTests("comparison", count=15)
     (said,) = family.hopeless(8, 0.05)
     enough = int(re.search(r"takes (\d+) participants", said)[1])
 
     assert 15 * 2 * 0.5**enough < 0.05 <= 15 * 2 * 0.5 ** (enough - 1)
     assert family.hopeless(enough, 0.05) == []
-    assert "the comparison cannot be significant" in Family("comparison").hopeless(5, 0.05)[0]
+    assert (
+        "the comparison cannot be significant" in FamilyOfTests("comparison").hopeless(5, 0.05)[0]
+    )
 
 
 def test_planning_says_what_two_scenes_and_small_families_cannot_show():
