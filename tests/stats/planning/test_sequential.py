@@ -322,7 +322,7 @@ def gap(p: float, adjusted: float) -> Difference:
 @pytest.mark.parametrize("adaptive", [False, True])
 def test_a_look_judges_p_as_the_study_corrects_it(adaptive, correction, judged):
     """Three p of .02, .04 and .5: Holm's least is 3 x .02. Thresholds are compared alike."""
-    plan = RatePlan.model_construct(correction=correction, adaptive=adaptive)
+    plan = RatePlan.model_construct(correction=correction, adaptive=adaptive, labels={})
     found = Planned(tuple(starmap(gap, ((0.04, 0.08), (0.02, 0.06), (0.5, 0.5)))), (), ())
 
     assert ComparisonsPart().planned_p(found, plan) == judged
