@@ -184,7 +184,7 @@ def test_a_result_of_an_earlier_version_is_left_to_its_user(study):
 def test_a_stopped_clip_of_frames_takes_nothing_of_a_users_and_the_next_goes_on(tmp_path, number):
     frames, out = tmp_path / "frames", tmp_path / "out"
     frames.mkdir()
-    for index in range(12):
+    for index in range(60):  # more than end while the test waits for its turn
         Image.new("RGB", (128, 96), (index, 90, 30)).save(frames / f"{index:06d}.png")
     words = ("foveate", frames, out, "--numpy", "--method", "metamer")
     process = Forked(*words)
