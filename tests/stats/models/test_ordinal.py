@@ -126,8 +126,9 @@ def test_a_bias_to_the_first_shifts_thresholds_and_not_places():
     assert model.conditions[2].place == pytest.approx(1.5, abs=0.4)
 
 
-def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
-    runs, called = proof_count(100), 0
+@pytest.mark.full
+def test_equal_conditions_are_called_different_as_rarely_as_said():
+    runs, called = 100, 0
     rng = np.random.default_rng(6)
     for _ in range(runs):
         rows = pd.DataFrame(

@@ -204,9 +204,9 @@ def _rest_of_sums(cells):
     return (rest**2).ravel()
 
 
-@pytest.mark.slow
-def test_equal_conditions_are_called_different_as_rarely_as_said(proof_count):
-    runs, called = proof_count(400), 0
+@pytest.mark.full
+def test_equal_conditions_are_called_different_as_rarely_as_said():
+    runs, called = 400, 0
     rng = np.random.default_rng(8)
     for _ in range(runs):
         rows = pd.DataFrame(
