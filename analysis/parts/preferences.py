@@ -1,7 +1,7 @@
 """Preferences: how often one method is chosen over another, for every pairing and size."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
@@ -14,7 +14,13 @@ from scipy import stats
 from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
-from analysis.models.preference import Preference, PreferenceTable, preference, preferences
+from analysis.models.preference import (
+    Preference,
+    PreferenceTable,
+    family_of,
+    preference,
+    preferences,
+)
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.people import shares_figure
 from analysis.plans.preference_plan import PreferencePlan
@@ -117,7 +123,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 primary = preference(rows, *plan.primary, **how)
         people = max(cell.answers.participants for cell in cells.cells)
         for family in _families(primary is not None, len(cells.cells), plan):
-            notes += family.hopeless(people, plan.alpha)
+            notes += [note for note in family.hopeless(people, plan.alpha) if note not in notes]
         return PreferenceResults(
             primary,
             cells,
@@ -207,9 +213,8 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
 
 def _families(primary: bool, count: int, plan: PreferencePlan) -> list[FamilyOfTests]:
     """Return the primary comparison, where there is one, and all together."""
-    people, holms = plan.test != "pooled", plan.correction == "holm"
-    every = FamilyOfTests("comparison", count=count, holm=holms, people=people)
-    first = [FamilyOfTests("primary comparison", people=people)] * primary
+    every = family_of(count, plan.test, plan.correction)
+    first = [replace(every, noun="primary comparison", count=1)] * primary
     return [*first, *[every] * (count > 1 or not primary)]
 
 

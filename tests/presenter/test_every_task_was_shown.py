@@ -130,6 +130,9 @@ WATCHED = [
     for name in NAMES
 ]
 
+# On a busy machine an answer may come sooner or later than a person's.
+EVERYTHING_COUNTS = '\n[analysis.exclusions]\ncompleted_min_share = 0.0\nrt_min_s = 0.0'
+
 
 @pytest.fixture
 def make_study(start_study):
@@ -145,7 +148,7 @@ def make_study(start_study):
             stimuli=STIMULI + (f"fps = 30.0\nduration_s = {FRAMES / 30}" if case.video else ""),
             task=case.task,
             answers=case.answers,
-            analysis=case.analysis,
+            analysis=case.analysis + EVERYTHING_COUNTS,
             design=f"repeats = 1\n{case.practice}",
             trial=TRIAL,
         )

@@ -34,7 +34,7 @@ class Draws:
             return math.nan
         drawn = [ratio(self.rng) for _ in range(self.count)]
         larger = sum(not one < observed for one in drawn)
-        return (1.0 + larger) * least_p_of_draws(self.count)
+        return (1.0 + larger) / (1.0 + self.count)
 
 
 def least_p_of_draws(count: int) -> float:
