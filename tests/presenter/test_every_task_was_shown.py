@@ -131,7 +131,7 @@ WATCHED = [
 ]
 
 # On a busy machine an answer may come sooner or later than a person's.
-EVERYTHING_COUNTS = '\n[analysis.exclusions]\ncompleted_min_share = 0.0\nrt_min_s = 0.0'
+EVERYTHING_COUNTS = "\n[analysis.exclusions]\ncompleted_min_share = 0.0\nrt_min_s = 0.0"
 
 
 @pytest.fixture
