@@ -19,7 +19,7 @@ from analysis.models.clustered import (
     two_way,
 )
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, found_pairings
-from analysis.showable import FamilyOfTests, two_scenes
+from analysis.showable import two_scenes
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -288,21 +288,12 @@ def preferences(
             )
     if not cells:
         raise ValueError(f"decisions must compare at least one of the pairings {list(pairings)}")
-    people = max(cell.answers.participants for cell in cells)
-    if not family_of(1, test, correction).hopeless(people, alpha):  # the number of them is why
-        notes += family_of(len(cells), test, correction).hopeless(people, alpha)
     return PreferenceTable(
         cells=_adjusted(cells, correction, alpha),
         correction=correction,
         alpha=alpha,
         warnings=tuple(notes),
     )
-
-
-def family_of(count: int, test: Test, correction: Correction) -> FamilyOfTests:
-    """Return the tests of so many comparisons together."""
-    people = test != "pooled"
-    return FamilyOfTests("comparison", count=count, holm=correction == "holm", people=people)
 
 
 def preference(

@@ -1,7 +1,7 @@
 """Are all methods equal, and does one axis suffice: for people and scenes like these."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -14,7 +14,11 @@ from analysis.parts import Part, Shown, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import NONE, number, p_number, p_text
+from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, TableBlock, grouped
+from protocols.prose import count_of
+
+EQUAL, AXIS = "all methods are equal", "one axis suffices"
 
 
 @dataclass(frozen=True)
@@ -55,14 +59,27 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
 
         def of(size: str) -> SizeTests:
             rows, methods = plan.compared_at(decisions, size)
-            votes, _ = vote_tensor(rows, methods)
-            return SizeTests(size, joint_tests(votes, rng=chance, samples=BOOTSTRAP_SAMPLES))
+            votes, people = vote_tensor(rows, methods)
+            tests = joint_tests(votes, rng=chance, samples=BOOTSTRAP_SAMPLES)
+            few = (
+                note
+                for family in _families(rows["first"], rows["second"])
+                for note in family.hopeless(len(people), plan.alpha)
+            )
+            return SizeTests(size, replace(tests, notes=(*tests.notes, *few)))
 
         found = (
             tried(partial(of, size), f"joint tests{plan.at(size, ' at {}')}", notes)
             for size in plan.sizes
         )
         return JointScales(tuple(one for one in found if one is not None), tuple(notes))
+
+    def families(self, cells: pd.DataFrame, plan: PreferencePlan) -> Sequence[FamilyOfTests]:
+        """Return both tests of each size, where there are three methods or more."""
+        if len(plan.methods) < 3:
+            return ()
+        sizes = (_families(rows["method"], rows["against"]) for _, rows in cells.groupby("size"))
+        return tuple(dict.fromkeys(one for size in sizes for one in size))
 
     def show(self, found: JointScales, plan: PreferencePlan) -> Shown:
         """Return a row for each test."""
@@ -101,6 +118,16 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
         )
 
 
+def _families(first: Iterable[str], second: Iterable[str]) -> Iterator[FamilyOfTests]:
+    """Yield the tests of methods, by the pairs of them that are shown."""
+    pairs = {frozenset(pair) for pair in zip(first, second, strict=True)}
+    scores = len(frozenset[str]().union(*pairs)) - 1
+    for what, numbers in ((EQUAL, scores), (AXIS, len(pairs) - scores)):
+        if numbers > 0:
+            of = f" that {what} ({count_of(numbers, 'number')} at once)"
+            yield FamilyOfTests("joint test", of, numbers=numbers)
+
+
 def _f(test: JointTest | None) -> str:
     return NONE if test is None else f"F({test.df}, {test.rest_df}) = {number(test.f)}"
 
@@ -108,9 +135,6 @@ def _f(test: JointTest | None) -> str:
 def _sentences(found: JointScales, plan: PreferencePlan) -> Iterator[str]:
     for one in found.sizes:
         about = plan.at(one.size, " ({})")
-        for test, what in (
-            (one.tests.equal, "all methods are equal"),
-            (one.tests.axis, "one axis suffices"),
-        ):
+        for test, what in ((one.tests.equal, EQUAL), (one.tests.axis, AXIS)):
             if test is not None:
                 yield (f"That {what}{about}: {_f(test)}, {p_text(test.p)} (two-way bootstrap).")

@@ -17,12 +17,12 @@ from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
 from analysis.models.preference import (
     Preference,
     PreferenceTable,
-    family_of,
     preference,
     preferences,
 )
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
 from analysis.parts.people import shares_figure
+from analysis.parts.shared import planned_family
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
 from analysis.report.wording import (
@@ -123,7 +123,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 primary = preference(rows, *plan.primary, **how)
         people = max(cell.answers.participants for cell in cells.cells)
         for family in _families(primary is not None, len(cells.cells), plan):
-            notes += [note for note in family.hopeless(people, plan.alpha) if note not in notes]
+            notes += family.hopeless(people, plan.alpha)
         return PreferenceResults(
             primary,
             cells,
@@ -213,7 +213,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
 
 def _families(primary: bool, count: int, plan: PreferencePlan) -> list[FamilyOfTests]:
     """Return the primary comparison, where there is one, and all together."""
-    every = family_of(count, plan.test, plan.correction)
+    every = planned_family(count, plan)
     first = [replace(every, noun="primary comparison", count=1)] * primary
     return [*first, *[every] * (count > 1 or not primary)]
 

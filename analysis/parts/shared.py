@@ -17,6 +17,7 @@ from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
 from analysis.models.right_answers import Rate
 from analysis.parts import AnalysisPlan, Estimate
+from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     NONE,
@@ -193,11 +194,12 @@ def estimate(what: str, value: float, one: Rate | Measure, trials: int) -> Estim
     return Estimate(what, value, one.lower, one.upper, one.p, trials)
 
 
-def planned_family(others: int, plan: RatePlan) -> FamilyOfTests:
-    """Return the comparisons of others with the baseline; without any, the test against chance."""
-    if others:
-        return FamilyOfTests("comparison", count=others, holm=plan.correction == "holm")
-    return FamilyOfTests("test", " against chance", toward=min(plan.chance, 1.0 - plan.chance))
+def planned_family(count: int, plan: RatePlan | PreferencePlan) -> FamilyOfTests:
+    """Return the planned comparisons; of right answers without any, the test against chance."""
+    if isinstance(plan, RatePlan) and not count:
+        return FamilyOfTests("test", " against chance", toward=min(plan.chance, 1.0 - plan.chance))
+    people, holm = plan.test != "pooled", plan.correction == "holm"
+    return FamilyOfTests("comparison", count=count, holm=holm, people=people)
 
 
 def difference_estimates(

@@ -66,7 +66,6 @@ def joint_tests(wins: Floats, *, rng: np.random.Generator, samples: int) -> Join
     best = fit_scores(total[first, second][None], total[second, first][None], count, "thurstone")[0]
     apart = departures(drawn, scores)[:, shown]
     kept = np.isfinite(scores).all(axis=1) & np.isfinite(apart).all(axis=1)
-    notes = []
     if kept.sum() < LEAST_DRAWN:
         return JointTests(None, None, ("too few bootstrap samples link all conditions",))
     beyond = int(shown.sum()) - (count - 1)
@@ -77,9 +76,7 @@ def joint_tests(wins: Floats, *, rng: np.random.Generator, samples: int) -> Join
             (departures(total, best)[shown], apart[kept], beyond),
         )
     ]
-    if people <= max(count - 1, beyond):
-        notes.append("too few participants for a joint test of so many numbers")
-    return JointTests(tests[0], tests[1], tuple(notes))
+    return JointTests(tests[0], tests[1], ())
 
 
 def _hotelling(value: Floats, drawn: Floats, df: int, people: int) -> JointTest | None:

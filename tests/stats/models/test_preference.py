@@ -15,6 +15,7 @@ from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import holm, two_way
 from analysis.models.compared_methods import Comparisons, counts, pairing_rows
 from analysis.models.preference import cohens_h, preference, preferences
+from analysis.showable import FamilyOfTests
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle.json").read_text())
 
@@ -365,10 +366,11 @@ def test_a_family_too_large_for_its_participants_says_so_and_how_many_it_takes(p
         pairings = [("none", name) for name in names[:count]]
         return preferences(pd.DataFrame(rows, columns=columns), pairings=pairings, sizes=["10"])
 
-    (note,) = table(people).warnings
+    family = FamilyOfTests("comparison", count=count)
+    (note,) = family.hopeless(people, 0.05)
     needed = int(re.search(r"that takes (\d+) participants", note)[1])
 
     assert min(cell.test.p_adjusted for cell in table(people).cells) >= 0.05
     assert min(cell.test.p_adjusted for cell in table(needed).cells) < 0.05
     assert min(cell.test.p_adjusted for cell in table(needed - 1).cells) >= 0.05
-    assert table(needed).warnings == ()
+    assert family.hopeless(needed, 0.05) == []
