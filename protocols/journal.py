@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import Field, StringConstraints, TypeAdapter, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 
 from protocols.disk.hashing import canonical_json
 from protocols.latency import LiveFrames
@@ -32,13 +32,19 @@ from protocols.units import (
     Share,
     Stamp,
     Text,
+    matching,
 )
 
 UtcTime = Annotated[
     str,
-    StringConstraints(pattern=r"^[0-9]{4}(-[0-9]{2}){2}T[0-9]{2}(:[0-9]{2}){2}(\.[0-9]{1,6})?Z$"),
+    matching(
+        r"^[0-9]{4}(-[0-9]{2}){2}T[0-9]{2}(:[0-9]{2}){2}(\.[0-9]{1,6})?Z$",
+        "a time of UTC, like '2026-05-01T09:30:00Z'",
+    ),
 ]
-TrialId = Annotated[str, StringConstraints(pattern=r"^(practice|main|catch)-[0-9]{4,}$")]
+TrialId = Annotated[
+    str, matching(r"^(practice|main|catch)-[0-9]{4,}$", "a trial's name, like 'main-0001'")
+]
 Role = Literal["practice", "main", "catch"]
 """Practice is never analysed; catch trials have a plain answer, and judge the participant."""
 VoidReason = Literal[

@@ -22,6 +22,7 @@ from protocols.journal import (
 )
 from protocols.journal_checksums import due, first_link, stated
 from protocols.limits import check_within
+from protocols.study_file.problems import in_words
 
 JOURNAL_NAME = "journal.jsonl"
 
@@ -237,12 +238,12 @@ def _parse(line: bytes) -> AnyEvent | str:
             raw = json.loads(line)
         except (ValueError, RecursionError):
             return f"must be one JSON object (got {line[:40]!r})"
-        detail = error.errors(include_input=False, include_url=False)[0]
+        detail = error.errors(include_url=False)[0]
         kind = raw.get("kind") if isinstance(raw, dict) else None
         if kind is not None and (not isinstance(kind, str) or kind not in _KINDS):
             return f"event: kind must be one of those that journals have (got {ascii(kind)[:40]})"
         place = ".".join(map(str, detail["loc"][1:] if kind else detail["loc"]))
-        said = f"{kind or 'event'}: {place}: {detail['msg']}".replace(": :", ":")
+        said = f"{kind or 'event'}: {place}: {in_words(detail)}".replace(": :", ":")
         return said.encode("ascii", "backslashreplace").decode()[:200]
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, StringConstraints, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.disk.read_file import decode_utf8, read_bytes
@@ -33,6 +33,7 @@ from protocols.units import (
     Seed,
     Sha256,
     Share,
+    matching,
 )
 
 MANIFEST_NAME = "manifest.json"
@@ -49,7 +50,14 @@ class Renderer(Model):
 class Clip(Model):
     """One stimulus: a folder of PNG frames. A still has one frame."""
 
-    name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9]+([-_]{1,2}[a-z0-9]+)*$")]
+    name: Annotated[
+        str,
+        matching(
+            r"^[a-z0-9]+([-_]{1,2}[a-z0-9]+)*$",
+            "lower-case words and numbers joined by one or two dashes or underscores, like"
+            " 'garden__small__push-pull'",
+        ),
+    ]
     """Its name in plans and journals, and its folder. Warped clips: `scene__size__method`."""
     condition: dict[Name, Scalar]
     """Condition shown, column by column."""

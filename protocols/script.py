@@ -30,6 +30,7 @@ from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
 from protocols.recipes.base import LiveMethod
 from protocols.study_file.participant_texts import fill, key_label, unknown_placeholders
+from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
 from protocols.tasks.base import whole_frames
@@ -563,7 +564,7 @@ def _why(error: ValidationError) -> str:
     detail = error.errors()[0]
     said = detail.get("ctx", {}).get("error")
     place = ".".join(map(str, detail["loc"]))
-    return str(said or f"{place}: {detail['msg']} (got {detail['input']!r:.60}); give such a value")
+    return str(said or f"{place}: {in_words(detail)}; give such a value")
 
 
 def _wrong(phase: phases.Phase, why: str) -> StudyError:

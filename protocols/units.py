@@ -60,13 +60,31 @@ class ExtendedModel(Model):
         return {key: value for key, value in plain(self).items() if key not in unused}
 
 
+IN_WORDS: dict[str, str] = {
+    r"[A-Za-z0-9_-]{2,32}": "2 to 32 letters, digits, dashes and underscores, like 'P01'"
+}
+"""Form that a text must have, within a message, by its pattern; first that of `code_pattern`."""
+
+
+def form_of(pattern: str) -> str:
+    """Return the form that a text must have, within a message."""
+    return IN_WORDS.get(pattern, f"text that matches the regular expression {pattern}")
+
+
+def matching(pattern: str, words: str, max_length: int | None = None) -> StringConstraints:
+    """Return the rule that a text matches `pattern`; messages say `words` instead."""
+    IN_WORDS[pattern] = words
+    return StringConstraints(pattern=pattern, max_length=max_length)
+
+
 NAME_PATTERN = r"^[a-z0-9]+([-_][a-z0-9]+)*$"
 """Lower-case words joined by single dashes or underscores: `__` stays free to join names."""
 
 NAME_LENGTH = 48
 DEVICE = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)
 """Names that Windows keeps for devices: it holds no file or folder that is called so."""
-Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN, max_length=NAME_LENGTH)]
+NAME_IN_WORDS = "lower-case words and numbers joined by single dashes or underscores"
+Name = Annotated[str, matching(NAME_PATTERN, NAME_IN_WORDS, NAME_LENGTH)]
 
 
 def visible(text: str) -> str:
@@ -79,11 +97,21 @@ def visible(text: str) -> str:
 _BLANK = "\u115f\u1160\u2800\u3164\uffa0"
 """Hangul fillers and the empty Braille pattern: letters and symbols by category."""
 Text = Annotated[str, StringConstraints(min_length=1), AfterValidator(visible)]
-Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-ParticipantCode = Annotated[
-    str, StringConstraints(pattern=r"^[A-Za-z0-9]+([-_][A-Za-z0-9]+)*$", max_length=32)
+Sha256 = Annotated[
+    str, matching(r"^[0-9a-f]{64}$", "a SHA-256 hash: 64 digits and letters from a to f")
 ]
-LanguageCode = Annotated[str, StringConstraints(pattern=r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$")]
+ParticipantCode = Annotated[
+    str,
+    matching(
+        r"^[A-Za-z0-9]+([-_][A-Za-z0-9]+)*$",
+        "letters and digits, joined by single dashes or underscores, like 'P01'",
+        32,
+    ),
+]
+LanguageCode = Annotated[
+    str,
+    matching(r"^[a-z]{2,3}(-[A-Za-z0-9]{2,8})*$", "a language's code, like 'en' or 'pt-BR'"),
+]
 
 N = TypeVar("N", int, float)
 

@@ -21,7 +21,7 @@ from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart
 from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal
 from protocols.study_file.schema import StudyProtocol
-from protocols.units import DEVICE, ParticipantCode
+from protocols.units import DEVICE, ParticipantCode, form_of
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ def session_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
         ) from None
     if not protocol.privacy.accepts(participant):
         raise StudyError(
-            f"participant: a code must match {protocol.privacy.code_pattern} (got"
-            f" {participant!r}); the protocol's privacy section says so"
+            f"participant: a code must be {form_of(protocol.privacy.code_pattern)} (got"
+            f" {participant!r}); the study's privacy.code_pattern says so"
         )
     return root / protocol.study.name / participant
 

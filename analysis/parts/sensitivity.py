@@ -78,6 +78,12 @@ class YesNoSensitivity(YesNoResults):
         return self.d_prime_contrasts
 
     @property
+    def alone(self) -> Measure | None:
+        """d' of the only condition that has one: it is tested against 0."""
+        known = [one.d_prime for one in self.conditions if one.d_prime is not None]
+        return known[0] if len(known) == 1 else None
+
+    @property
     def measures(self) -> tuple[tuple[str, tuple[Difference, ...]], ...]:
         """Differences by what they are of."""
         return (
@@ -107,7 +113,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             reference=baseline_in(rows, plan),
             level=plan.confidence,
         )
-        return YesNoSensitivity(
+        results = YesNoSensitivity(
             in_order(found.conditions, plan, lambda one: one.condition),
             told_apart(found.d_prime_contrasts, plan),
             told_apart(found.criterion_contrasts, plan),
@@ -115,6 +121,14 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             found.correction,
             tuple(notes),
         )
+        if results.alone is None or plan.adaptive or len(found.conditions) == 1:
+            return results  # of a single condition `ComparisonsPart` says it
+        few = planned_family(0, plan).hopeless(table["participant"].nunique(), plan.alpha)
+        return replace(results, notes=(*notes, *few))
+
+    def planned_p(self, found: YesNoSensitivity, plan: RatePlan) -> float | None:
+        """Return p of d' against 0 where one condition alone has a d'."""
+        return None if found.alone is None or plan.adaptive else found.alone.p
 
     def planned_over(
         self, answers: SimulatedAnswers, people: Sequence[int], plan: RatePlan

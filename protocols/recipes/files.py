@@ -17,7 +17,18 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.limits import check_cells, check_within
 from protocols.recipes.base import SCENE, Recipe, Stimulus
-from protocols.units import DEVICE, NAME_LENGTH, Hertz, Model, Name, Pixels, Scalar, Seconds, Text
+from protocols.units import (
+    DEVICE,
+    NAME_IN_WORDS,
+    NAME_LENGTH,
+    Hertz,
+    Model,
+    Name,
+    Pixels,
+    Scalar,
+    Seconds,
+    Text,
+)
 
 COLUMNS = ("stimulus", "file")
 """Columns that the table must have; every other column is one of the condition."""
@@ -242,8 +253,7 @@ def _check_name(name: str, what: str) -> None:
         _NAME.validate_python(name)
     except ValidationError:
         raise StudyError(
-            f"{what} must be lower-case words and numbers joined by single dashes or underscores,"
-            f" at most {NAME_LENGTH} characters (got {name!r})"
+            f"{what} must be {NAME_IN_WORDS}, at most {NAME_LENGTH} characters (got {name!r})"
         ) from None
 
 

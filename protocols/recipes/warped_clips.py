@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from protocols.blocks import Block, TableBlock
 from protocols.disk.hashing import Json
@@ -45,6 +45,7 @@ from protocols.units import (
     StoredNumber,
     Text,
     Vector3,
+    matching,
 )
 
 PHOTOGRAPH_RIM_PX = 1
@@ -366,7 +367,11 @@ class Size(Model):
 
 
 MethodReference = Annotated[
-    str, StringConstraints(pattern=r"^([a-z0-9]+(-[a-z0-9]+)*|onnx:.+|frames:.+)$")
+    str,
+    matching(
+        r"^([a-z0-9]+(-[a-z0-9]+)*|onnx:.+|frames:.+)$",
+        "a fill method that 'metamerlab warp --list' lists, or like 'onnx:FILE' or 'frames:FOLDER'",
+    ),
 ]
 
 

@@ -11,9 +11,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from protocols.errors import Problem, did_you_mean
-from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS
+from protocols.study_file.session_schema import KEY_PATTERN
 from protocols.suggest import cure_for_key, cure_for_key_name, split_unit
-from protocols.units import NAME_PATTERN, UNIT_OF_SUFFIX
+from protocols.units import UNIT_OF_SUFFIX, form_of
 
 MOST_PROBLEMS = 150
 """Mistakes of one file that are told; their count stands among the lines that a command prints."""
@@ -36,6 +36,12 @@ _BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("at most", "le"),
     "multiple_of": ("a multiple of", "multiple_of"),
+}
+_LENGTHS = {
+    "too_short": ("least", "min_length", "entries"),
+    "too_long": ("most", "max_length", "entries"),
+    "string_too_short": ("least", "min_length", "characters"),
+    "string_too_long": ("most", "max_length", "characters"),
 }
 
 
@@ -79,64 +85,62 @@ def _either(messages: Sequence[str]) -> str:
 
 
 def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iterator[Problem]:
-    kind, found, context = detail["type"], detail["input"], detail.get("ctx", {})
-    whole = not detail["loc"]
-    if kind == "value_error" and whole:  # StudyProtocol's own checks: one line each
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "value_error" and not detail["loc"]:  # StudyProtocol's own checks: one line each
         for line in str(context["error"]).splitlines():
             place, colon, message = line.partition(": ")
             yield Problem(place, message) if colon and " " not in place else Problem("", line)
         return
     place, owner = _locate(detail["loc"], raw, model)
+    if kind in {"union_tag_invalid", "union_tag_not_found"}:
+        place = f"{place}.{_tag(context)}"
+    if message := in_words(detail, owner):
+        yield Problem(place, message)
+
+
+def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
+    """Return what must hold, what was found, and a cure; empty where another mistake says it.
+
+    `owner` is the model of the key that is wrong.
+    """
+    kind, found, context = detail["type"], detail["input"], detail.get("ctx", {})
     key = str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "missing" and isinstance(detail["loc"][-1], int):  # a list of fixed length
-        count = detail["loc"][-1] + 1
-        yield Problem(place, f"must have {count} entries or more (got {_show(found)})")
-    elif kind == "missing":
-        yield Problem(place, "missing")
-    elif kind == "extra_forbidden":
+        return f"must have {detail['loc'][-1] + 1} entries or more (got {_show(found)})"
+    if kind in {"missing", "union_tag_not_found"}:
+        return "missing"
+    if kind == "extra_forbidden":
         known = list(owner.model_fields) if owner else []
         cure = cure_for_key(key, found, known)
-        yield Problem(place, "unknown key" + (cure or f"; known keys: {', '.join(known)}"))
-    elif kind in _BOUNDS:
+        return "unknown key" + (cure or f"; known keys: {', '.join(known)}" * bool(known))
+    if kind in _BOUNDS:
         word, name = _BOUNDS[kind]
         unit = UNIT_OF_SUFFIX.get(split_unit(key)[1], "")
         bound = f"{context[name]:,.10g}" + (f" {unit}" if unit else "")
-        yield Problem(place, f"must be {word} {bound} (got {_show(found)})")
-    elif kind in _WANTED_TYPE:
-        yield Problem(place, f"must be {_WANTED_TYPE[kind]} (got {_show(found)})")
-    elif kind == "literal_error":
+        return f"must be {word} {bound} (got {_show(found)})"
+    if kind in _WANTED_TYPE:
+        return f"must be {_WANTED_TYPE[kind]} (got {_show(found)})"
+    if kind == "literal_error":
         choices = re.findall("'([^']*)'", context["expected"])
         near = did_you_mean(found, choices)
-        yield Problem(place, f"must be {context['expected']} (got {_show(found)}){near}")
-    elif kind == "union_tag_invalid":
+        return f"must be {context['expected']} (got {_show(found)}){near}"
+    if kind == "union_tag_invalid":
         tags = context["expected_tags"].replace("'", "").split(", ")
-        yield Problem(
-            f"{place}.{_tag(context)}",
-            f"must be one of {', '.join(tags)} (got {_show(context['tag'])})"
-            + did_you_mean(context["tag"], tags),
-        )
-    elif kind == "union_tag_not_found":
-        yield Problem(f"{place}.{_tag(context)}", "missing")
-    elif kind == "string_pattern_mismatch":
-        wanted = (
-            "lower-case words and numbers joined by single dashes or underscores"
-            if context["pattern"] == NAME_PATTERN
-            else KEYS_IN_WORDS
-            if context["pattern"] == KEY_PATTERN
-            else f"text that matches {context['pattern']}"
-        )
-        meant = cure_for_key_name(str(found)) if wanted == KEYS_IN_WORDS else ""
-        yield Problem(place, f"must be {wanted} (got {_show(found)}){meant}")
-    elif kind in {"too_short", "string_too_short"}:
-        least = context.get("min_length", 1)
-        if isinstance(found, (tuple, list)) and len(found) >= least:
-            return  # an entry is wrong, and said to be: there are enough
-        what = "characters" if kind == "string_too_short" else "entries"
-        yield Problem(place, f"must have at least {least} {what} (got {_show(found)})")
-    elif kind == "value_error":
-        yield Problem(place, str(context["error"]))
-    else:
-        yield Problem(place, f"{detail['msg']} (got {_show(found)})")
+        near = did_you_mean(context["tag"], tags)
+        return f"must be one of {', '.join(tags)} (got {_show(context['tag'])}){near}"
+    if kind == "string_pattern_mismatch":
+        pattern = context["pattern"]
+        meant = cure_for_key_name(str(found)) if pattern == KEY_PATTERN else ""
+        return f"must be {form_of(pattern)} (got {_show(found)}){meant}"
+    if kind in _LENGTHS:
+        word, name, what = _LENGTHS[kind]
+        bound = context.get(name, 1)
+        if kind == "too_short" and isinstance(found, (tuple, list)) and len(found) >= bound:
+            return ""  # an entry is wrong, and said to be: there are enough
+        return f"must have at {word} {bound} {what} (got {_show(found)})"
+    if kind == "value_error":
+        return str(context["error"])
+    return f"{detail['msg']} (got {_show(found)})"
 
 
 def _tag(context: Mapping[str, Any]) -> str:

@@ -22,6 +22,7 @@ from protocols.units import (
     Share,
     SignedDegrees,
     Text,
+    matching,
 )
 
 
@@ -168,7 +169,7 @@ KEYS_IN_WORDS = (
     "a key: a letter, a digit, left, right, up, down, space, enter, escape, tab, backspace, f1 to"
     " f12, kp_0 to kp_9, or a button of a gamepad such as pad_a"
 )
-KeyName = Annotated[str, StringConstraints(pattern=KEY_PATTERN)]
+KeyName = Annotated[str, matching(KEY_PATTERN, KEYS_IN_WORDS)]
 """A key of the keyboard, of the number block (kp_4) or of a gamepad (pad_a)."""
 
 Keys = Annotated[tuple[KeyName, ...], Field(min_length=1)]
@@ -299,12 +300,27 @@ class Web(Model):
     """Largest change of times to make them whole refreshes. 150 ms are 10.8 refreshes at 72 Hz. A
     refresh rate that needs more is refused. Preregister it."""
     identifier: (
-        Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")] | None
+        Annotated[
+            str,
+            matching(
+                r"^[A-Za-z][A-Za-z0-9_-]{0,63}$",
+                "a letter and up to 63 letters, digits, dashes and underscores, like 'PANEL_ID'",
+            ),
+        ]
+        | None
     ) = None
     """Parameter of the link whose value is kept, such as a panel's code of the participant.
     Default: none is kept."""
     completion_url: (
-        Annotated[str, StringConstraints(pattern=r"^https?://\S+$", max_length=2048)] | None
+        Annotated[
+            str,
+            matching(
+                r"^https?://\S+$",
+                "an address without spaces, like 'https://example.org/thanks'",
+                2048,
+            ),
+        ]
+        | None
     ) = None
     """Address that the last page links to. Default: none."""
     completion_code: Text | None = None

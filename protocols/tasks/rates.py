@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints
+from pydantic import BeforeValidator, Field
 
 from protocols.errors import Problem, did_you_mean
 from protocols.pool import Pool
 from protocols.tasks.base import Task
 from protocols.tasks.mixed import MixedAnalysis, least_of
-from protocols.units import Condition, Name, Scalar
+from protocols.units import Condition, Name, Scalar, matching
 
 BETWEEN = ", "
 """Between the values of several columns that are compared together."""
@@ -47,7 +47,7 @@ def performance_in_words(stated: float | str) -> str:
 
 Performance = Annotated[
     Annotated[float, Field(gt=0, lt=1)]
-    | Annotated[str, StringConstraints(pattern=rf"^{D_PRIME}[0-9.]+$")]
+    | Annotated[str, matching(rf"^{D_PRIME}[0-9.]+$", f"a d', like '{D_PRIME}1'")]
     | None,
     BeforeValidator(_performance),
 ]
@@ -70,6 +70,9 @@ def value_of(condition: Condition, columns: Sequence[str]) -> str:
 
 class RatesAnalysis(MixedAnalysis):
     """Right answers by condition and level: rates, psychometric functions, models, learning."""
+
+    judged_alone: ClassVar[str] = "that of right answers against chance"
+    """p that planned looks judge where one condition is tested."""
 
     by: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = "method"
     """The column whose values are compared. Several columns: every combination is a condition,
@@ -178,6 +181,10 @@ class RatesAnalysis(MixedAnalysis):
             values.sort(key=lambda value: value != str(self.baseline))
         return tuple(values)
 
+    def tested(self, task: Task, pool: Pool) -> tuple[str, ...]:
+        """Return the values of `by` that have what is tested, the baseline first."""
+        return self.ordered(task, pool)
+
     def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
         """Return the analysis in sentences."""
         baseline, *others = self.ordered(task, pool)
@@ -211,9 +218,9 @@ class RatesAnalysis(MixedAnalysis):
 
     def judged(self, task: Task, pool: Pool) -> str:
         """Return which p planned looks judge, within a sentence."""
-        baseline, *others = self.ordered(task, pool)
+        baseline, *others = self.tested(task, pool)
         if not others:
-            return "that of right answers against chance"
+            return self.judged_alone
         of = "of thresholds " * (task.adaptation is not None)
         return least_of(f"{of}with {baseline}", several=len(others) > 1, correction=self.correction)
 

@@ -22,7 +22,7 @@ from protocols.errors import StudyError
 from protocols.load import load_display, open_new
 from protocols.study_file.new_study import FOLDERS, FOVEATED, PARTS, study_files
 from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
-from protocols.units import NAME_LENGTH, NAME_PATTERN
+from protocols.units import NAME_IN_WORDS, NAME_LENGTH, NAME_PATTERN
 from study_app.cli.assumed import pairs as pairs_of
 from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.progress import progress_line
@@ -391,8 +391,8 @@ def study_name(name: str, where: str, cure: str) -> str:
     """Return a study's name; `StudyError` says where another must be given."""
     if not re.fullmatch(NAME_PATTERN, name) or len(name) > NAME_LENGTH:
         raise StudyError(
-            f"{where}: must be lower-case letters and digits, joined by single dashes, at most"
-            f" {NAME_LENGTH} (got {name!r}); {cure}"
+            f"{where}: must be {NAME_IN_WORDS}, at most {NAME_LENGTH} characters (got {name!r});"
+            f" {cure}"
         )
     return name
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.gl.texture import format_of
 from protocols.disk.hashing import Json, canonical_json, sha256_json
@@ -33,7 +33,8 @@ from protocols.journal_checksums import due, first_link, sealed_line, stated
 from protocols.latency import EyeState, LatencySummary
 from protocols.limits import check_within
 from protocols.recipes.base import Change
-from protocols.units import Count, Model, Sha256
+from protocols.study_file.problems import in_words
+from protocols.units import Count, Model, Sha256, matching
 from study_app.gaze.saccades import Saccade
 from study_app.live.loop import DrawnFlip
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
@@ -45,7 +46,13 @@ GRID = 16
 """Along each edge, pixels of a frame that are kept."""
 
 
-Grid = Annotated[str, StringConstraints(pattern=rf"^[A-Za-z0-9+/]{{{4 * GRID * GRID}}}$")]
+Grid = Annotated[
+    str,
+    matching(
+        rf"^[A-Za-z0-9+/]{{{4 * GRID * GRID}}}$",
+        f"{GRID} x {GRID} pixels in {4 * GRID * GRID} characters of base64",
+    ),
+]
 
 
 class _Line(Model):
@@ -286,7 +293,7 @@ def read_log(path: Path) -> ReadLog:
             found = error.errors()[0]
             where = ".".join(str(part) for part in found["loc"]) or "the line"
             raise StudyError(
-                f"{path}: line {number}: must be a line of a live log ({where}: {found['msg']});"
+                f"{path}: line {number}: must be a line of a live log ({where}: {in_words(found)});"
                 " name a file that 'metamerlab live --record' wrote"
             ) from None
         if stated(text) != (chain := due(text, chain)):

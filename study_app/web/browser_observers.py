@@ -24,6 +24,7 @@ from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
+from protocols.study_file.problems import in_words
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.recorder import Recorder
 from study_app.session import RunTrial
@@ -249,8 +250,7 @@ def _checked(folder: Path, simulation: SimulatedStudy) -> tuple[float, tuple[int
         exported = WebStudy.model_validate_json(read_bytes(path, "an exported study"))
     except ValidationError as error:
         raise StudyError(
-            f"{path}: must be as this version exports it"
-            f" ({error.errors()[0]['msg'].lower()}); {cure}"
+            f"{path}: must be as this version exports it ({in_words(error.errors()[0])}); {cure}"
         ) from None
     for what, ours, theirs in (
         ("study file", simulation.protocol.sha256, exported.protocol_sha256),

@@ -62,6 +62,7 @@ from protocols.limits import check_within
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
 from protocols.script import Scripts, TrialScript
+from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event
@@ -144,7 +145,7 @@ class BrowserResults:
             except ValidationError as error:
                 problem = error.errors()[0]
                 place = ".".join(map(str, problem["loc"])) or "line"
-                self.damaged.append(f"{name}: line {number}: {place}: {problem['msg']}")
+                self.damaged.append(f"{name}: line {number}: {place}: {in_words(problem)}")
                 continue
             self.found[line.study, line.participant].add(line, f"{name}: line {number}")
 

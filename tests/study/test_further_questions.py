@@ -257,11 +257,11 @@ MISTAKES = {
         "phase 'shown': has a time-out and asks nothing; leave it out",
     ),
     "no length": (
-        [replace(SHOWN, frames=0)], r"phase 'shown': frames: Input should be .* \(got 0\); give"
+        [replace(SHOWN, frames=0)], r"phase 'shown': frames: must be at least 1 \(got 0\); give"
     ),
     "keys in no lists": (
         [SHOWN, replace(ASK, asks=replace(ASK.asks, keys=("1", "2")))],
-        r"phase 'ask': keys.0: Input should be a valid tuple \(got '1'\)",
+        r"phase 'ask': keys.0: must be a list \(got '1'\)",
     ),
     "what are no phases": (
         [SHOWN, "shown"], "phases must be a tuple of protocols.phases.Phase"
@@ -307,7 +307,7 @@ MISTAKES = {
         "phase 'ask': every part must be of the type that protocols.phases states",
     ),
     "a stimulus by half a number": (
-        [replace(SHOWN, show=(Image(0.5),))], "phase 'shown': stimulus: Input should be"
+        [replace(SHOWN, show=(Image(0.5),))], "phase 'shown': stimulus: must be a whole number"
     ),
     "a text in one of three languages": (
         [SHOWN, replace(ASK, asks=replace(ASK.asks, text={"en": "Sure?"}))],

@@ -114,7 +114,7 @@ def altered(of, folder, what):
         ({}, ("--steady-gaze",), "--steady-gaze: must be left out with --web"),
         ({"protocol_sha256": "0" * 64}, (), "the study file must be the one that was exported"),
         ({"manifest_sha256": "0" * 64}, (), "the manifest of the stimuli must be the one that was"),
-        ({"format": 9}, (), "must be as this version exports it (input should be 1); export the"),
+        ({"format": 9}, (), "must be as this version exports it (must be 1 (got 9)); export the"),
     ],
     ids=str,
 )

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from typer.testing import CliRunner
 from web_study import WEB_CASES
 
 from analysis.models.sequential_bounds import plan_of, standing
-from analysis.parts import Part
+from analysis.parts import Part, computed
 from analysis.parts.interaction import PreferenceInteraction
+from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.shared import planned_family
 from analysis.planning import look_problems, planning_notes
 from analysis.plans.rate_plan import RatePlan
@@ -126,8 +128,9 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show():
         update={"analysis": study.analysis.model_copy(update={"test": "participant"})}
     )
 
-    assert [note.split()[0] for note in planning_notes(study)] == ["the", "none", "none", "two"]
-    assert [note.split()[0] for note in planning_notes(participant)] == ["the", "none", "none"]
+    few = ["the primary", "none of", "none of", "the joint", "the joint"]
+    assert [" ".join(note.split()[:2]) for note in planning_notes(study)] == [*few, "two scenes"]
+    assert [" ".join(note.split()[:2]) for note in planning_notes(participant)] == few
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
     said = " ".join(run("protocol", "check", "demo").output.split())
     assert "note: two scenes show hardly anything" in said
@@ -232,6 +235,29 @@ def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
     assert in_jod.hopeless(12, 0.05)[0] in found.notes
 
 
+@pytest.mark.parametrize(("people", "impossible"), [(5, 2), (10, 1), (11, 0)])
+def test_joint_tests_that_so_few_people_cannot_have_are_said_before_and_after(
+    people, impossible, rng
+):
+    """Six methods have 5 differences, and 15 pairs 10 shares beyond them: 11 people are needed."""
+    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    one, pairs = plan.comparisons[0], tuple(combinations("abcdef", 2))
+    compared = tuple(replace(one, method=first, against=second) for first, second in pairs)
+    plan = plan.but(methods=tuple("abcdef"), pairings=pairs, comparisons=compared, sizes=("small",),
+                    primary=(*pairs[0], "small"))  # fmt: skip
+    simulation = Choices(plan, (JointScalePart(),))
+    assumed = {one.name: one.value for one in simulation.assumptions}
+    answers = simulation.draw(assumed, 1, people, rng)
+    (part,) = simulation.parts
+    (found,) = part.compute(simulation.table(answers), plan, {}, rng).sizes
+    said = [note for one in simulation.families() for note in one.hopeless(people, plan.alpha)]
+
+    assert [found.tests.equal, found.tests.axis].count(None) == impossible == len(said)
+    assert list(found.tests.notes) == said
+    assert all("one axis suffices (10 numbers at once)" in note for note in said[-1:])
+    assert all("that takes 11 participants" in note for note in said[-1:])
+
+
 def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):
     """One comparison at two levels: six people show .031, five no p below .062."""
     five, six = (
@@ -284,3 +310,22 @@ def test_looks_that_a_bootstrap_can_never_pass_have_a_cure_that_works(tmp_path):
     (problem,) = problems(19, 8, 24)
     draws = int(re.search(r"say analysis.bootstrap_draws = (\d+)", problem)[1])
     assert [bool(problems(more, 8, 24)) for more in (draws - 1, draws)] == [True, False]
+
+
+@pytest.mark.parametrize("name", ["yes-no", "identification", "abx", "which-half"])
+def test_right_answers_whose_power_is_known_have_a_planned_p_at_a_look(name, tmp_path, rng):
+    study = case_study(tmp_path, name, 8)
+    simulation = analysis_of(study.analysis.kind).simulation(study)
+    assumed = {one.name: one.value for one in simulation.assumptions}
+    answers = simulation.draw(assumed, 1, 8, rng)
+    plan, needed = simulation.plan, ("rates", "sensitivity", "comparisons")
+    parts = [one for one in simulation.parts if one.name in needed]
+    found, _ = computed(parts, simulation.table(answers), plan)
+    planned = [one.planned_p(found[one.name], plan) for one in parts if one.name in found]
+
+    assert any(p is not None for p in planned)
+    if study.analysis.kind == "detection":  # "one" has no signal: the other's d' is compared with 0
+        told = (part.planned_over(answers, (8,), plan) for part in parts)
+        (test,) = (tests[""]() for tests in told if "" in tests)
+        assert [p for p in planned if p is not None] == [pytest.approx(float(test.item()))]
+        assert study.analysis.judged(study.task, study.pool) == "that of d' against 0"

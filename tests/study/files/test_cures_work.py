@@ -8,12 +8,15 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from protocols.errors import StudyError
 from protocols.feasibility import check_feasible
-from protocols.load import load_display, load_protocol
+from protocols.formats.publish import json_schema, schema_names
+from protocols.load import load_display, load_protocol, protocol_of, read_toml
 from protocols.recipes.warped_clips import Clips
 from protocols.study_file.problems import problems_of
 from protocols.study_file.session_schema import KEY_PATTERN, Response
 from protocols.suggest import cure_for_key_name
+from protocols.units import IN_WORDS
 
 STUDY = load_protocol(Path("inpainting-2afc"))
 DISPLAY = load_display("fhd27-60hz")
@@ -137,3 +140,50 @@ def test_a_click_is_no_key_and_its_cure_is_the_pointer(theirs):
     assert "did you mean" not in said
     assert said.endswith("; a click or a touch is no key: pointer = true in [response] takes them")
     assert Response.model_validate(given | {"pointer": True}).pointer
+
+
+def patterns_in(schema: object):
+    """Yield the patterns that a JSON Schema states, those of the keys of tables too."""
+    if isinstance(schema, dict):
+        yield from schema.get("patternProperties", {})
+        own = schema.get("pattern")
+        yield from [own] if isinstance(own, str) else []
+    for one in schema.values() if isinstance(schema, dict) else schema:
+        if isinstance(one, dict | list):
+            yield from patterns_in(one)
+
+
+@pytest.mark.parametrize("name", schema_names())
+def test_no_message_shows_a_pattern_of_a_published_format_bare(name):
+    assert {*patterns_in(json_schema(name))} <= {*IN_WORDS}
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "wrong", "place", "cured"),
+    [
+        ("text", "default_language", "English", "text.default_language", "en"),
+        ("privacy", "secret_sha256", "my secret", "privacy.secret_sha256", "0" * 64),
+        ("web", "identifier", "1 code", "web.identifier", "PANEL_ID"),
+        (
+            "web",
+            "completion_url",
+            "example.org",
+            "web.completion_url",
+            "https://example.org/thanks",
+        ),
+    ],
+)
+def test_a_text_of_the_wrong_form_is_told_its_form_and_an_example_that_works(
+    section, key, wrong, place, cured
+):
+    def with_text(text: str):
+        raw = read_toml(Path("protocols/studies/demo.toml"))
+        (raw.setdefault(section, {"gaze": "none"} if section == "web" else {}))[key] = text
+        return protocol_of(raw, Path("study.toml"))
+
+    with pytest.raises(StudyError, match=re.escape(f"{place}: must be a")) as told:
+        with_text(wrong)
+    assert f"(got {wrong!r})" in str(told.value)
+    assert "[" not in str(told.value)
+    assert "like" not in str(told.value) or f"'{cured}'" in str(told.value)
+    with_text(cured)
