@@ -90,7 +90,7 @@ def refuse_what_is_not_ready(root: Path, version: str) -> None:
         raise RefusedError(f"everything must be committed or removed first:\n{changed}")
     if git(root, "tag", "--list", f"v{version}"):
         raise RefusedError(f"the tag v{version} exists; choose a later version")
-    if not [p for p in (root / "changelog.d").glob("*.md") if p.name != "README.md"]:
+    if not [*(root / "changelog.d").rglob("*.*.md")]:
         raise RefusedError("changelog.d/ is empty; write what users will notice there")
 
 

@@ -280,10 +280,14 @@ def test_decision_numbers_are_unique(repository):
 
 
 def test_every_changelog_fragment_is_one_line_of_a_known_kind(repository):
-    fragments = [p for p in (repository / "changelog.d").iterdir() if p.name != "README.md"]
+    folder = repository / "changelog.d"
+    fragments = [p for p in folder.rglob("*") if p.is_file() and p.name != "README.md"]
 
-    named = re.compile(r"[\w-]+\.(added|changed|fixed|removed)\.md")
-    assert [p.name for p in fragments if not named.fullmatch(p.name)] == []
+    named = re.compile(
+        r"((analysis|program|sessions|stimuli)/)?[\w-]+\.(added|changed|fixed|removed)\.md"
+    )
+    names = [p.relative_to(folder).as_posix() for p in fragments]
+    assert [name for name in names if not named.fullmatch(name)] == []
     assert [p.name for p in fragments if len(p.read_text("utf-8").splitlines()) != 1] == []
 
 

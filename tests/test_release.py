@@ -35,15 +35,17 @@ class Clone:
         subprocess.run(git, check=True, capture_output=True)
         for name in TOOLS:
             shutil.copy(repository / name, folder / name)
-        for fragment in (folder / "changelog.d").glob("*.*.md"):
+        for fragment in (folder / "changelog.d").rglob("*.*.md"):
             fragment.unlink()
         self.write("CHANGELOG.md", f"# Changelog\n\n{START}\n\n## 0.1.0\n\n- First.\n")
-        self.write("changelog.d/faster.changed.md", "Reports took half the time.\n")
+        self.write("changelog.d/analysis/faster.changed.md", "Reports took half the time.\n")
         self.write("changelog.d/dots.added.md", "Added dots.\n")
-        self.write("changelog.d/rows.added.md", "Added rows.\n")
+        self.write("changelog.d/analysis/rows.added.md", "Added rows.\n")
+        self.write("changelog.d/stimuli/scenes.added.md", "Added scenes.\n")
         self.checks('test -z "$(git status --porcelain)"')
 
     def write(self, name: str, text: str) -> None:
+        (self.folder / name).parent.mkdir(exist_ok=True)
         (self.folder / name).write_text(text, encoding="utf-8")
 
     def read(self, name: str) -> str:
@@ -98,11 +100,13 @@ def test_a_release_has_version_changelog_wheel_and_tag(clone):
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", citation["date-released"])
     assert clone.read("CHANGELOG.md") == (
         f"# Changelog\n\n{START}\n\n## 1.0.0 ({citation['date-released']})\n"
-        "\n### Changed\n\n- Reports took half the time.\n"
-        "\n### Added\n\n- Added dots.\n- Added rows.\n"
+        "\n### Changed\n\n#### Analysis\n\n- Reports took half the time.\n"
+        "\n### Added\n\n- Added dots.\n"
+        "\n#### Stimuli and pictures\n\n- Added scenes.\n\n#### Analysis\n\n- Added rows.\n"
         "\n## 0.1.0\n\n- First.\n"
     )
-    assert [p.name for p in (clone.folder / "changelog.d").iterdir()] == ["README.md"]
+    left = (clone.folder / "changelog.d").rglob("*")
+    assert [p.name for p in left if p.is_file()] == ["README.md"]
     wheel = clone.folder / "dist/metamerlab-1.0.0-py3-none-any.whl"
     with zipfile.ZipFile(wheel) as archive:
         revision = archive.read("metamerlab-packages/protocols/_revision.txt").decode()
@@ -142,7 +146,9 @@ def test_what_is_not_committed_tagged_already_or_fails_its_checks_is_refused(clo
 
 
 def test_nothing_to_tell_is_refused(clone):
-    clone.git("rm", "--quiet", "changelog.d/*.added.md", "changelog.d/*.changed.md")
+    clone.git(
+        "rm", "--quiet", "changelog.d/*.added.md", "changelog.d/*.changed.md"
+    )  # below folders too
     clone.git("commit", "--quiet", "--message", "No news")
 
     assert "changelog.d/ is empty" in clone.release("1.0.0", status=2)

@@ -154,11 +154,11 @@ def test_names_and_titles_reach_every_file():
     ("arguments", "message"),
     [
         (["日本"], "give one with --name"),
-        (["x", "--name", "Not A Name"], "--name: must be lower-case letters"),
+        (["x", "--name", "Not A Name"], "--name: must be lower-case words"),
         (["x", "--name", "a" * 49], "at most 48"),
         (["x", "--title", 'a "b"'], "--title: must hold no quotes"),
         (["x", "--title", ""], "and not be empty (got '')"),
-        (["x", "--name", ""], "--name: must be lower-case letters"),
+        (["x", "--name", ""], "--name: must be lower-case words"),
         (["x", "--display", "fhd28-60hz"], "fhd27-60hz"),
         (["full"], "must be empty or new"),
         (["full/a-file"], "must be a folder to fill"),

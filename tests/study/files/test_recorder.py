@@ -94,7 +94,7 @@ def test_a_damaged_line_stops_a_session_and_is_named_for_an_analysis(tmp_path, c
     lines[2] = b"\xff\x00 garbage\n"
     recorder.path.write_bytes(b"".join(lines))
 
-    with pytest.raises(StudyError, match=r"journal.jsonl: line 2: note: t_s: Field required"):
+    with pytest.raises(StudyError, match=r"journal.jsonl: line 2: note: t_s: missing"):
         Recorder.resume(tmp_path, clock, clock.wall)
     journal = read_journal(recorder.path, lenient=True)
     assert [event.text for event in journal.events] == ["a", "d"]
