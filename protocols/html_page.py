@@ -28,7 +28,7 @@ def html_page(title: str, template: str = "protocols/page.html", **values: objec
     title : str
         Of the browser's window; the page's own where there is no `heading`.
     template : str
-        Package and file, which extends ``page.html``: ``stimuli/contact.html``.
+        Package and file, which extends ``page.html``: ``stimuli/pages/contact.html``.
     values : object
         `heading`; `under` it a line; `stamp` on top of the page and over every printed one; `lead`
         blocks; `sections`; `figures` by the names in `FigurePlace`; and what the template names.
@@ -44,7 +44,7 @@ def html_page(title: str, template: str = "protocols/page.html", **values: objec
     package, _, name = template.rpartition("/")
     environment = Environment(
         loader=ChoiceLoader(
-            [PackageLoader(one, ".") for one in (package.replace("/", "."), "protocols")]
+            [PackageLoader(package.replace("/", "."), "."), PackageLoader("protocols", "page")]
         ),
         autoescape=True,
         undefined=StrictUndefined,
@@ -52,7 +52,7 @@ def html_page(title: str, template: str = "protocols/page.html", **values: objec
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    style = files("protocols").joinpath("page.css").read_text(encoding="utf-8")
+    style = files("protocols").joinpath("page/page.css").read_text(encoding="utf-8")
     usual: Mapping[str, object] = {
         "heading": "",
         "under": "",

@@ -32,7 +32,7 @@ from protocols.disk.whole_file import PART, move, remove, sync_folder, write_who
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
-from stimuli.contact import SHEET_NAME
+from stimuli.pages.contact import SHEET_NAME
 from stimuli.preview_video import PREVIEW_FOLDER
 
 BUILD_FOLDER = ".build"

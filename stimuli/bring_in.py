@@ -34,7 +34,7 @@ from protocols.study_file.own_stimuli import (
 from stimuli.exr import Transfer, stored_transfer
 from stimuli.foveated.any_picture import read_any
 from stimuli.media.exr_parts import display_size, frame_files, read_parts
-from stimuli.scene_views import ScenePreview, look_around
+from stimuli.pages.scene_views import ScenePreview, look_around
 from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.mesh_inputs import ENDINGS, files_of

@@ -26,8 +26,8 @@ from stimuli.batch_folder import (
     remove_strangers,
     remove_unfinished,
 )
-from stimuli.contact import SHEET_NAME, write_contact_sheet
 from stimuli.executors import LocalProcesses
+from stimuli.pages.contact import SHEET_NAME, write_contact_sheet
 from stimuli.preview_video import PREVIEW_FOLDER, preview_path
 from stimuli.records import ManifestDraft
 from stimuli.worker import RendererInfo, preview_job

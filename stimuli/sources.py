@@ -86,12 +86,11 @@ def _data_beside(module: str, path: Path) -> tuple[Path, ...]:
     if path.name == "__init__.py":
         return ()
     folder = path.parent
-    found = [file for file in folder.iterdir() if file.suffix in _DATA]
+    beside = [at for at in (folder, folder / "shaders") if at.is_dir()]
+    found = [file for at in beside for file in at.iterdir() if file.suffix in _DATA]
     if package == "pipeline" and any(file.suffix == ".glsl" for file in found):
         library = folder.parent / "shaderlib"
         found += [file for file in library.glob("*.glsl") if _is_included(file, found)]
-    if package == "stimuli":
-        found += sorted((folder / "shaders").glob("*.glsl"))
     return tuple(sorted(found))
 
 

@@ -30,9 +30,9 @@ from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attemp
 from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.dialogue import Dialogue
 from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.gaze_check import GazeCheck, Validate
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSource, RawFile, Tracker
-from study_app.gaze_check import GazeCheck, Validate
 from study_app.opening import Setting, texts_of
 from study_app.pacing import cannot_keep_up
 from study_app.recorder import DiskError, Recorder

@@ -36,10 +36,11 @@ from study_app.desktop.display_check import (
 )
 from study_app.desktop.strip import FlipMarks
 from study_app.desktop.window import Pacing, Window
+from study_app.gaze.gaze_check import Targets, TrackerCalibration
 from study_app.gaze.open_source import check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
-from study_app.gaze_check import Targets, TrackerCalibration
+from study_app.gaze.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.live.in_trials import too_dear
 from study_app.live.renderer import Studio
 from study_app.markers import LslMarkers
@@ -49,7 +50,6 @@ from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
 from study_app.session_folders import is_stillborn, session_folder
 from study_app.shown_texts import require_showable
-from study_app.validation import PointQuality, summarise, unfit_gaze, validate
 
 RecordedEvents = list[AnyEvent]
 if sys.platform == "win32":

@@ -7,13 +7,18 @@ import re
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import forked
 import numpy as np
 import pytest
 from PIL import Image
+from typer.main import get_command
+
+from study_app.cli import app
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
@@ -167,6 +172,39 @@ def test_every_command_in_the_readme_exists_and_runs(newcomer, command):
     fine = {0, 1} if "doctor" in words else {0}
     assert done.returncode in fine, f"{command}\n{done.stdout}{done.stderr}"
     assert "Traceback" not in done.stderr
+
+
+def take(words: list[str]) -> None:
+    """Let the program read a command's words, and run nothing (click's `ClickException`)."""
+    command, context, rest = get_command(app), None, words
+    while rest or context is None:
+        with suppress(click.exceptions.Exit):  # --list
+            context = command.make_context("metamerlab", rest, parent=context)
+        if not isinstance(command, click.Group):
+            return
+        _, command, rest = command.resolve_command(context, [*context._protected_args])
+
+
+@pytest.mark.slow
+def test_the_program_takes_every_command_of_every_page():
+    """Those of ```console blocks too, which take long, or need a tracker."""
+    shown = re.compile(r"^ *```(?:bash|console)\n(.*?)^ *```", flags=re.MULTILINE | re.DOTALL)
+    refused, taken = [], 0
+    for page in pages():
+        blocks = shown.findall(page.read_text(encoding="utf-8"))
+        for line in "".join(blocks).replace("\\\n", " ").splitlines():
+            found = re.match(r" *(?:\$ )?(?:\.venv/bin/)?metamerlab ([^|>&;#]+)", line)
+            words = shlex.split(found[1]) if found else ["--help"]
+            if "--help" in words or page.parent.name == "decisions":
+                continue
+            taken += 1
+            try:
+                take(words)
+            except click.ClickException as error:
+                refused.append(f"{page.name}: {line}: {error.format_message()}")
+
+    assert taken > 200
+    assert refused == []
 
 
 def test_what_a_command_reads_is_made_before_it():

@@ -32,7 +32,7 @@ def test_every_page_is_of_the_one_template_and_draws_no_block_itself(repository)
     names = {path.relative_to(repository).as_posix(): path for path in found}
     templates = {n: p for n, p in names.items() if not n.startswith(PARTICIPANTS)}
     own = {name for name in templates if name.startswith("protocols/")}
-    assert own == {"protocols/blocks.html", "protocols/page.html"}
+    assert own == {"protocols/page/blocks.html", "protocols/page/page.html"}
     assert len(templates) > len(own)
     for name in templates.keys() - own:
         assert not name.endswith(("/page.html", "/blocks.html")), f"{name} would extend itself"
@@ -124,9 +124,9 @@ def test_what_the_style_adds_to_texts_is_a_star():
 
 
 def test_every_table_of_a_page_can_scroll_and_shows_that_it_does(repository):
-    blocks = (repository / "protocols/blocks.html").read_text(encoding="utf-8")
+    blocks = (repository / "protocols/page/blocks.html").read_text(encoding="utf-8")
     assert blocks.count("<table") == blocks.count('<div class="scroll"><table') == 1
-    style = (repository / "protocols/page.css").read_text(encoding="utf-8")
+    style = (repository / "protocols/page/page.css").read_text(encoding="utf-8")
     (scrolling,) = re.findall(r"^\.scroll \{(.*?)\}", style, flags=re.M | re.S)
     assert scrolling.count("no-repeat local") == scrolling.count("no-repeat scroll") == 2
     assert style.count("--shade:") == 2, "one shade for paper, one for the dark"

@@ -93,8 +93,8 @@ def test_the_path_file_names_one_folder_and_runs_no_code(wheel):
         ("protocols/templates/study.toml", "a new study's files"),
         ("study_app/cli/demo/demo.html", "page of the demonstration"),
         ("study_app/cli/demo/steps.toml", "steps of the demonstration"),
-        ("protocols/page.html", "template of all pages"),
-        ("protocols/page.css", "style of all pages"),
+        ("protocols/page/page.html", "template of all pages"),
+        ("protocols/page/page.css", "style of all pages"),
     ],
 )
 def test_the_wheel_carries_data_files(contents, suffix, why):

@@ -82,7 +82,7 @@ class MomentChainPass(PicturePass):
         ]
         made = {
             (own, older, powers): self._shader(
-                "foveation/pull.comp.glsl",
+                "foveation/shaders/pull.comp.glsl",
                 CHROMA=chroma,
                 OWN=own,
                 OLDER=older,

@@ -25,7 +25,7 @@ class CutPass(Pass):
         super().__init__(ctx)
         self._geometry = geometry
         self.size = geometry.width_px, geometry.height_px
-        shader = self._shader("foveation/cut.comp.glsl", TILE=TILE)
+        shader = self._shader("foveation/shaders/cut.comp.glsl", TILE=TILE)
         shader["centre_px"] = geometry.centre_px
         shader["distance_px"] = geometry.distance_px
         self._normal, self._ramp = shader.uniform("normal"), shader.uniform("ramp_deg")

@@ -141,12 +141,14 @@ class _FlatField(PicturePass):
         push = self._compile("field", **least)
         displace = self._compile("displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least)
         self._white = self._shader(
-            "foveation/field_white.comp.glsl",
+            "foveation/shaders/field_white.comp.glsl",
             TILE=TILE,
             WHITE_BITS=WHITE_BITS,
             WHITE_DEVIATION=WHITE_DEVIATION,
         )
-        self._halve = self._shader("foveation/field_halve.comp.glsl", TILE=TILE, **low_constants())
+        self._halve = self._shader(
+            "foveation/shaders/field_halve.comp.glsl", TILE=TILE, **low_constants()
+        )
         self._set(smoothness=settings.smoothness, reach=settings.reach)
         displace["energies"] = np.array(white_energies(count + 2), np.float32)
         sizes = resolutions(self.size, count)

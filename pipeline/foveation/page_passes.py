@@ -171,7 +171,9 @@ def page_passes(
         }
         for kind in made:
             page.textures[f"chosen_{kind}_{r}"] = ("RGBA32F", *sizes[r], depth[kind])
-            shader = PageShader("foveation/push.comp.glsl", constants, f"chosen{names[kind]}")
+            shader = PageShader(
+                "foveation/shaders/push.comp.glsl", constants, f"chosen{names[kind]}"
+            )
             page.add(
                 page.always, shader, f"chosen_{kind}_{r}", reads,
                 {**pooled.fixed, "halvings": r, "chosen_size": sizes[r],
@@ -186,7 +188,7 @@ def page_passes(
     page.add(
         page.always,
         PageShader(
-            "foveation/gains.comp.glsl",
+            "foveation/shaders/gains.comp.glsl",
             {"TILE": TILE, **pooled.constants,
              **gains_constants(levels, chroma=chroma, coarser=count > 2)},
             "weights", shared=2,
@@ -201,7 +203,7 @@ def page_passes(
     page.add(
         page.always,
         PageShader(
-            "foveation/finish_screen.comp.glsl",
+            "foveation/shaders/finish_screen.comp.glsl",
             {"TILE": TILE, **pooled.constants, **noise_constants(levels, BENT=chroma)},
             "target", shared=2,
         ),

@@ -115,8 +115,8 @@ class PicturePass(Pass):
         self._wraps = wraps
 
     def _compile(self, name: str, **constants: Constant) -> Shader:
-        """Compile a shader of this folder that knows the pools."""
-        path = f"foveation/{name}.comp.glsl"
+        """Compile a shader of foveation that knows the pools."""
+        path = f"foveation/shaders/{name}.comp.glsl"
         known = self._pooled.constants
         return self._pooled.tell(self._shader(path, TILE=TILE, **known, **constants))
 

@@ -34,7 +34,7 @@ class ViewPass(Pass):
         self._panorama_px = panorama_px
         self.size = geometry.width_px, geometry.height_px
         shader = self._shader(
-            "foveation/view.comp.glsl",
+            "foveation/shaders/view.comp.glsl",
             TILE=TILE,
             SAMPLES=samples_of(geometry, panorama_px[0]),
             BELT_SINE=math.sin(math.radians(NOISE_BELT_DEG)),

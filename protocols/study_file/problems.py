@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from protocols.errors import Problem, did_you_mean
 from protocols.study_file.session_schema import KEY_PATTERN
-from protocols.suggest import cure_for_key, cure_for_key_name, split_unit
+from protocols.study_file.suggest import cure_for_key, cure_for_key_name, split_unit
 from protocols.units import UNIT_OF_SUFFIX, form_of
 
 MOST_PROBLEMS = 150

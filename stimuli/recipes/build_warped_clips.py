@@ -97,7 +97,7 @@ class WarpedClipBuilder(Builder):
 
     def summary(self, outcome: BuildOutcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""
-        from stimuli.contact import extent_text
+        from stimuli.pages.contact import extent_text
 
         rows: dict[str, Sequence[str]] = {}
         for clip in outcome.manifest.clips:

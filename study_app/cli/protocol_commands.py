@@ -27,10 +27,10 @@ from protocols.load import is_display, load_display, load_study, read_toml, ship
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
-from protocols.preregister import preregistration, to_html, to_markdown
 from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from protocols.study_file.plausible import display_notes, study_notes
+from protocols.study_file.preregister import preregistration, to_html, to_markdown
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.option_groups import CommandGroup

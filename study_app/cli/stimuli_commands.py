@@ -22,7 +22,7 @@ from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 if TYPE_CHECKING:
     import moderngl
 
-    from stimuli.scene_views import ScenePreview
+    from stimuli.pages.scene_views import ScenePreview
 
 app = CommandGroup(
     help="""Build and check a study's clips.
@@ -173,7 +173,7 @@ def look(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.scene_views import LIGHTINGS, ScenePreview, look_around
+    from stimuli.pages.scene_views import LIGHTINGS, ScenePreview, look_around
 
     kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
     if out.suffix.lower() != ".png":
@@ -227,10 +227,10 @@ def panorama(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
+    from stimuli.pages.scene_views import ScenePreview
     from stimuli.pictures import of_colour, save_picture
     from stimuli.rendering.open_scene import viewpoint_of
     from stimuli.rendering.render_panorama import panorama_of
-    from stimuli.scene_views import ScenePreview
 
     if out.suffix.lower() != ".png":
         raise StudyError(f"{out}: must end in .png")
@@ -263,7 +263,7 @@ def _look_interactively(ctx: moderngl.Context, preview: ScenePreview) -> None:
     """Serve the page, open it where there is a browser, and print what is taken."""
     import webbrowser
 
-    from stimuli.scene_views import look_interactively
+    from stimuli.pages.scene_views import look_interactively
 
     def opened(address: str) -> None:
         say(f"{address} shows the scene; 'Done' there, or ctrl-C here, ends it")

@@ -291,9 +291,9 @@ def test_a_picture_is_analysed_once_and_what_rests_is_not_displaced_again(gl_con
     passes(source, target, (3.0, 4.0), **rests)
     shown = dispatches_of(lambda: passes.show(target, (50.0, 60.0), **rests))
     assert not set(shown) & {
-        "foveation/pull.comp.glsl",
-        "foveation/field.comp.glsl",
-        "foveation/displace.comp.glsl",
+        "foveation/shaders/pull.comp.glsl",
+        "foveation/shaders/field.comp.glsl",
+        "foveation/shaders/displace.comp.glsl",
     }
     moved = dispatches_of(lambda: passes.show(target, (50.0, 60.0), field_gaze_px=(41.0, 40.0)))
     assert len(moved) > len(shown)

@@ -14,13 +14,13 @@ from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import RunSettings, conduct
+from study_app.gaze.gaze_check import Targets, TrackerCalibration
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze_check import Targets, TrackerCalibration
+from study_app.gaze.validation import summarise, unfit_gaze, validate
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
 from study_app.simulate import SimulatedStudy
-from study_app.validation import summarise, unfit_gaze, validate
 from study_app.virtual import VirtualClock, VirtualStage
 
 FHD = load_display("fhd27-60hz")

@@ -87,7 +87,7 @@ def test_withdraw_asks_deletes_and_frees_the_code_for_nobody(screen, sample_sess
 
 # Each target stands for half its time: the eye that looks is there at once. Its blinks take less.
 QUICK = """
-from study_app import validation
+from study_app.gaze import validation
 from study_app.cli import main
 validation.SETTLE_S, validation.HOLD_S = 0.1, 0.5
 main()

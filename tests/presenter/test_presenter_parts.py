@@ -35,6 +35,14 @@ from study_app.desktop.vsync import summarise as summarise_stamps
 from study_app.gaze.lsl import LslSpec
 from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSample
+from study_app.gaze.validation import (
+    nine_points_px,
+    point_quality,
+    smallest_window_deg,
+    summarise,
+    unfit_gaze,
+    validate,
+)
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import PageLayout, words_image
 from study_app.paint import target_image
@@ -47,14 +55,6 @@ from study_app.text_image import (
     typeface_for,
     wrap,
     writable,
-)
-from study_app.validation import (
-    nine_points_px,
-    point_quality,
-    smallest_window_deg,
-    summarise,
-    unfit_gaze,
-    validate,
 )
 from study_app.virtual import VirtualClock
 from study_app.withdrawal import withdraw

@@ -12,7 +12,7 @@ from protocols.disk.side_files import check_side_files
 from protocols.journal import Calibration, Note
 
 HASTY = """
-from study_app import validation
+from study_app.gaze import validation
 validation.SETTLE_S = validation.HOLD_S = 0.1
 from study_app.cli import main
 main()

@@ -20,8 +20,8 @@ from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
 from protocols.plan import Plan, chosen, make_plan, planned_trials
-from protocols.preregister import preregistration, to_markdown
 from protocols.study_file.plausible import study_notes
+from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol
 from study_app.session_folders import next_slot
 from study_app.withdrawal import withdraw

@@ -18,9 +18,9 @@ from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_study
 from protocols.plan import make_plan
-from protocols.preregister import preregistration
 from protocols.script import example_scripts
 from protocols.study_file.new_study import PARTS, study_files
+from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS
 from stimuli.single.example_pictures import example_files
 from study_app.cli import app

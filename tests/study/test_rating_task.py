@@ -14,9 +14,9 @@ from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_study
 from protocols.plan import make_plan
-from protocols.preregister import preregistration
 from protocols.script import Frames, example_scripts
 from protocols.study_file.new_study import study_files
+from protocols.study_file.preregister import preregistration
 from stimuli.single.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers.rating_observer import REACH, RaterModel

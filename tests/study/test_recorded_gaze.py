@@ -32,7 +32,7 @@ from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.pupil import PupilGaze, homography
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.tobii import TobiiGaze
-from study_app.validation import nine_points_px
+from study_app.gaze.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
 WIDTH_PX, HEIGHT_PX = FHD.width_px, FHD.height_px

@@ -17,7 +17,7 @@ from web_study import FHD, for_browsers
 from protocols.browser.web_study import Pack, WebPhase, rates_of
 from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
-from protocols.preregister import preregistration, to_markdown
+from protocols.study_file.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
 from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks

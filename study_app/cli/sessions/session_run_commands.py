@@ -31,8 +31,8 @@ if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.desktop.luminance import LuminanceFit
     from study_app.desktop.window import Window
     from study_app.gaze.source import CalibrationResult
+    from study_app.gaze.validation import PointQuality
     from study_app.run import Listener, SessionOptions
-    from study_app.validation import PointQuality
 
 PacingOption = Annotated[
     bool,
@@ -223,8 +223,8 @@ def shipped_paths() -> list[Path]:
 
 def _listener() -> Listener:
     from study_app.desktop.display_check import shortfall
+    from study_app.gaze.validation import smallest_window_deg
     from study_app.run import Listener
-    from study_app.validation import smallest_window_deg
 
     console = PlainConsole()
 

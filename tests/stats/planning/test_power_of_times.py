@@ -14,7 +14,7 @@ from analysis.pilot import time_deviations
 from analysis.power import power
 from analysis.tasks import analysis_of
 from protocols.load import load_protocol
-from protocols.preregister import _analysis, _power
+from protocols.study_file.preregister import _analysis, _power
 
 
 def study_of(name: str, reaction: str = "models"):

@@ -37,7 +37,7 @@ from analysis.report.write_report import report_sessions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol
-from protocols.preregister import _analysis, to_markdown
+from protocols.study_file.preregister import _analysis, to_markdown
 from protocols.study_file.sequential import Sequential
 from study_app.cli import app
 

@@ -12,7 +12,7 @@ from analysis.tables.table import Table as AnyTable
 from analysis.tables.write_table import write_table
 from protocols.blocks import Section, TableBlock
 from protocols.outside import json_bytes, markdown, page_bytes, visible
-from protocols.preregister import to_markdown
+from protocols.study_file.preregister import to_markdown
 from protocols.study_file.session_schema import Privacy
 
 HOSTILE = "a\x1b[31m\udcff\x00\ufffe"

@@ -15,8 +15,8 @@ from protocols.errors import StudyError
 from protocols.journal import GazeInfo
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.preregister import preregistration, to_markdown
 from protocols.study_file.participant_texts import key_label
+from protocols.study_file.preregister import preregistration, to_markdown
 from study_app import simulate
 from study_app.cli import app
 from study_app.cli.sessions.session_commands import _data_of

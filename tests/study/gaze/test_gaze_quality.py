@@ -12,11 +12,11 @@ from protocols.errors import StudyError
 from protocols.journal import Calibration, Note, SideFile, event_line
 from protocols.load import load_protocol
 from protocols.viewing import Viewing
+from study_app.gaze.gaze_check import GazeCheck, Targets, TrackerCalibration
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze_check import GazeCheck, Targets, TrackerCalibration
+from study_app.gaze.validation import PointQuality, point_quality, summarise
 from study_app.stage import PageResult
-from study_app.validation import PointQuality, point_quality, summarise
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "gaze_quality.json").read_text())
 SCREEN = ORACLE["screen"]

@@ -18,7 +18,7 @@ from protocols.journal import Calibration, Note, SessionEnd
 from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.source import TrackerContext
-from study_app.validation import nine_points_px
+from study_app.gaze.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
 

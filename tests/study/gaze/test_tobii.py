@@ -14,7 +14,7 @@ from protocols.journal import Note
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.tobii import TobiiGaze
-from study_app.validation import nine_points_px
+from study_app.gaze.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
 

@@ -14,12 +14,12 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from protocols.recipes.warped_clips import CameraView
 from stimuli import pictures
+from stimuli.pages.view_page import LookServer
 from stimuli.rendering.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import Vector, Viewpoint, World
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.mesh_file import load_world
-from stimuli.view_page import LookServer
 
 Lighting: TypeAlias = Literal["unlit", "sun"]
 LIGHTINGS: tuple[Lighting, ...] = ("unlit", "sun")

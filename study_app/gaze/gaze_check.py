@@ -12,9 +12,9 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
+from study_app.gaze.validation import EyeUnseenError, nine_points_px, unfit_gaze
 from study_app.recorder import Recorder
 from study_app.stage import Page, Stage
-from study_app.validation import EyeUnseenError, nine_points_px, unfit_gaze
 
 VALIDATIONS_MAX = 3
 """Poor validations in a row before the run ends; calibrate the tracker, and resume."""

@@ -51,7 +51,7 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
     )
     text = html_page(
         f"{protocol.study.title}: clips",
-        "stimuli/contact.html",
+        "stimuli/pages/contact.html",
         heading=protocol.study.title,
         under=f"{counted} Shown here: {small}; what participants see are the PNG files.",
         clips=entries,

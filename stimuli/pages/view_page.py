@@ -130,7 +130,7 @@ class LookServer:
         self._asked: queue.Queue[_Job | None] = queue.Queue()
         self._page = html_page(
             f"{scene}: choose a view",
-            "stimuli/view_page.html",
+            "stimuli/pages/view_page.html",
             heading=scene,
             width=VIEW_PX[0],
             height=VIEW_PX[1],
