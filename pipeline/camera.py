@@ -80,29 +80,6 @@ class Camera:
                 f" (got determinant {np.linalg.det(rotation):.6g}, last row {pose[3]})"
             )
 
-    @classmethod
-    def with_field_of_view(
-        cls,
-        width_px: int,
-        height_px: int,
-        horizontal_deg: float,
-        world_from_camera: NDArray[np.float64] | None = None,
-    ) -> Self:
-        """Make a camera with square pixels and a centred principal point.
-
-        `world_from_camera` is a rigid 4x4 matrix, metres; left out: `UPRIGHT`.
-
-        Raises
-        ------
-        InputError
-            If `horizontal_deg` is not between 0 and 180, or as for `Camera`.
-        """
-        if not 0 < horizontal_deg < 180:
-            raise InputError(f"horizontal_deg must lie in (0, 180) (got {horizontal_deg})")
-        focal_px = width_px / 2 / np.tan(np.radians(horizontal_deg) / 2)
-        pose = UPRIGHT if world_from_camera is None else world_from_camera
-        return cls(width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2, pose)
-
     def moved(self, offset_m: ArrayLike) -> Self:
         """Return this camera shifted by (right, down, forward) metres along its own axes.
 
@@ -131,14 +108,6 @@ class Camera:
         """Positions (x, y) of all pixel centres, shape (H, W, 2), pixels."""
         x, y = np.meshgrid(np.arange(self.width_px) + 0.5, np.arange(self.height_px) + 0.5)
         return np.stack([x, y], axis=-1)
-
-    def unproject(
-        self, position_px: NDArray[np.float64], depth_m: NDArray[np.floating]
-    ) -> NDArray[np.float64]:
-        """World points at image positions (..., 2) and depths (...), shape (..., 3), metres."""
-        rays = self._rays(position_px)
-        points = rays * np.asarray(depth_m, np.float64)[..., None]
-        return points @ self.world_from_camera[:3, :3].T + self.world_from_camera[:3, 3]
 
     def project(
         self, point_m: NDArray[np.float64]

@@ -11,11 +11,13 @@ from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
-import click
 import forked
 import numpy as np
 import pytest
 from PIL import Image
+from typer import Exit
+from typer._click.exceptions import ClickException
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from study_app.cli import app
@@ -176,13 +178,14 @@ def test_every_command_in_the_readme_exists_and_runs(newcomer, command):
 
 def take(words: list[str]) -> None:
     """Let the program read a command's words, and run nothing (click's `ClickException`)."""
-    command, context, rest = get_command(app), None, words
-    while rest or context is None:
-        with suppress(click.exceptions.Exit):  # --list
-            context = command.make_context("metamerlab", rest, parent=context)
-        if not isinstance(command, click.Group):
-            return
-        _, command, rest = command.resolve_command(context, [*context._protected_args])
+    command, context = get_command(app), None
+    with suppress(Exit):  # --list
+        while words:
+            context = command.make_context("metamerlab", words, parent=context)
+            if not isinstance(context.command, TyperGroup):
+                return
+            words = [*context._protected_args, *context.args]
+            _, command, words = context.command.resolve_command(context, words)
 
 
 @pytest.mark.slow
@@ -200,11 +203,13 @@ def test_the_program_takes_every_command_of_every_page():
             taken += 1
             try:
                 take(words)
-            except click.ClickException as error:
+            except ClickException as error:
                 refused.append(f"{page.name}: {line}: {error.format_message()}")
 
     assert taken > 200
     assert refused == []
+    with pytest.raises(ClickException, match="No such option"):
+        take(["stimuli", "build", "demo", "--no-such"])
 
 
 def test_what_a_command_reads_is_made_before_it():
@@ -302,6 +307,16 @@ def test_every_folder_of_the_packages_is_explained(repository):
     assert {"stimuli/score", "study_app/cli/demo"} <= folders
     named = {folder for folder in folders if f"`{folder.rpartition('/')[2]}/`" in text}
     assert sorted(folder for folder in folders - named if f"`{folder}" not in text) == []
+
+
+def test_the_pages_stay_short_enough_to_be_read():
+    """Decisions, the reference of formats and tables that code writes are looked up, not read."""
+    read = [page for page in pages() if page.parent.name not in ("decisions", "formats")]
+    made = re.compile(r"<!-- ([\w ]+): begin -->.*?<!-- \1: end -->", flags=re.DOTALL)
+    words = {page.name: made.sub("", page.read_text(encoding="utf-8")).split() for page in read}
+
+    assert len(words) == len(read) > 25
+    assert sum(1 for own in words.values() for word in own if re.search(r"\w", word)) <= 42_000
 
 
 def test_every_decision_is_listed(repository):

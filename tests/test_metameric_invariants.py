@@ -4,10 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cameras import wide_camera
 from scipy import ndimage
 
 from benchmarks.stationary import LEVELS, Scene, Texture, measure, whole_coefficients
-from pipeline.camera import Camera, flow_between, reprojection
+from pipeline.camera import flow_between, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
@@ -363,7 +364,7 @@ def test_noise_stays_on_the_screen_if_told_so():
 
 def test_noise_follows_a_camera_by_its_matrix():
     """A plane at 5 m, a camera moved so that it shows 9 px further right."""
-    camera = Camera.with_field_of_view(160, 96, 60)
+    camera = wide_camera(160, 96, 60)
     target = camera.moved(np.array([-9 * 5.0 / camera.fx_px, 0.0, 0.0]))
     flow, depth = flow_between(camera, target, np.full((96, 160), 5, np.float32))
     np.testing.assert_allclose(flow[..., 0], 9, atol=1e-4)
@@ -384,7 +385,7 @@ def test_noise_follows_a_camera_by_its_matrix():
 
 def test_the_camera_s_matrix_agrees_with_its_flow():
     """Six degrees of freedom: where flow takes a pixel, the matrix brings it back."""
-    source = Camera.with_field_of_view(40, 30, 60)
+    source = wide_camera(40, 30, 60)
     target = source.moved(np.array([0.2, -0.1, 0.3]))
     depth = np.random.default_rng(0).uniform(2, 9, (30, 40)).astype(np.float32)
     flow, target_depth = flow_between(source, target, depth)

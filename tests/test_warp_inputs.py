@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from number_files import write_flo
 from typer.testing import CliRunner
 
 from pipeline.camera import UPRIGHT, Camera, flow_between
@@ -12,7 +13,7 @@ from pipeline.frame import SourceFrame
 from pipeline.image_file import write_pixels
 from pipeline.warp.gpu import warp_frame
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
-from stimuli.media.flow_file import read_flo, write_flo
+from stimuli.media.flow_file import read_flo
 from stimuli.one_picture import from_depth, from_flow, read_pose
 from stimuli.scenes.stereo import load_pair
 from study_app.cli import app

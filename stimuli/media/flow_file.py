@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.picture_limits import check_values
-from protocols.disk.whole_file import write_whole
 from stimuli.media.plane_file import check_byte_order
 
 MAGIC = np.float32(202021.25)
@@ -60,10 +59,3 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     if not known.any():
         raise InputError(f"{path}: must know the motion of at least one pixel (knows none)")
     return np.where(known[..., None], flow, 0).astype(np.float32), known
-
-
-def write_flo(path: Path, flow_px: NDArray[np.float32]) -> None:
-    """Write `flow_px`, float32 of shape (H, W, 2), as `read_flo` reads it."""
-    height, width, _ = flow_px.shape
-    header = MAGIC.astype("<f4").tobytes() + np.array([width, height], "<i4").tobytes()
-    write_whole(path, header + np.ascontiguousarray(flow_px, "<f4").tobytes())

@@ -46,28 +46,6 @@ _SMALLEST, _LARGEST = 1e-12, 1e12  # of any distance, in whatever unit
 _FORMATS = "PNG of 16 bits, TIFF, OpenEXR, PGM, PFM, .npy or .npz"
 
 
-def load_plane(path: Path) -> tuple[NDArray[Any], bool]:
-    """Read one number a pixel as stored, such as a disparity map or a mask.
-
-    Returns
-    -------
-    plane : ndarray of a real type, shape (H, W)
-        The stored numbers, in the type that the file stores.
-    integer : bool
-        Whether the file stores integers.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    InputError
-        If it is not a whole image of one channel or a numpy file of one array, or of a format that
-        loses numbers.
-    """
-    plane, _ = _read(path)
-    return plane, plane.dtype.kind in "iu"
-
-
 def read_disparity(
     path: Path, *, units_per_px: float, offset_px: float, unknown: Unknown = None
 ) -> NDArray[np.float32]:

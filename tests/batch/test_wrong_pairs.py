@@ -9,6 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from number_files import load_plane
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -16,7 +17,6 @@ from pipeline.errors import InputError
 from pipeline.image_file import write_pixels
 from protocols.load import load_protocol
 from stimuli.exr import load_colour, save_colour
-from stimuli.media.plane_file import load_plane
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
 from study_app.cli import app

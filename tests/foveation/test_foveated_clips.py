@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from number_files import write_flo
 from typer.testing import CliRunner
 
 from pipeline.foveation.conditions import foveate
@@ -9,7 +10,6 @@ from pipeline.foveation.steady_gaze import carried
 from pipeline.image_file import read_pixels
 from stimuli.exr import save_colour
 from stimuli.foveated.gaze_and_display import look_at
-from stimuli.media.flow_file import write_flo
 from study_app.cli import app
 
 HEIGHT, WIDTH = 40, 56

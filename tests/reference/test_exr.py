@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from number_files import load_plane
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import FileNote, InputError
@@ -17,7 +18,6 @@ from stimuli.exr import (
     save_warp_input,
 )
 from stimuli.foveated.any_picture import read_any
-from stimuli.media.plane_file import load_plane
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
 # 0.5; the result is rounded once more.

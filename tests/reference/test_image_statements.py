@@ -16,6 +16,7 @@ import numpy as np
 import odd_pictures as odd
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from number_files import load_plane
 from PIL import Image, ImageCms, ImageOps
 
 from pipeline.errors import FileNote, InputError
@@ -26,7 +27,6 @@ from pipeline.statements.rows import ROWS
 from stimuli.exr import load_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.media.exr_parts import read_parts
-from stimuli.media.plane_file import load_plane
 from stimuli.read_stimulus import read_picture
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)

@@ -4,8 +4,9 @@ import inspect
 
 import numpy as np
 import pytest
+from cameras import wide_camera
 
-from pipeline.camera import Camera, reprojection
+from pipeline.camera import reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import GuidedLevel, guided_base
@@ -237,10 +238,10 @@ def on_screen(frame=None):
 
 def test_noise_sticks_to_the_screen_where_the_source_camera_saw_nothing():
     """The source looks the other way, or is so far aside that no place can be told."""
-    source = Camera.with_field_of_view(24, 16, 60)
+    source = wide_camera(24, 16, 60)
     back = source.world_from_camera.copy()
     back[:3, :3] = back[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
-    behind = reprojection(source, Camera.with_field_of_view(24, 16, 60, back))
+    behind = reprojection(source, wide_camera(24, 16, 60, back))
     at_its_plane = np.diag([1.0, 1.0, 0.0, 1.0])
     aside = np.eye(4)
     aside[0, 2] = ANCHOR_REACH_PX

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from cameras import wide_camera
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.camera import Camera, flow_between
+from pipeline.camera import flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from pipeline.warp.reference import coverage, inside, moved_mesh, torn_quads, warp
@@ -444,7 +445,7 @@ def test_eight_sides_in_line_are_a_surface(width):
 
 def zoomed_plane(step: bool) -> tuple[SourceFrame, Flow, NDArray[np.float32]]:
     """Approach a slanted plane until it appears 7 to 10 times as large; maybe a step in it."""
-    source = Camera.with_field_of_view(64, 48, 50)
+    source = wide_camera(64, 48, 50)
     x = np.arange(64) + 0.5
     depth = np.tile(1 / (0.1 + 0.00008 * x), (48, 1))
     if step:

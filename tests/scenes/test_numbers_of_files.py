@@ -12,6 +12,7 @@ import numpy as np
 import odd_pictures as odd
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from number_files import load_plane
 from PIL import Image
 
 from pipeline.errors import FileNote, InputError
@@ -20,7 +21,7 @@ from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, Ster
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.media.exr_parts import read_parts
 from stimuli.media.flow_file import read_flo
-from stimuli.media.plane_file import along_axis, load_plane, read_depth
+from stimuli.media.plane_file import along_axis, read_depth
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
 from stimuli.scenes.sequence import load_picture

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cameras import wide_camera
 
-from pipeline.camera import Camera, flow_between
+from pipeline.camera import flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
 from protocols.recipes.warped_clips import CirclePath, LinePath, UpsamplingPath
@@ -134,7 +135,7 @@ def test_motion_on_the_gpu_is_flow_between(gl_context, rng, offset):
     """Single against double precision: positions to 1e-4 px, as 1000 px x 2^-24 x 4."""
     depth_m = rng.uniform(1, 30, (40, 60)).astype(np.float32)
     depth_m[:6] = np.inf
-    source = Camera.with_field_of_view(60, 40, 70)
+    source = wide_camera(60, 40, 70)
     target = source.moved(offset)
     depth = texture_from(gl_context, depth_m, "r32f")
     motion = MotionPass(gl_context, (60, 40))

@@ -5,8 +5,9 @@ import dataclasses
 import moderngl
 import numpy as np
 import pytest
+from cameras import wide_camera
 
-from pipeline.camera import Camera, reprojection
+from pipeline.camera import reprojection
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back, upload
@@ -53,7 +54,7 @@ def make_disc_scene(rng, size, *, inf_background=False):
 
 def cameras(size):
     """Give the matrix of a target camera beside and turned a little from its source."""
-    source = Camera.with_field_of_view(size[1], size[0], 50)
+    source = wide_camera(size[1], size[0], 50)
     target = source.moved(np.array([0.11, -0.07, 0.05]))
     pose = target.world_from_camera.copy()
     angle = 0.03

@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cameras import wide_camera
 from scipy import ndimage
 
-from pipeline.camera import Camera, flow_between, reprojection
+from pipeline.camera import flow_between, reprojection
 from pipeline.features.reference import grow
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.synthesis.settings import MetamericSettings
@@ -165,7 +166,7 @@ def test_noise_sticks_to_the_screen_where_there_is_no_place_to_look(
     """Behind the source camera, and where the motion is out of all bounds."""
     frame = disc_scene(rng, (40, 56))
     if turned:
-        source = Camera.with_field_of_view(56, 40, 50)
+        source = wide_camera(56, 40, 50)
         back = source.world_from_camera @ np.diag([-1.0, 1.0, -1.0, 1.0])
         run = prepare(frame, anchor="camera")
         run.matrix = reprojection(source, dataclasses.replace(source, world_from_camera=back))
@@ -227,7 +228,7 @@ def test_the_motorcycle_matches_reference(prepare, gl_context):
 @pytest.mark.parametrize("offset_m", [(0.15, 0.0, 0.0), (-0.08, 0.05, 0.1)])
 def test_from_source_to_fill_the_gpu_matches_reference(prepare, gl_context, rng, offset_m):
     """Warp and fill by the one, warp and fill by the other: a ball before a slanted floor."""
-    source = Camera.with_field_of_view(150, 110, 55)
+    source = wide_camera(150, 110, 55)
     x, y = np.moveaxis(source.pixel_centres(), -1, 0)
     ball = np.hypot(x - 70, y - 50) < 24
     depth_m = np.where(ball, 2.0, 120 / (y + 25)).astype(np.float32)

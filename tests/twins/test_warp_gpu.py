@@ -7,6 +7,7 @@ from functools import partial
 import moderngl
 import numpy as np
 import pytest
+from cameras import wide_camera
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def turn(yaw_deg: float, roll_deg: float) -> NDArray[np.float64]:
 def seen_from(offset_m: tuple[float, float, float], turned: NDArray[np.float64]) -> Scene:
     """Move and turn the camera in front of the slanted scene."""
     frame = slanted()
-    source = Camera.with_field_of_view(80, 64, 60)
+    source = wide_camera(80, 64, 60)
     moved = source.moved(np.array(offset_m))
     pose = moved.world_from_camera.copy()
     pose[:3, :3] @= turned
@@ -134,7 +135,7 @@ def lattice(turned_deg: float = 0.0) -> Scene:
     wires = (y % 11 == 5) | (x % 13 == 6) | ((x + y) % 29 == 3) | ((2 * x + y) % 31 == 8)
     depth = np.where(wires, 1.2 + 0.011 * x + 0.007 * y, 9.0).astype(np.float32)
     frame = SourceFrame(rng.random((48, 64, 3), np.float32), depth)
-    source = Camera.with_field_of_view(64, 48, 60)
+    source = wide_camera(64, 48, 60)
     moved = source.moved(np.array((0.21, 0.13, 0.1)))
     pose = moved.world_from_camera.copy()
     pose[:3, :3] @= turn(0, turned_deg)

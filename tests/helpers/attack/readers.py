@@ -22,6 +22,7 @@ import pandas as pd
 import trimesh
 from attack import mutations
 from attack.mutations import Shape
+from number_files import load_plane, write_flo
 from PIL import Image
 from pydantic import BaseModel
 
@@ -51,8 +52,7 @@ from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.media.exr_parts import read_parts
-from stimuli.media.flow_file import read_flo, write_flo
-from stimuli.media.plane_file import load_plane
+from stimuli.media.flow_file import read_flo
 from stimuli.media.png import decode
 from stimuli.one_picture import read_pose
 from stimuli.read_stimulus import read_frames, read_picture

@@ -20,6 +20,7 @@ import numpy as np
 import psutil
 import pytest
 import trimesh
+from number_files import load_plane
 from PIL import Image
 from study_texts import shipped_study
 from typer.testing import CliRunner
@@ -45,7 +46,6 @@ from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated.any_picture import read_any
 from stimuli.media.exr_parts import read_parts
-from stimuli.media.plane_file import load_plane
 from stimuli.media.png import decode
 from stimuli.media.video import unpacked_video
 from stimuli.one_picture import read_pose
