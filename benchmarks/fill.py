@@ -92,7 +92,7 @@ def masked_frame(edge_px: int, mask: str) -> WarpedFrame:
     return WarpedFrame(colour, depth_m, hole, flow_px)
 
 
-class Bench:
+class TimedFrame:
     """One frame on the GPU and the methods to run on it."""
 
     def __init__(self, ctx: moderngl.Context, edge_px: int, mask: str) -> None:
@@ -317,7 +317,7 @@ def main(argv: list[str]) -> int:
     timings: list[Timing] = []
     for mask in arguments.mask:
         for edge_px in sorted(arguments.size):
-            bench = Bench(ctx, edge_px, mask)
+            bench = TimedFrame(ctx, edge_px, mask)
             what = f"{edge_px} px, {mask}"
             methods = track(arguments.method, what, console=console, transient=True)
             timings += bench.time_all(methods, arguments.repeats)

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.copying import Copy
-from benchmarks.fill import Bench
+from benchmarks.fill import TimedFrame
 from benchmarks.foveate import picture
 from benchmarks.frame_cost import FrameCost, Pass, Work, frame_cost
 from benchmarks.machine import conditions
@@ -91,7 +91,7 @@ class Workload:
             "foveate": self._foveate,
             "textures": self._texture,
         }[bench]
-        self._bench: Bench | None = None
+        self._bench: TimedFrame | None = None
         formats = FORMATS.get(bench, ("rgba32f",))
         self._pairs = tuple((self._empty(name), self._empty(name)) for name in formats)
         self._copier = self._kept(Copy(ctx, *formats))
@@ -118,7 +118,7 @@ class Workload:
 
     def _fill(self, name: str) -> tuple[Work, int | None, Callable[[], None]]:
         if self._bench is None:
-            self._bench = self._kept(Bench(self._ctx, self._edge_px, "thin"))
+            self._bench = self._kept(TimedFrame(self._ctx, self._edge_px, "thin"))
         return self._bench.work(name)
 
     def _foveate(self, name: str) -> tuple[Work, int | None, Callable[[], None]]:

@@ -11,7 +11,7 @@ import argparse
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.fill import MASKS, ON_GPU, Bench
+from benchmarks.fill import MASKS, ON_GPU, TimedFrame
 from benchmarks.frame_cost import FrameCost, frame_cost
 from pipeline.gl.context import create_context, describe, release_context
 
@@ -27,7 +27,7 @@ def main(argv: list[str]) -> int:
     console = Console()
     ctx = create_context()
     console.print(f"renderer: {describe(ctx)}")
-    bench = Bench(ctx, arguments.size, arguments.mask)
+    bench = TimedFrame(ctx, arguments.size, arguments.mask)
     for method in arguments.method:
         work, _, release = bench.work(method)
         show(method, frame_cost(ctx, work, repeats=arguments.repeats), console)

@@ -6,14 +6,14 @@ import moderngl
 import pytest
 
 from benchmarks.dispatches import dispatches_of, timed_dispatches
-from benchmarks.fill import Bench
+from benchmarks.fill import TimedFrame
 from benchmarks.frame_cost import frame_cost
 
 
 @pytest.mark.parametrize("method", ["metameric", "push-pull"])
 def test_every_dispatch_is_timed_once(gl_context, method):
     run = moderngl.ComputeShader.run
-    bench = Bench(gl_context, 64, "thin")
+    bench = TimedFrame(gl_context, 64, "thin")
     work, _, release = bench.work(method)
     made = Counter(dispatches_of(work))
 

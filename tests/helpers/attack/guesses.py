@@ -46,7 +46,7 @@ _WHO = ("participant", "observer")
 
 
 @dataclass(frozen=True)
-class Found:
+class GuessResult:
     """Result of guessing the slots of an export, by what tells most of them."""
 
     right: float
@@ -97,7 +97,9 @@ def recorded(folder: Path, name: str, places: str, people: int, secret: str) -> 
     return simulation
 
 
-def export_and_guess(simulation: SimulatedStudy, folder: Path, form: Format, out: Path) -> Found:
+def export_and_guess(
+    simulation: SimulatedStudy, folder: Path, form: Format, out: Path
+) -> GuessResult:
     """Write the public export of `recorded` sessions, and guess its participants' slots."""
     study, sessions = simulation.protocol, folder / "sessions"
     options = ExportOptions(public=True, displays=(simulation.display,))
@@ -108,7 +110,7 @@ def export_and_guess(simulation: SimulatedStudy, folder: Path, form: Format, out
     return guess(out, load_protocol(folder / "study.toml"), slots)
 
 
-def guess(folder: Path, study: StudyProtocol, slots: Mapping[str, int]) -> Found:
+def guess(folder: Path, study: StudyProtocol, slots: Mapping[str, int]) -> GuessResult:
     """Guess the slots in an export by every order that its rows may stand in; the best counts.
 
     Whoever guesses has the study, not its secret, and takes places for drawn by the public seed or
@@ -120,7 +122,7 @@ def guess(folder: Path, study: StudyProtocol, slots: Mapping[str, int]) -> Found
     ]
     _, whole = rounds(study)
     tables = [each for people in _tables(folder, study).values() for each in _ordered(people)]
-    found = [Found(0.0, len(slots), whole, 1.0)]
+    found = [GuessResult(0.0, len(slots), whole, 1.0)]
     for rule in rules:
         plans = [_expected(rule.with_secret(""), slot) for slot in range(whole)]
         for people in tables:
@@ -131,7 +133,7 @@ def guess(folder: Path, study: StudyProtocol, slots: Mapping[str, int]) -> Found
             inside = [len(few) for who, few in likely.items() if slots[who] % whole in few]
             few = sum(map(len, likely.values())) / len(likely) / whole
             luck = float(binom.sf(len(inside) - 1, len(likely), few))
-            found.append(Found(sum(1 / n for n in inside), len(slots), whole, luck))
+            found.append(GuessResult(sum(1 / n for n in inside), len(slots), whole, luck))
     return min(found, key=lambda each: (each.luck, -each.right))
 
 
