@@ -190,6 +190,22 @@ def test_no_module_of_the_protocols_imports_what_imports_it(repository):
     assert not in_circles(above)
 
 
+@pytest.mark.slow
+def test_no_module_imports_what_imports_it(repository):
+    """A package that lists its modules is no circle: what it loads for them is left out."""
+    sources = {
+        module: (path.read_text(encoding="utf-8"), is_package)
+        for path, module, is_package in our_modules(repository)
+    }
+    above = {
+        module: {other for other in others if not inside(module, other)}
+        for module, others in modules_above(sources).items()
+    }
+    assert "analysis.plots.style" in above["analysis.plots.scales"]
+
+    assert not in_circles(above)
+
+
 @pytest.mark.parametrize(
     "source",
     [
