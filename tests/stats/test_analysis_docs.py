@@ -6,6 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from study_app.cli import app
 
 PAGE = "docs/analysis.md"
 
@@ -75,3 +78,17 @@ def test_the_committed_simulations_hold_what_is_promised(repository):
         assert entry["family_wise"] <= 0.08
         assert entry["family_wise"] >= 0.02 or entry["observer_sd"] >= 1.5
     assert len(results["scale_coverage"]) == 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", ["0.7", "0.65"])
+def test_so_many_participants_are_needed_as_the_page_says(repository, rate):
+    text = " ".join((repository / PAGE).read_text(encoding="utf-8").split())
+    first, other = re.search(
+        r"The first command asks for (\d+) participants. With `--rate 0.65` it asks for (\d+)", text
+    ).groups()
+    power = ["analysis", "power", "inpainting-2afc", "--rate", rate, "--studies", "2000"]
+    said = CliRunner().invoke(app, power, env={"COLUMNS": "200"}).output
+
+    needed = {"0.7": first, "0.65": other}[rate]
+    assert f"primary, power 80%: {needed} participants" in said
