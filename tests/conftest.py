@@ -77,6 +77,8 @@ LONGEST = (
 )
 JAX_SEEN: list[bool] = []
 WAITING = ("tests/presenter/", "tests/web/")
+STANDS_BACK = 5
+"""Niceness of workers that compute."""
 IN_TURN = """
 import json, sys
 from study_app.cli import main
@@ -115,27 +117,40 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     Tests before a screen and in a browser mostly wait for real time to pass. One worker at a time
     runs those of a folder, from the beginning on, while the others compute: side by side they
-    would leave the processors idle, and disturb each other.
+    would leave the processors idle, and disturb each other. Of the workers that wait, the first to
+    be done ends: of those that compute, more would only share the processors.
     """
     from xdist.scheduler import LoadScopeScheduling
 
     class WholeFiles(LoadScopeScheduling):
+        one_has_ended = False
+
         def _split_scope(self, nodeid: str) -> str:
             return nodeid.split("::", 1)[0]
 
-        def _assign_work_unit(self, node: Any) -> None:
+        def _place(self, scope: str, node: Any) -> int:
+            """Return 0 for a file that waits and may begin at a worker, 1 for one that computes."""
             running = {
                 waiting_folder(scope)
                 for other, works in self.assigned_work.items()
                 for scope, done in works.items()
                 if other is not node and not all(done.values())
             }
+            folder = waiting_folder(scope)
+            return 1 if folder is None else 2 if folder in running else 0
 
-            def place(scope: str) -> int:
-                folder = waiting_folder(scope)
-                return 1 if folder is None else 2 if folder in running else 0
+        def _reschedule(self, node: Any) -> None:
+            waited = any(map(waiting_folder, self.assigned_work[node]))
+            waits = any(self._place(scope, node) == 0 for scope in self.workqueue)
+            if self.numnodes > 2 and waited and not (waits or self.one_has_ended):
+                self.one_has_ended = True
+                node.shutdown()  # after what it was given
+            else:
+                super()._reschedule(node)
 
-            self.workqueue.move_to_end(min(self.workqueue, key=place), last=False)
+        def _assign_work_unit(self, node: Any) -> None:
+            first = min(self.workqueue, key=lambda scope: self._place(scope, node))
+            self.workqueue.move_to_end(first, last=False)
             super()._assign_work_unit(node)
 
     config.option.loadscopereorder = False  # in the order of the tests, as sorted below
@@ -145,6 +160,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 def waiting_folder(path: str) -> str | None:
     """Return the folder of tests that mostly wait for real time to pass, or None."""
     return next((folder for folder in WAITING if path.startswith(folder)), None)
+
+
+def pytest_runtest_logstart(nodeid: str) -> None:
+    """Let a worker that computes stand back behind those before a screen and in a browser."""
+    if "PYTEST_XDIST_WORKER" in os.environ and hasattr(os, "nice") and not waiting_folder(nodeid):
+        os.nice(max(0, STANDS_BACK - os.nice(0)))
 
 
 def cpu_s() -> float:
@@ -214,12 +235,28 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.setdefault("GALLIVM_PERF", "nopt")
     if config.getoption("--costs"):
         config.pluginmanager.register(Costs(), "costs")
+    begin_elsewhere(config)
+
+
+def begin_elsewhere(config: pytest.Config) -> None:
+    """Let each worker collect from another folder on: in a fresh clone each compiles its part."""
+    worker = getattr(config, "workerinput", None)
+    if worker and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        tests = Path(__file__).parent
+        folders = sorted(map(str, tests.glob("[!_]*/")))
+        at = len(folders) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        config.args[:] = folders[at:] + folders[:at] + sorted(map(str, tests.glob("test_*.py")))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put the longest files first; skip what is marked `slow` or `full` unless it is asked for."""
     order = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(item.nodeid.split("::", 1)[0], len(order)))
+
+    def place(item: pytest.Item) -> tuple[int, Sequence[str]]:
+        name = item.nodeid.split("::", 1)[0]
+        return order.get(name, len(order)), name.split("/")
+
+    items.sort(key=place)
     for mark, why in (("slow", "takes seconds"), ("full", "a long proof")):
         if not config.getoption(f"--{mark}"):
             skip = pytest.mark.skip(reason=f"{why}: script/test --{mark} runs it")

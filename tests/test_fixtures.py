@@ -114,28 +114,44 @@ def test_names_of_test_files_are_unique(repository):
 
 
 SCHEDULED = """
-def test_one(): pass
-def test_two(): pass
-def test_three(): pass
+import os, time
+import pytest
+
+@pytest.mark.parametrize("number", range(3))
+def test_one(number, request):
+    time.sleep(0.02)
+    with (request.config.rootpath / "ran").open("a") as file:
+        print(request.node.nodeid, os.environ["PYTEST_XDIST_WORKER"], os.nice(0), file=file)
 """
 
 
 @pytest.mark.slow
-def test_one_worker_at_a_time_runs_a_folder_of_tests_that_wait(run_pytest, tmp_path):
+def test_tests_that_wait_come_first_one_worker_a_folder_and_one_ends_with_them(
+    run_pytest, tmp_path
+):
     waiting = ("presenter/test_a", "presenter/test_b", "web/test_c", "web/test_d")
     for path in (*waiting, *(f"test_{number}" for number in range(12))):
         file = tmp_path / "tests" / f"{path}.py"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(SCHEDULED)
 
-    _, output = run_pytest("", "-v", "-n", "3", "tests")
+    status, _ = run_pytest("", "-n", "4", "tests")
 
+    assert status == 0
+    ran = [line.split() for line in (tmp_path / "ran").read_text().splitlines()]
+    assert len(ran) == 3 * 16
     workers = {
-        folder: {*re.findall(rf"\[(gw\d)\].* tests/{folder}/test_", output)}
+        folder: {worker for name, worker, _ in ran if name.startswith(f"tests/{folder}/")}
         for folder in ("presenter", "web")
     }
     assert [len(names) for names in workers.values()] == [1, 1]
     assert not workers["presenter"] & workers["web"]
+    waited = set.union(*workers.values())
+    assert len({worker for name, worker, _ in ran if name.startswith("tests/test_")} & waited) <= 1
+    mine = os.nice(0)
+    for name, _, niceness in ran:
+        least = 5 if name.startswith("tests/test_") else 0
+        assert int(niceness) == max(mine, least), name
 
 
 def test_every_test_starts_from_the_same_random_numbers(run_pytest):
