@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,6 @@ from protocols.study_file.preregister import preregistration
 from stimuli.single.example_pictures import example_files
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
-TEXTS = {task: study_files("pilot", "Pilot", DISPLAY, task)["study.toml"] for task in PARTS}
-TABLES = {task: example_files(task).get("stimuli.csv", b"").decode() for task in PARTS}
 ADAPTIVE = """
 [task.adaptive]
 rule = "up-down"
@@ -30,6 +29,18 @@ start = 0.2
 harder = [0.04]
 easier = [0.12]
 """
+
+
+@cache
+def text_of(task: str) -> str:
+    """Return the study file of a new study."""
+    return study_files("pilot", "Pilot", DISPLAY, task)["study.toml"]
+
+
+@cache
+def table_of(task: str) -> str:
+    """Return the table of its stimuli, or nothing."""
+    return example_files(task).get("stimuli.csv", b"").decode()
 
 
 def with_adaptive(*replacements: tuple[str, str]) -> tuple[str, str]:
@@ -46,13 +57,13 @@ def mistakes(tmp_path):
     """Load a new study of a task with replacements; return the lines of the message."""
 
     def load(task: str, *changes: tuple[str, str], table: str | None = None) -> list[str]:
-        text = TEXTS[task]
+        text = text_of(task)
         for old, new in changes:
             assert old in text, old
             text = text.replace(old, new, 1)
         path = tmp_path / "pilot.toml"
         path.write_text(text, encoding="utf-8")
-        (tmp_path / "stimuli.csv").write_text(TABLES[task] if table is None else table)
+        (tmp_path / "stimuli.csv").write_text(table_of(task) if table is None else table)
         with pytest.raises(StudyError) as caught:
             load_protocol(path)
         return [line.removeprefix(f"{path}: ") for line in str(caught.value).splitlines()]
@@ -189,13 +200,13 @@ def test_two_mistakes_at_one_place_are_told_once_each(mistakes):
     ],
 )  # fmt: skip
 def test_mistakes_in_the_table_name_its_line_or_column(mistakes, change, message):
-    lines = mistakes("yes-no", table=change(TABLES["yes-no"]))
+    lines = mistakes("yes-no", table=change(table_of("yes-no")))
     assert any(message in line for line in lines), lines
 
 
 def test_a_table_that_is_not_there_is_named(tmp_path):
     path = tmp_path / "pilot.toml"
-    path.write_text(TEXTS["abx"], encoding="utf-8")
+    path.write_text(text_of("abx"), encoding="utf-8")
     with pytest.raises(StudyError, match=r"stimuli\.csv: the table of stimuli must exist"):
         load_protocol(path)
 
@@ -205,9 +216,9 @@ def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
     from protocols.columns import COMMON_COLUMNS
 
     for task in PARTS:
-        (tmp_path / "stimuli.csv").write_text(TABLES[task])
+        (tmp_path / "stimuli.csv").write_text(table_of(task))
         path = tmp_path / "pilot.toml"
-        path.write_text(TEXTS[task], encoding="utf-8")
+        path.write_text(text_of(task), encoding="utf-8")
         study = load_protocol(path)
         own = {c.name for c in study.task.condition_columns(study.pool)}
         own |= {c.name for c in study.task.answer_columns()}
@@ -237,7 +248,7 @@ VALUES = st.one_of(
 def damaged(draw: st.DrawFn) -> tuple[str, str]:
     """Return a task, and its study with a few lines changed, doubled, moved or gone."""
     task = draw(st.sampled_from(list(PARTS)))
-    lines = [line for line in TEXTS[task].splitlines() if line and not line.startswith("#")]
+    lines = [line for line in text_of(task).splitlines() if line and not line.startswith("#")]
     if draw(st.booleans()) and task == "yes-no":
         at = lines.index("[task.catch]")
         lines[at:at] = [line for line in ADAPTIVE.splitlines() if line]
@@ -252,7 +263,7 @@ def damaged(draw: st.DrawFn) -> tuple[str, str]:
         elif match and what == "key":
             lines[at] = f"{match[1]}_{draw(st.sampled_from('xyz'))} = {match[2]}"
         elif what == "borrowed":  # a line of another task
-            other = TEXTS[draw(st.sampled_from(list(PARTS)))].splitlines()
+            other = text_of(draw(st.sampled_from(list(PARTS)))).splitlines()
             candidates = [line for line in other if LINE.match(line)]
             lines.insert(at + 1, draw(st.sampled_from(candidates)))
     return task, "\n".join(lines) + "\n"
@@ -268,8 +279,8 @@ def test_fuzzed_studies_give_messages_or_work(tmp_path, case):
     folder.mkdir(exist_ok=True)
     path = folder / "pilot.toml"
     path.write_text(text, encoding="utf-8")
-    if TABLES[task]:
-        (folder / "stimuli.csv").write_text(TABLES[task])
+    if table_of(task):
+        (folder / "stimuli.csv").write_text(table_of(task))
     try:
         study = load_protocol(path)
         if check_feasible(study, DISPLAY):
@@ -295,8 +306,8 @@ def test_fuzzed_studies_give_messages_or_work(tmp_path, case):
 )
 def test_fuzzed_tables_give_messages_or_work(tmp_path, rows, cut):
     path = tmp_path / "pilot.toml"
-    path.write_text(TEXTS["yes-no"], encoding="utf-8")
-    text = TABLES["yes-no"][:cut] + "\n".join(",".join(row) for row in rows)
+    path.write_text(text_of("yes-no"), encoding="utf-8")
+    text = table_of("yes-no")[:cut] + "\n".join(",".join(row) for row in rows)
     (tmp_path / "stimuli.csv").write_text(text, encoding="utf-8", errors="replace")
     try:
         load_protocol(Path(path))
