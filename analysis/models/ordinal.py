@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize, sparse, stats
+from scipy import optimize, stats
 from scipy.special import expit, ndtr
 
 from analysis.models.cells import checked, grid, numbered
@@ -194,13 +194,16 @@ def fit_cumulative(
     sizes = [block.shape[1] for block in blocks]
     coefficients, factors = design.shape[1], len(sizes)
     mode, bowl = np.zeros(z.shape[1]), np.eye(z.shape[1])
-    thin = sparse.csr_array(z)  # a rating has one level of each effect: nearly all of z is 0
-    row_of, level_of = np.repeat(np.arange(y.size), np.diff(thin.indptr)), thin.indices
+    # A rating has one level of each effect: nearly all of z is 0.
+    row_of, level_of = np.nonzero(z)
+    times = z[row_of, level_of]
+    one, other = _sharing(row_of)
+    place = np.ravel_multi_index((level_of[one], level_of[other]), (z.shape[1], z.shape[1]))
 
-    def curved(shrunk: sparse.csr_array, bend: Floats) -> Floats:
-        bent = sparse.csr_array((shrunk.data * bend[row_of], level_of, thin.indptr), thin.shape)
-        inner: Floats = (shrunk.T @ bent).toarray()
-        return np.eye(z.shape[1]) + inner
+    def curved(shrunk: Floats, bend: Floats) -> Floats:
+        entries = shrunk[one] * shrunk[other] * bend[row_of[one]]
+        inner = np.bincount(place, entries, z.shape[1] ** 2)
+        return np.eye(z.shape[1]) + inner.reshape(z.shape[1], z.shape[1])
 
     def laplace(theta: Floats, beta: Floats, sd: Floats) -> float:
         nonlocal mode, bowl
@@ -208,19 +211,21 @@ def fit_cumulative(
         edges = np.concatenate([[-np.inf], theta, [np.inf]])
         upper, lower = edges[y + 1], edges[y]
         fixed = design @ beta
-        shrunk = sparse.csr_array((thin.data * scale[level_of], level_of, thin.indptr), thin.shape)
+        shrunk = times * scale[level_of]
         b = mode if np.all(np.isfinite(mode)) else np.zeros_like(mode)
         for _ in range(50):
-            likelihood, slope, bend = _answers(upper, lower, fixed + shrunk @ b, link)
+            moved = np.bincount(row_of, shrunk * b[level_of], y.size)
+            likelihood, slope, bend = _answers(upper, lower, fixed + moved, link)
             curvature = curved(shrunk, weight * bend)
-            gradient = shrunk.T @ (weight * slope) - b
+            gradient = np.bincount(level_of, shrunk * (weight * slope)[row_of], b.size) - b
             step = np.linalg.solve(curvature, gradient) if b.size else gradient
             step *= min(1.0, 3.0 / max(float(np.abs(step).max(initial=0.0)), 1e-300))
             b = b + step
             if float(np.abs(step).max(initial=0.0)) < 1e-9:
                 break
         mode = b
-        likelihood, _, bend = _answers(upper, lower, fixed + shrunk @ b, link)
+        moved = np.bincount(row_of, shrunk * b[level_of], y.size)
+        likelihood, _, bend = _answers(upper, lower, fixed + moved, link)
         curvature = curved(shrunk, weight * bend)
         bowl = curvature
         log_det = float(np.linalg.slogdet(curvature)[1]) if b.size else 0.0
@@ -610,20 +615,26 @@ def _answers(
     rise = ndtr if link == "probit" else expit
     share = np.maximum(rise(high) - rise(low), 1e-300)
     first, second = [], []
-    for edge in (a, b):
-        finite = np.where(np.isfinite(edge), edge, 0.0)
+    for edge in (a, b):  # infinite before the first category and after the last: no density there
         if link == "probit":
-            density = np.exp(-0.5 * finite**2) / np.sqrt(2.0 * np.pi)
-            turn = -finite * density
+            edge = np.clip(edge, -40.0, 40.0)
+            density = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi)
+            second.append(-edge * density)
         else:
-            chance = expit(finite)
+            chance = expit(edge)
             density = chance * (1.0 - chance)
-            turn = density * (1.0 - 2.0 * chance)
-        first.append(np.where(np.isfinite(edge), density, 0.0))
-        second.append(np.where(np.isfinite(edge), turn, 0.0))
+            second.append(density * (1.0 - 2.0 * chance))
+        first.append(density)
     slope = -(first[0] - first[1]) / share
     bend = slope**2 - (second[0] - second[1]) / share
     return np.log(share), slope, np.maximum(bend, 0.0)
+
+
+def _sharing(row_of: Whole) -> tuple[Whole, Whole]:
+    """Return all pairs of entries that share a row; `row_of` ascends."""
+    counts = np.bincount(row_of)[row_of]
+    before = np.repeat(np.cumsum(counts) - counts - np.searchsorted(row_of, row_of), counts)
+    return np.repeat(np.arange(row_of.size), counts), np.arange(before.size) - before
 
 
 def _merged(design: Floats, y: Whole, effects: Mapping[str, Floats]) -> tuple[list[Floats], Floats]:
