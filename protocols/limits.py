@@ -77,9 +77,8 @@ FIXED: Final = {
         1000, "pairs, scenes, repeats or participants of a design without a study file"
     ),
     "conditions": Limit(200, "conditions of a table that are compared with each other"),
-    "effects": Limit(
-        50_000, "participants and scenes, with their conditions, of a model of reaction times"
-    ),
+    "effects": Limit(50_000, "participants and scenes, with their conditions, of a mixed model"),
+    "effect_pairs": Limit(20_000_000, "pairs of them that its equations tie"),
     "channels": Limit(256, "channels of a stream of gaze"),
     "stream_hz": Limit(20_000, "samples a second of a stream of gaze"),
     "tracker_line": Limit(1 << 16, "bytes of a line that a tracker sends"),

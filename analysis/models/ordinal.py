@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -25,10 +24,11 @@ from analysis.models.contrasts import (
     wald,
     with_holm,
 )
-from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
+from analysis.models.mixed.deviations import Deviation
+from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, laplace_deviations
 from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
-from analysis.models.numeric import numeric_hessian
+from analysis.models.numeric import slope_hessian
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
 Floats = NDArray[np.float64]
@@ -46,6 +46,29 @@ FLAT = 1e-6
 """Curvature given to directions in which the likelihood is flat: an error of 1000 there."""
 
 MISFIT_P = 0.001
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Levels of a random effect in each row, and what they are multiplied by.
+
+    Attributes
+    ----------
+    level : ndarray (rows,) or (rows, members)
+        Counted from 0; several where a row has several effects, as those of two methods compared.
+    times : ndarray like `level`, optional
+        Left out: 1.
+    """
+
+    level: Whole
+    times: Floats | None = None
+
+    def drawn(self, sd: float, rng: np.random.Generator) -> Floats:
+        """Return each row's sum of effects (rows,), drawn with a deviation."""
+        values = sd * rng.standard_normal(int(self.level.max()) + 1)[self.level]
+        if self.times is not None:
+            values = values * self.times
+        return np.asarray(values.reshape(len(values), -1).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -152,10 +175,53 @@ class RatingModel:
         return dict(zip(self.categories, [0.0, *np.cumsum(gaps / gaps.min())], strict=True))
 
 
+@dataclass(frozen=True)
+class OrderedLaw:
+    """Law of ordered answers, P(y <= j) = F(theta_j - eta), for `LaplaceLikelihood`.
+
+    What trials share are the thresholds, with an infinite one at both ends. Its free numbers are
+    the first and the logarithms of the gaps between them, which keep them in order.
+    """
+
+    link: OrdinalLink
+    concave = True
+    plain = False
+
+    def of(self, _trials: Whole) -> "OrderedLaw":
+        """Return the law of some trials: the same."""
+        return self
+
+    def rates(self, free: Floats) -> Floats:
+        """Return the thresholds, and their ends."""
+        gaps = np.exp(np.clip(free[1:], -LARGEST, LARGEST))
+        return np.concatenate([[-np.inf], free[0] + np.cumsum([0.0, *gaps]), [np.inf]])
+
+    def penalty(self, _free: Floats) -> float:
+        """Return 0: no threshold is likelier than another before there are answers."""
+        return 0.0
+
+    def log_likelihood(self, eta: Floats, answers: Floats, trials: Floats, rates: Floats) -> float:
+        """Return the log-likelihood; `answers` are categories, counted from 0."""
+        return float(trials @ self._answers(eta, answers, rates)[0])
+
+    def slope(
+        self, eta: Floats, answers: Floats, trials: Floats, rates: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the slope in eta, and twice minus the curvature."""
+        _, slope, bend = self._answers(eta, answers, rates)
+        return trials * slope, trials * bend, trials * bend
+
+    def _answers(
+        self, eta: Floats, answers: Floats, edges: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        category = answers.astype(np.int64)
+        return _answers(edges[category + 1], edges[category], eta, self.link)
+
+
 def fit_cumulative(
     design: Floats,
     y: Whole,
-    effects: Mapping[str, Floats],
+    effects: Mapping[str, Effect],
     *,
     link: OrdinalLink = "probit",
     names: Mapping[str, Sequence[str]] | None = None,
@@ -171,8 +237,8 @@ def fit_cumulative(
         Without a constant: the thresholds are.
     y : ndarray (rows,)
         Category, counted from 0; every one up to the highest occurs.
-    effects : mapping of name to ndarray (rows, levels)
-        Of each random effect, what its levels are multiplied by: 1 or 0 for an intercept.
+    effects : mapping of name to Effect
+        Each random effect's levels in each row.
     names : mapping of effect to names of its levels, optional
         Whose levels are wanted in `CumulativeFit.deviations`.
     level : float, optional
@@ -185,125 +251,67 @@ def fit_cumulative(
     Notes
     -----
     McCullagh 1980; random effects as package ordinal's clmm (Christensen 2022), by Laplace's
-    method. The mode of b is found by Newton steps; the log-likelihood is concave in b.
+    method (`LaplaceLikelihood`). The log-likelihood is concave in the effects.
     """
-    top = int(y.max())
-    (design, merged, *blocks), weight = _merged(design, y, effects)
-    y = merged.astype(np.int64)
-    z = np.column_stack(blocks) if blocks else np.zeros((y.size, 0))
-    sizes = [block.shape[1] for block in blocks]
-    coefficients, factors = design.shape[1], len(sizes)
-    mode, bowl = np.zeros(z.shape[1]), np.eye(z.shape[1])
-    # A rating has one level of each effect: nearly all of z is 0.
-    row_of, level_of = np.nonzero(z)
-    times = z[row_of, level_of]
-    one, other = _sharing(row_of)
-    place = np.ravel_multi_index((level_of[one], level_of[other]), (z.shape[1], z.shape[1]))
-
-    def curved(shrunk: Floats, bend: Floats) -> Floats:
-        entries = shrunk[one] * shrunk[other] * bend[row_of[one]]
-        inner = np.bincount(place, entries, z.shape[1] ** 2)
-        return np.eye(z.shape[1]) + inner.reshape(z.shape[1], z.shape[1])
-
-    def laplace(theta: Floats, beta: Floats, sd: Floats) -> float:
-        nonlocal mode, bowl
-        scale = np.repeat(np.abs(sd), sizes)
-        edges = np.concatenate([[-np.inf], theta, [np.inf]])
-        upper, lower = edges[y + 1], edges[y]
-        fixed = design @ beta
-        shrunk = times * scale[level_of]
-        b = mode if np.all(np.isfinite(mode)) else np.zeros_like(mode)
-        for _ in range(50):
-            moved = np.bincount(row_of, shrunk * b[level_of], y.size)
-            likelihood, slope, bend = _answers(upper, lower, fixed + moved, link)
-            curvature = curved(shrunk, weight * bend)
-            gradient = np.bincount(level_of, shrunk * (weight * slope)[row_of], b.size) - b
-            step = np.linalg.solve(curvature, gradient) if b.size else gradient
-            step *= min(1.0, 3.0 / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-            b = b + step
-            if float(np.abs(step).max(initial=0.0)) < 1e-9:
-                break
-        mode = b
-        moved = np.bincount(row_of, shrunk * b[level_of], y.size)
-        likelihood, _, bend = _answers(upper, lower, fixed + moved, link)
-        curvature = curved(shrunk, weight * bend)
-        bowl = curvature
-        log_det = float(np.linalg.slogdet(curvature)[1]) if b.size else 0.0
-        return -float(weight @ likelihood) + 0.5 * float(b @ b) + 0.5 * log_det
-
-    def split(free: Floats) -> tuple[Floats, Floats, Floats]:
-        gaps = np.exp(np.clip(free[1:top], -LARGEST, LARGEST))
-        theta = free[0] + np.concatenate([[0.0], np.cumsum(gaps)])
-        return theta, free[top : top + coefficients], free[top + coefficients :]
-
-    share = np.cumsum([weight[y == k].sum() for k in range(top)]) / weight.sum()
-    first = stats.norm.ppf(share) if link == "probit" else np.log(share / (1.0 - share))
-    start = np.concatenate(
-        [first[:1], np.log(np.maximum(np.diff(first), 1e-3)), np.zeros(coefficients),
-         np.full(factors, START_SD)]
-    )  # fmt: skip
-    begins = [
-        np.concatenate([one[:1], np.log(np.maximum(np.diff(one[:top]), 1e-3)), one[top:]])
-        for one in starts
-    ]
-    how = {"gtol": 1e-5 if errors else 1e-3}
-    best = min(
-        (
-            optimize.minimize(lambda free: laplace(*split(free)), one, method="BFGS", options=how)
-            for one in begins or [start]
-        ),
-        key=lambda found: float(found.fun),
+    top, coefficients = int(y.max()), design.shape[1]
+    cut = (coefficients, coefficients + len(effects))
+    counted = CountedTrials.of(
+        design,
+        y,
+        [one.level for one in effects.values()],
+        [one.times for one in effects.values()],
+        ordered=True,
     )
-    theta, beta, sd = split(best.x)
-    sd = np.abs(sd)
+    model = LaplaceLikelihood(design, counted, OrderedLaw(link))
+    share = np.cumsum(np.bincount(y)[:top]) / y.size
+    first = stats.norm.ppf(share) if link == "probit" else np.log(share / (1.0 - share))
+    start = np.concatenate([first, np.zeros(coefficients), np.full(len(effects), START_SD)])
+    gradient = 1e-5 if errors else 1e-3
+    tried = []
+    for one in starts or [start]:
+        theta, rest = one[:top], one[top:]
+        gaps = np.log(np.maximum(np.diff(theta), 1e-3))
+        begin = np.concatenate([rest, theta[:1], gaps])
+        options = {"gtol": gradient, "hess_inv0": model.rough_covariance(begin)}
+        tried.append(optimize.minimize(model, begin, jac=True, method="BFGS", options=options))
+    found = min(tried, key=lambda one: float(one.fun))
+    beta, sd, free = np.split(found.x, cut)
+    theta, sd = model.response.rates(free)[1:-1], np.abs(sd)
     by_name = {
         name: float(value) if value < LARGEST else np.nan
         for name, value in zip(effects, sd, strict=True)
     }
     if not errors:
-        size = theta.size + beta.size + sd.size
-        return CumulativeFit(theta, beta, by_name, np.eye(size), -float(best.fun), True)
-    natural = np.concatenate([theta, beta, sd])
-    cut = (top, top + coefficients)
-    hessian = numeric_hessian(lambda v: laplace(*np.split(v, cut)), natural, step=1e-3)
+        return CumulativeFit(theta, beta, by_name, np.eye(found.x.size), -float(found.fun), True)
+    point, natural = np.concatenate([beta, sd, free]), np.concatenate([beta, sd, theta])
+    # From the free numbers to thresholds: each gap moves all that lie above it.
+    turn = np.eye(natural.size)
+    turn[cut[1] :, cut[1] :] = np.tril(np.ones((top, top))) * np.append(1.0, np.diff(theta))
+    back = np.linalg.inv(turn)
+    hessian = back.T @ slope_hessian(model, point) @ back
     proper = bool(np.all(np.isfinite(hessian))) and float(sd.max(initial=0.0)) < LARGEST
     covariance = np.eye(natural.size) / FLAT
+    # At sd 0 the likelihood is even in sd: its curvature may vanish there, and nowhere else.
+    fixed = np.concatenate([np.arange(cut[0]), np.arange(cut[1], natural.size)])
     if proper:
-        # At sd 0 the likelihood is even in sd: its curvature may vanish there, and nowhere else.
-        inner = hessian[: cut[1], : cut[1]]
-        curvature, axes = np.linalg.eigh(inner)
+        curvature, axes = np.linalg.eigh(hessian[np.ix_(fixed, fixed)])
         proper = bool(curvature[0] > LARGEST**-2) and float(np.abs(natural).max()) < LARGEST
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
-        if not proper or float(np.diag(covariance)[: cut[1]].min()) <= 0.0:
-            covariance[: cut[1], : cut[1]] = axes / np.maximum(curvature, FLAT) @ axes.T
-    best_value = -laplace(theta, beta, sd)
-
-    def sloped(point: Floats) -> tuple[float, Floats]:
-        value = laplace(*np.split(point, cut))
-        steps = 1e-5 * np.eye(point.size)
-        rise = [laplace(*np.split(point + one, cut)) - value for one in steps]
-        return value, np.array(rise) / 1e-5
-
+        if not proper or float(np.diag(covariance)[fixed].min()) <= 0.0:
+            covariance[np.ix_(fixed, fixed)] = axes / np.maximum(curvature, FLAT) @ axes.T
     deviations: tuple[Deviation, ...] = ()
     if level is not None and proper:
-        ends = np.cumsum(sizes)[:-1]
-        deviations = FittedEffects(
-            sd=dict(zip(effects, sd.tolist(), strict=True)),
-            errors=np.sqrt(np.diag(covariance).clip(min=0.0))[cut[1] :],
-            held=lambda number, own: held_maximum(
-                sloped, natural, covariance, cut[1] + number, own
-            ),
-            best=best_value,
-            modes=np.split(np.repeat(sd, sizes) * mode, ends),
-            solve=partial(np.linalg.solve, bowl),
-            rest=LATENT_VARIANCE[link],
-        ).deviations(level, names or {})
+        sds = dict(zip(effects, sd.tolist(), strict=True))
+        deviations = laplace_deviations(
+            model, point, back @ covariance @ back.T, sds, names or {}, link=link, level=level
+        )
+    in_order = np.concatenate([np.arange(cut[1], natural.size), np.arange(cut[1])])
     return CumulativeFit(
         theta=theta,
         beta=beta,
         sd=by_name,
-        covariance=covariance,
-        log_likelihood=best_value,
+        covariance=covariance[np.ix_(in_order, in_order)],
+        log_likelihood=-model(point)[0],
         converged=proper,
         deviations=deviations,
     )
@@ -365,7 +373,7 @@ def rating_model(
         name: np.unique(cell, return_inverse=True)[1].ravel()
         for name, cell in places.in_conditions(condition).items()
     }
-    effects = {name: _indicator(code) for name, code in (groups | cells).items()}
+    effects = {name: Effect(code) for name, code in (groups | cells).items()}
     chosen = _codes(texts, known)
     rated = _Trials(
         _indicator(condition, len(names)), y, effects, link,
@@ -437,12 +445,12 @@ def paired_ratings(
     place = {name: k for k, name in enumerate(names)}
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
     gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
-    groups, effects = places.several, {}
+    groups = places.several
+    effects: dict[str, Effect] = {}
     for group, code in groups.items():
-        own = np.zeros((len(rows), (int(code.max()) + 1) * len(names)))
-        for sign, side in zip((1.0, -1.0), sides, strict=True):
-            own[np.arange(len(rows)), code * len(names) + side] += sign
-        effects[group + IN_CONDITION] = own[:, np.any(own != 0.0, axis=0)]
+        both = np.stack([code * len(names) + side for side in sides], axis=1)
+        liked = np.unique(both, return_inverse=True)[1].reshape(both.shape)
+        effects[group + IN_CONDITION] = Effect(liked, np.array([[1.0, -1.0]] * len(rows)))
     given = {name: y[(sides[0] == k) | (sides[1] == k)] for k, name in enumerate(names)}
     rated = _Trials(gap, y, effects, link, given, used)
     fit = rated.fit({}, inference)
@@ -460,7 +468,7 @@ class _Trials:
 
     conditions: Floats
     y: Whole
-    effects: Mapping[str, Floats]
+    effects: Mapping[str, Effect]
     link: OrdinalLink
     given: Mapping[str, Whole]
     scale: Sequence[str]
@@ -513,8 +521,8 @@ def _ratio_p(
         rows, link = trials.y.size, trials.link
         noise = rng.standard_normal(rows) if link == "probit" else rng.logistic(size=rows)
         latent = fixed + noise
-        for name, block in trials.effects.items():
-            latent += block @ (less.sd[name] * rng.standard_normal(block.shape[1]))
+        for name, effect in trials.effects.items():
+            latent += effect.drawn(less.sd[name], rng)
         steps, given = np.unique(np.digitize(latent, less.theta), return_inverse=True)
         if steps.size < 2:
             return math.nan
@@ -615,36 +623,20 @@ def _answers(
     rise = ndtr if link == "probit" else expit
     share = np.maximum(rise(high) - rise(low), 1e-300)
     first, second = [], []
-    for edge in (a, b):  # infinite before the first category and after the last: no density there
+    for edge in (a, b):
+        finite = np.where(np.isfinite(edge), edge, 0.0)
         if link == "probit":
-            edge = np.clip(edge, -40.0, 40.0)
-            density = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi)
-            second.append(-edge * density)
+            density = np.exp(-0.5 * finite**2) / np.sqrt(2.0 * np.pi)
+            turn = -finite * density
         else:
-            chance = expit(edge)
+            chance = expit(finite)
             density = chance * (1.0 - chance)
-            second.append(density * (1.0 - 2.0 * chance))
-        first.append(density)
+            turn = density * (1.0 - 2.0 * chance)
+        first.append(np.where(np.isfinite(edge), density, 0.0))
+        second.append(np.where(np.isfinite(edge), turn, 0.0))
     slope = -(first[0] - first[1]) / share
     bend = slope**2 - (second[0] - second[1]) / share
     return np.log(share), slope, np.maximum(bend, 0.0)
-
-
-def _sharing(row_of: Whole) -> tuple[Whole, Whole]:
-    """Return all pairs of entries that share a row; `row_of` ascends."""
-    counts = np.bincount(row_of)[row_of]
-    before = np.repeat(np.cumsum(counts) - counts - np.searchsorted(row_of, row_of), counts)
-    return np.repeat(np.arange(row_of.size), counts), np.arange(before.size) - before
-
-
-def _merged(design: Floats, y: Whole, effects: Mapping[str, Floats]) -> tuple[list[Floats], Floats]:
-    """Merge equal rows: same likelihood, fewer of them."""
-    widths = [design.shape[1], 1, *(block.shape[1] for block in effects.values())]
-    table = np.column_stack([design, y.astype(np.float64), *effects.values()])
-    unique, weight = np.unique(table, axis=0, return_counts=True)
-    parts = np.split(unique, np.cumsum(widths)[:-1], axis=1)
-    parts[1] = parts[1].ravel()
-    return parts, weight.astype(np.float64)
 
 
 def _indicator(code: Whole, count: int | None = None) -> Floats:

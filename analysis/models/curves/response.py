@@ -1,7 +1,7 @@
 """Chance of a right answer from a linear predictor, for models of trials."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ Floats = NDArray[np.float64]
 Link = Literal["logit", "probit", "weibull"]
 Rates = tuple[float, float | Floats]
 """Guess rate, and lapse rate: one, or of each row."""
+
+R = TypeVar("R")
 
 RATE_PRIOR = (2.0, 50.0)
 """Beta law that fitted lapse and guess rates are drawn to: mode .02, 95 % below .09."""
@@ -23,6 +25,40 @@ def axis_of(level: Floats | float, logarithmic: bool) -> Floats:
     level = np.asarray(level, dtype=np.float64)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(level)) if logarithmic else level
+
+
+class AnswerLaw(Protocol[R]):
+    """Law of answers given a linear predictor eta and numbers that all trials share.
+
+    Attributes
+    ----------
+    concave : bool
+        True if the log-likelihood of eta has one hill.
+    plain : bool
+        True if this is an ordinary logit model.
+    """
+
+    @property
+    def concave(self) -> bool: ...
+    @property
+    def plain(self) -> bool: ...
+
+    def of(self, trials: NDArray[np.int64]) -> "AnswerLaw[R]":
+        """Return the law of these trials alone."""
+
+    def rates(self, free: Floats) -> R:
+        """Return what trials share from the numbers that are fitted."""
+
+    def penalty(self, free: Floats) -> float:
+        """Return the log prior of these numbers."""
+
+    def log_likelihood(self, eta: Floats, answers: Floats, trials: Floats, rates: R) -> float:
+        """Return the log-likelihood."""
+
+    def slope(
+        self, eta: Floats, answers: Floats, trials: Floats, rates: R
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the slope in eta, and minus the observed and the expected curvature."""
 
 
 @dataclass(frozen=True)
@@ -102,28 +138,28 @@ class ResponseFunction:
             return float(ndtri(rise))
         return float(np.log(-np.log1p(-rise) / LOG_2))
 
-    def log_likelihood(self, eta: Floats, successes: Floats, trials: Floats, rates: Rates) -> float:
+    def log_likelihood(self, eta: Floats, answers: Floats, trials: Floats, rates: Rates) -> float:
         """Return the log-likelihood without binomial coefficients."""
         if self.plain:
-            joint = successes @ log_expit(eta) + (trials - successes) @ log_expit(-eta)
+            joint = answers @ log_expit(eta) + (trials - answers) @ log_expit(-eta)
             return float(joint)
         share = self._bounded(eta, rates)
-        return float(successes @ np.log(share) + (trials - successes) @ np.log1p(-share))
+        return float(answers @ np.log(share) + (trials - answers) @ np.log1p(-share))
 
     def slope(
-        self, eta: Floats, successes: Floats, trials: Floats, rates: Rates
+        self, eta: Floats, answers: Floats, trials: Floats, rates: Rates
     ) -> tuple[Floats, Floats, Floats]:
         """Return the slope in eta, and minus the observed and the expected curvature."""
         if self.plain:
             share = expit(eta)
             weight = trials * share * (1.0 - share)
-            return successes - trials * share, weight, weight
+            return answers - trials * share, weight, weight
         span = 1.0 - rates[0] - rates[1]
         _, first, second = self.rise(eta)
         share = self._bounded(eta, rates)
         first, second = span * first, span * second
-        gap = (successes - trials * share) / (share * (1.0 - share))
-        bend = successes / share**2 + (trials - successes) / (1.0 - share) ** 2
+        gap = (answers - trials * share) / (share * (1.0 - share))
+        bend = answers / share**2 + (trials - answers) / (1.0 - share) ** 2
         expected = trials * first**2 / (share * (1.0 - share))
         return gap * first, bend * first**2 - gap * second, expected
 

@@ -4,7 +4,8 @@ The second derivative in all effects is an arrow: effects that never share a tri
 of different participants, form small blocks, and the few others, such as scenes, a border.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
@@ -14,9 +15,78 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from protocols.errors import StudyError
+from protocols.limits import FIXED
+
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
 N = TypeVar("N", bound=np.generic)
+
+MOST_LEVELS = FIXED["effects"].most
+MOST_PAIRS = FIXED["effect_pairs"].most
+_CURE = (
+    "leave participants or scenes out with --where, or give each row the code of its participant"
+)
+
+
+@dataclass(frozen=True)
+class ArrowMatrix:
+    """A symmetric matrix of blocks with a border.
+
+    Attributes
+    ----------
+    blocks : ndarray (blocks, m, m)
+    across : ndarray (blocks m, border)
+    border : ndarray (border, border)
+    """
+
+    blocks: Floats
+    across: Floats
+    border: Floats
+
+    def __matmul__(self, vectors: Floats) -> Floats:
+        """Return the matrix times a vector (slots,), or several (slots, vectors)."""
+        inner, outer = np.split(vectors, self.across.shape[:1])
+        return np.concatenate(
+            [
+                _by_block(self.blocks, inner) + self.across @ outer,
+                self.across.T @ inner + self.border @ outer,
+            ]
+        )
+
+    def __mul__(self, other: "ArrowMatrix") -> "ArrowMatrix":
+        """Return the product entry by entry."""
+        return ArrowMatrix(
+            self.blocks * other.blocks, self.across * other.across, self.border * other.border
+        )
+
+    def scaled(self, scale: Floats) -> "ArrowMatrix":
+        """Return S M S, where S has `scale` (slots,) on its diagonal."""
+        inner, outer = np.split(scale, self.across.shape[:1])
+        own = inner.reshape(self.blocks.shape[:2])
+        return ArrowMatrix(
+            self.blocks * own[:, :, None] * own[:, None, :],
+            self.across * (inner.reshape(-1, 1) * outer),
+            self.border * outer[:, None] * outer,
+        )
+
+    def plus_one_inverted(self, *, convex: bool = True) -> "Arrow":
+        """Return I + M, inverted; not `convex`: M may have negative eigenvalues.
+
+        Raises
+        ------
+        LinAlgError
+            If it is not positive definite.
+        """
+        size = self.blocks.shape[1]
+        blocks = self.blocks + np.eye(size)
+        inverse = np.asarray(1.0 / blocks if size == 1 else np.linalg.inv(blocks))
+        reach = _by_block(inverse, self.across)
+        left = self.border + np.eye(len(self.border)) - self.across.T @ reach
+        if not convex:
+            np.linalg.cholesky(blocks)
+            np.linalg.cholesky(left)
+        return Arrow(inverse, reach, np.asarray(np.linalg.inv(left), dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -42,19 +112,24 @@ class Arrow:
         """Logarithm of the determinant; infinite where the matrix is singular."""
         return -float(sum(np.linalg.slogdet(one)[1].sum() for one in (self.blocks, self.border)))
 
-    def solve(self, vector: Floats) -> Floats:
-        """Return the inverse times a vector (slots,)."""
-        inner, outer = np.split(vector, self.reach.shape[:1])
+    def solve(self, vectors: Floats) -> Floats:
+        """Return the inverse times a vector (slots,), or several (slots, vectors)."""
+        inner, outer = np.split(vectors, self.reach.shape[:1])
         rest = self.border @ (outer - self.reach.T @ inner)
-        own = (self.blocks @ inner.reshape(*self.blocks.shape[:2], 1)).ravel()
-        return np.concatenate([own - self.reach @ rest, rest])
+        return np.concatenate([_by_block(self.blocks, inner) - self.reach @ rest, rest])
 
-    def inverse(self) -> Floats:
-        """Return the inverse's blocks, their part of the border, and the border, laid flat."""
-        outward = (self.reach @ self.border).reshape(*self.blocks.shape[:2], -1)
-        reach = self.reach.reshape(outward.shape)
-        whole = self.blocks + outward @ reach.swapaxes(-1, -2)
-        return np.concatenate([whole.ravel(), -outward.ravel(), self.border.ravel()])
+    def inverse(self) -> ArrowMatrix:
+        """Return the inverse, as far as blocks and the border go."""
+        outward = self.reach @ self.border
+        reach = self.reach.reshape(*self.blocks.shape[:2], len(self.border))
+        whole = self.blocks + outward.reshape(reach.shape) @ reach.swapaxes(-1, -2)
+        return ArrowMatrix(whole, -outward, self.border)
+
+
+def _by_block(blocks: Floats, vectors: Floats) -> Floats:
+    """Return each block times its rows of vectors (slots,) or (slots, vectors)."""
+    rows = vectors.reshape(*blocks.shape[:2], math.prod(vectors.shape[1:]))
+    return np.asarray((blocks @ rows).reshape(vectors.shape))
 
 
 class RandomEffects:
@@ -67,20 +142,39 @@ class RandomEffects:
         such as those of the two methods it compares.
     times : sequence of ndarray like `groups`
         What each effect is multiplied by.
+    trials : int
+
+    Raises
+    ------
+    StudyError
+        If there are more than `MOST_LEVELS` effects, or `MOST_PAIRS` that the equations tie.
 
     Notes
     -----
     Vectors of effects have `size` slots; those that fill up short blocks stay 0.
     """
 
-    def __init__(self, groups: Sequence[Codes], times: Sequence[Floats]) -> None:
+    def __init__(self, groups: Sequence[Codes], times: Sequence[Floats], trials: int) -> None:
         codes = [code.reshape(len(code), -1).T for code in groups]
         sizes = [int(code.max()) + 1 for code in codes]
         starts = np.concatenate([[0], np.cumsum(sizes)])
+        if starts[-1] > MOST_LEVELS:
+            raise StudyError(
+                f"a mixed model must have at most {MOST_LEVELS:,} participants, scenes and their"
+                f" combinations with conditions (there are {starts[-1]:,}); {_CURE}"
+            )
         members = np.concatenate(
-            [code + start for code, start in zip(codes, starts[:-1], strict=True)]
+            [np.zeros((0, trials), dtype=np.int64)]
+            + [code + start for code, start in zip(codes, starts[:-1], strict=True)]
         )
         slot, self._blocks, self._border = _slots(codes, starts)
+        count, width = self._blocks
+        pairs = count * width * (width + self._border) + self._border**2
+        if pairs > MOST_PAIRS:
+            raise StudyError(
+                f"a mixed model must tie at most {MOST_PAIRS:,} pairs of participants, scenes and"
+                f" their combinations with conditions (there are {pairs:,}); {_CURE}"
+            )
         self.factors = len(groups)
         self.size = self._blocks[0] * self._blocks[1] + self._border
         self._kept = [slot[low:high] for low, high in pairwise(starts)]
@@ -89,16 +183,15 @@ class RandomEffects:
             self.factor[places] = number
         self.members = slot[members]
         self.times = np.concatenate(
-            [np.asarray(one, dtype=np.float64).reshape(len(one), -1).T for one in times]
+            [np.zeros((0, trials))] + [one.reshape(len(one), -1).T for one in times]
         )
         self._first, self._second, self._index = self._pairs()
         count = len(self.members)
         twice = self.times[:, None] * self.times[None, :]
-        self._twice = twice.reshape(count * count, -1)
+        self._twice = twice.reshape(count * count, trials)
         # Laid flat once: small studies are fitted hundreds of times.
         self._flat_index, self._flat_members = self._index.ravel(), self.members.ravel()
         self._factor_of_pair = self.factor[self._first].ravel()
-        self._units = np.eye(self._blocks[1]), np.eye(self._border)
 
     def scale(self, sd: Floats) -> Floats:
         """Return the deviation of each slot; 0 where a slot fills up a block."""
@@ -114,6 +207,24 @@ class RandomEffects:
             self._flat_members, weights=(self.times * values).ravel(), minlength=self.size
         ).astype(np.float64)
 
+    def products(self, weight: Floats) -> ArrowMatrix:
+        """Return Z' W Z, for weights (trials,)."""
+        count, size = self._blocks
+        flat: Floats = np.bincount(
+            self._flat_index,
+            weights=(self._twice * weight).ravel(),
+            minlength=count * size * (size + self._border) + self._border**2,
+        ).astype(np.float64)
+        blocks, across, border = np.split(
+            flat, [count * size * size, count * size * (size + self._border)]
+        )
+        # Each pair of a block's and a border's effect was met twice, once each way round.
+        return ArrowMatrix(
+            blocks.reshape(count, size, size),
+            0.5 * across.reshape(count * size, self._border),
+            border.reshape(self._border, self._border),
+        )
+
     def arrow(self, weight: Floats, scale: Floats) -> Arrow:
         """Return I + S Z' W Z S, inverted.
 
@@ -122,30 +233,8 @@ class RandomEffects:
         LinAlgError
             If it is not positive definite.
         """
-        count, size = self._blocks
-        flat: Floats = np.bincount(
-            self._flat_index,
-            weights=(self._twice * weight).ravel(),
-            minlength=count * size * (size + self._border) + self._border**2,
-        ).astype(np.float64)
-        inner, outer = scale[: count * size].reshape(count, size), scale[count * size :]
-        corner = count * size * size
-        edge = corner + count * size * self._border
-        blocks = (
-            flat[:corner].reshape(count, size, size) * inner[:, :, None] * inner[:, None, :]
-            + self._units[0]
-        )
-        # Each pair of a block's and a border's effect was met twice, once each way round.
-        across = 0.5 * flat[corner:edge].reshape(count * size, self._border)
-        across *= inner.reshape(-1, 1) * outer
-        border = flat[edge:].reshape(self._border, self._border) * outer[:, None] * outer
-        inverse = np.asarray(1.0 / blocks if size == 1 else np.linalg.inv(blocks))
-        reach = (inverse @ across.reshape(count, size, -1)).reshape(across.shape)
-        left = border + self._units[1] - across.T @ reach
-        if np.any(weight < 0):
-            np.linalg.cholesky(blocks)
-            np.linalg.cholesky(left)
-        return Arrow(inverse, reach, np.asarray(np.linalg.inv(left), dtype=np.float64))
+        convex = not np.any(weight < 0)
+        return self.products(weight).scaled(scale).plus_one_inverted(convex=convex)
 
     def leverage(self, arrow: Arrow, weight: Floats, scale: Floats) -> tuple[Floats, Floats]:
         """Return z' H^-1 z of each trial, and the trace of H^-1 Z' W Z S over each factor.
@@ -153,7 +242,9 @@ class RandomEffects:
         z is a trial's row of Z S; half the trace is what the log determinant gains where the
         factor's deviation grows and W stays.
         """
-        inverse = self._twice * arrow.inverse()[self._index]
+        whole = arrow.inverse()
+        flat = np.concatenate([whole.blocks.ravel(), whole.across.ravel(), whole.border.ravel()])
+        inverse = self._twice * flat[self._index]
         half = inverse * scale[self._second]
         trace = np.bincount(
             self._factor_of_pair,
@@ -161,6 +252,21 @@ class RandomEffects:
             minlength=len(self._kept),
         )
         return np.asarray((half * scale[self._first]).sum(axis=0)), trace.astype(np.float64)
+
+    def in_order(self, arrow: Arrow) -> Callable[[Floats], Floats]:
+        """Return the inverse times a vector of the levels of all factors, in their order."""
+        kept = np.concatenate(self._kept)
+
+        def solve(levels: Floats) -> Floats:
+            slots = np.zeros(self.size)
+            slots[kept] = levels
+            return arrow.solve(slots)[kept]
+
+        return solve
+
+    def totals(self, slots: Floats) -> Floats:
+        """Return the sum over the effects of each factor."""
+        return np.array([part.sum() for part in self.by_factor(slots)])
 
     def by_factor(self, slots: NDArray[N]) -> tuple[NDArray[N], ...]:
         """Return the effects of each factor, in the order of its levels."""
@@ -189,6 +295,8 @@ def _slots(codes: Sequence[Codes], starts: Codes) -> tuple[Codes, tuple[int, int
 
     Factors enter the blocks from the one with most levels on, as long as that is less work.
     """
+    if not codes:
+        return np.zeros(0, dtype=np.int64), (0, 0), 0
     order = np.argsort(-np.diff(starts), kind="stable")
     best: tuple[float, Codes, Codes] | None = None
     for taken in range(1, len(codes) + 1):

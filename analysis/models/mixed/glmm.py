@@ -3,14 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 from scipy.special import expit
 
-from analysis.models.curves.response import LOGIT, Rates, ResponseFunction, steep_prior
-from analysis.models.mixed.arrow_matrix import Arrow, RandomEffects
+from analysis.models.curves.response import LOGIT, AnswerLaw, R, ResponseFunction, steep_prior
+from analysis.models.mixed.arrow_matrix import Arrow, N, RandomEffects
 from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
 from analysis.models.mixed.logit import fit_logit
 from analysis.models.numeric import newton_polish
@@ -70,37 +71,46 @@ class CrossedFit:
 class CountedTrials:
     """Trials that share everything as one row: same likelihood, less work.
 
-    `first` is a trial of each row.
+    Attributes
+    ----------
+    first : ndarray (rows,)
+        A trial of each row.
+    trials, answers : ndarray (rows,)
+        How many, and how many of them are 1; of ordered answers the one that all of them are.
     """
 
     first: NDArray[np.int64]
     trials: Floats
-    successes: Floats
+    answers: Floats
     effects: RandomEffects
 
     @classmethod
     def of(
         cls,
         design: Floats,
-        y: Floats,
+        y: NDArray[N],
         groups: Sequence[NDArray[np.int64]],
         slopes: Sequence[Floats | None] = (),
+        *,
+        ordered: bool = False,
     ) -> "CountedTrials":
-        """Count trials; arguments as of `fit_crossed`."""
+        """Count trials; arguments as of `fit_crossed`. `ordered`: `y` are categories."""
         given = [*slopes, *([None] * (len(groups) - len(slopes)))]
         codes = [code.reshape(len(code), -1) for code in groups]
         times = [
             np.ones(code.shape) if values is None else values.reshape(code.shape)
             for code, values in zip(codes, given, strict=True)
         ]
-        key = np.column_stack([design, *codes, *times])
+        key = np.column_stack([design, *codes, *times, *([y] if ordered else [])])
         _, first, row = np.unique(key, axis=0, return_index=True, return_inverse=True)
         row = row.ravel()
+        counted = np.bincount(row, weights=y).astype(np.float64)
+        effects = RandomEffects([c[first] for c in codes], [t[first] for t in times], first.size)
         return cls(
             first=first,
             trials=np.bincount(row).astype(np.float64),
-            successes=np.bincount(row, weights=y).astype(np.float64),
-            effects=RandomEffects([c[first] for c in codes], [t[first] for t in times]),
+            answers=np.asarray(y[first], dtype=np.float64) if ordered else counted,
+            effects=effects,
         )
 
 
@@ -145,10 +155,10 @@ def fit_crossed(
     as in lme4.
     """
     counted = CountedTrials.of(design, y, groups, slopes)
-    model = _Laplace(design, counted, response, steepest)
+    model = LaplaceLikelihood(design, counted, response, steepest)
     coefficients, factors = design.shape[1], len(groups)
     if start is None:
-        first = fit_logit(model.design, model.successes, model.trials).beta
+        first = fit_logit(model.design, model.answers, model.trials).beta
         start = np.concatenate([first, np.full(factors, START_SD), response.start()])
     elif start.size == coefficients:
         start = np.concatenate([start, np.full(factors, START_SD), response.start()])
@@ -197,24 +207,45 @@ def crossed_deviations(
     levels : mapping of effect to names of its levels
         Of those whose levels are wanted.
     """
-    model = _Laplace(design, fit.counted, fit.response)
+    model = LaplaceLikelihood(design, fit.counted, fit.response)
     point = np.concatenate([fit.beta, fit.sd, fit.response.start()])
-    first, arrow = fit.beta.size, model._solve(point).arrow
-    kept = np.concatenate(model.effects.by_factor(np.arange(model.effects.size)))
+    sds = dict(zip(names, fit.sd.tolist(), strict=True))
+    link = fit.response.link
+    return laplace_deviations(
+        model, point, fit.covariance, sds, levels, link=link, slopes=slopes, level=level
+    )
 
-    def solve(levels: Floats) -> Floats:
-        slots = np.zeros(model.effects.size)
-        slots[kept] = levels
-        return arrow.solve(slots)[kept]
 
+def laplace_deviations(
+    model: "LaplaceLikelihood[Any]",
+    point: Floats,
+    covariance: Floats,
+    sds: Mapping[str, float],
+    levels: Mapping[str, Sequence[str]],
+    *,
+    link: str,
+    slopes: Sequence[str] = (),
+    level: float,
+) -> tuple[Deviation, ...]:
+    """Return what `crossed_deviations` does, of any law of answers.
+
+    Parameters
+    ----------
+    point, covariance
+        Of all parameters, at the maximum.
+    sds : mapping of name to deviation
+    link : key of `LATENT_VARIANCE`
+    """
+    at, first = model.solved(point), model.design.shape[1]
+    errors = np.sqrt(np.diag(covariance).clip(min=0.0))
     return FittedEffects(
-        sd=dict(zip(names, fit.sd.tolist(), strict=True)),
-        errors=np.sqrt(np.diag(fit.covariance).clip(min=0.0))[first:],
-        held=lambda number, sd: held_maximum(model, point, fit.covariance, first + number, sd),
-        best=fit.log_likelihood,
-        modes=fit.random,
-        solve=solve,
-        rest=LATENT_VARIANCE[fit.response.link],
+        sd=sds,
+        errors=errors[first : first + len(sds)],
+        held=lambda number, sd: held_maximum(model, point, covariance, first + number, sd),
+        best=-at.value,
+        modes=model.effects.by_factor(at.scale * at.b),
+        solve=model.effects.in_order(at.arrow),
+        rest=LATENT_VARIANCE[link],
         slopes=slopes,
     ).deviations(level, levels)
 
@@ -245,7 +276,7 @@ def reduced_ratio(
     found: list[tuple[float, Floats]] = []
     begins = _absorbed(start, fit, abs(float(along @ theta)))
     for begin in islice(begins, starts):
-        model = _Laplace(design, fit.counted, fit.response)
+        model = LaplaceLikelihood(design, fit.counted, fit.response)
         less = _found(model, begin[keep], 0.5 * (rough + rough.T))
         found.append((-model(less)[0], less))
         best, point = max(found, key=lambda one: one[0])
@@ -255,7 +286,7 @@ def reduced_ratio(
     return max(0.0, 2.0 * (fit.log_likelihood - best)), beta, np.abs(sd)
 
 
-def _found(model: "_Laplace", start: Floats, rough: Floats) -> Floats:
+def _found(model: "LaplaceLikelihood[Any]", start: Floats, rough: Floats) -> Floats:
     """Return the parameters of a maximum; `rough` is about their covariance, for the first step."""
     options = {"gtol": 1e-3, "hess_inv0": rough}
     found = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
@@ -277,21 +308,22 @@ def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Float
         yield begin
 
 
-class _Laplace:
+class LaplaceLikelihood(Generic[R]):
     """Minus the Laplace likelihood and its slope, as a function of all parameters.
 
-    It remembers the last mode of the random effects, where the next search begins.
+    These are the coefficients, the deviations, and the free numbers of the law of answers. It
+    remembers the last mode of the random effects, where the next search begins.
     """
 
     def __init__(
         self,
         design: Floats,
         counted: CountedTrials,
-        response: ResponseFunction,
+        response: AnswerLaw[R],
         steepest: Floats | None = None,
     ) -> None:
         self.design = np.asarray(design[counted.first], dtype=np.float64)
-        self.trials, self.successes = counted.trials, counted.successes
+        self.trials, self.answers = counted.trials, counted.answers
         self.effects = counted.effects
         self.response = response.of(counted.first)
         self.steepest = np.full(design.shape[1], np.inf) if steepest is None else steepest
@@ -299,28 +331,21 @@ class _Laplace:
         self._ends = np.cumsum([design.shape[1], self.effects.factors])
 
     def __call__(self, theta: Floats) -> tuple[float, Floats]:
-        at = self._solve(theta)
-        slope = self._slope(theta, at)
-        value = at.value
-        for place in range(int(self._ends[1]), theta.size):
-            step = np.zeros(theta.size)
-            step[place] = RATE_STEP
-            rise = self._solve(theta + step).value - self._solve(theta - step).value
-            slope = np.append(slope, rise / (2.0 * RATE_STEP))
-        return value, slope
+        at = self.solved(theta)
+        return at.value, self._slope(theta, at)
 
     def rough_covariance(self, theta: Floats) -> Floats:
         """Return about the covariance of the parameters, for the first step of the search."""
         eta = self.design @ theta[: self.design.shape[1]]
         rates = self.response.rates(theta[self._ends[1] :])
-        weight = self.response.slope(eta, self.successes, self.trials, rates)[2]
+        weight = self.response.slope(eta, self.answers, self.trials, rates)[2]
         found = np.diag(np.full(theta.size, ROUGH_VARIANCE))
         information = (self.design.T * weight) @ self.design
         fixed = np.linalg.inv(information + ROUGH_RIDGE * np.eye(len(information)))
         found[: len(fixed), : len(fixed)] = 0.5 * (fixed + fixed.T)
         return found
 
-    def _solve(self, theta: Floats) -> "_Mode":
+    def solved(self, theta: Floats) -> "_Mode[R]":
         """Return the mode of the random effects, by Newton steps, and what holds there."""
         beta, sd, free = np.split(theta, self._ends)
         fixed, rates = self.design @ beta, self.response.rates(free)
@@ -328,7 +353,7 @@ class _Laplace:
         b, step, promised, done = self.mode, np.zeros(self.effects.size), 0.0, False
         for _ in range(MOST_STEPS):
             eta = fixed + self.effects.on_trials(scale * b)
-            gap, weight, expected = self.response.slope(eta, self.successes, self.trials, rates)
+            gap, weight, expected = self.response.slope(eta, self.answers, self.trials, rates)
             slope = scale * self.effects.of_effects(gap) - b
             if float(slope @ step) < -promised:
                 # As steep down again as it was up: a step as long would come back for ever.
@@ -354,38 +379,58 @@ class _Laplace:
         if not self.response.concave:
             # Guesses bend it so much that the curvature at one place makes up likelihood.
             bowl, curved = self.effects.arrow(expected, scale), expected
-        joint = self.response.log_likelihood(eta, self.successes, self.trials, rates)
+        joint = self.response.log_likelihood(eta, self.answers, self.trials, rates)
         value = 0.5 * float(b @ b) - joint + 0.5 * bowl.log_det - self.response.penalty(free)
         value -= steep_prior(beta, self.steepest)[0]
         return _Mode(value, b, scale, eta, gap, weight, rates, arrow, curved, bowl)
 
-    def _slope(self, theta: Floats, at: "_Mode") -> Floats:
-        """Return the slope in coefficients and deviations; the mode moves along with both."""
+    def _slope(self, theta: Floats, at: "_Mode[R]") -> Floats:
+        """Return the slope in all parameters; the mode moves along with each."""
         leverage, trace = self.effects.leverage(at.bowl, at.curved, at.scale)
         force = 0.5 * leverage * self._bend(at)
         moved = at.arrow.solve(at.scale * self.effects.of_effects(force))
         pull = force - at.gap - at.weight * self.effects.on_trials(at.scale * moved)
         by_effect = at.b * self.effects.of_effects(pull)
         by_effect = by_effect + moved * self.effects.of_effects(at.gap)
-        by_sd = trace + [part.sum() for part in self.effects.by_factor(by_effect)]
+        by_sd = trace + self.effects.totals(by_effect)
         sign = np.where(np.split(theta, self._ends)[1] < 0, -1.0, 1.0)
         prior = steep_prior(theta[: self.steepest.size], self.steepest)[1]
-        return np.concatenate([self.design.T @ pull - prior, sign * by_sd])
+        free = self._free_slope(theta, at, 0.5 * leverage, moved)
+        return np.concatenate([self.design.T @ pull - prior, sign * by_sd, free])
 
-    def _bend(self, at: "_Mode") -> Floats:
+    def _free_slope(
+        self, theta: Floats, at: "_Mode[R]", weighed: Floats, moved: Floats
+    ) -> list[float]:
+        """Return the slope in the free numbers of the law, by differences of the law alone."""
+        free = np.split(theta, self._ends)[2]
+        along = self.effects.on_trials(at.scale * moved)
+        found = []
+        for step in RATE_STEP * np.eye(free.size):
+            ends = []
+            for end in (free + step, free - step):
+                rates = self.response.rates(end)
+                gap, *curves = self.response.slope(at.eta, self.answers, self.trials, rates)
+                joint = self.response.log_likelihood(at.eta, self.answers, self.trials, rates)
+                curved = curves[not self.response.concave]
+                value = weighed @ curved + along @ gap - joint - self.response.penalty(end)
+                ends.append(float(value))
+            found.append((ends[0] - ends[1]) / (2.0 * RATE_STEP))
+        return found
+
+    def _bend(self, at: "_Mode[R]") -> Floats:
         """Return how fast each trial's weight in the determinant grows with eta."""
         if self.response.plain:
             return np.asarray(at.weight * (1.0 - 2.0 * expit(at.eta)))
         which = 1 if self.response.concave else 2
         up, down = (
-            self.response.slope(at.eta + shift, self.successes, self.trials, at.rates)[which]
+            self.response.slope(at.eta + shift, self.answers, self.trials, at.rates)[which]
             for shift in (BEND_STEP, -BEND_STEP)
         )
         return np.asarray((up - down) / (2.0 * BEND_STEP))
 
 
 @dataclass(frozen=True)
-class _Mode:
+class _Mode(Generic[R]):
     """Minus the Laplace likelihood, the effects `b` at their mode, and the trials there.
 
     `bowl` is the curvature whose determinant counts, and `curved` the trials' part of it.
@@ -397,7 +442,7 @@ class _Mode:
     eta: Floats
     gap: Floats
     weight: Floats
-    rates: Rates
+    rates: R
     arrow: Arrow
     curved: Floats
     bowl: Arrow

@@ -2,28 +2,26 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, sparse
-from scipy.sparse import linalg as splinalg
+from scipy import optimize
 
+from analysis.models.mixed.arrow_matrix import Arrow, ArrowMatrix, RandomEffects
 from analysis.models.mixed.deviations import Deviation, FittedEffects
-from protocols.errors import StudyError
-from protocols.limits import FIXED
 
 Floats = NDArray[np.float64]
 
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
 
-MOST_LEVELS = FIXED["effects"].most
-"""Of all random intercepts together: more take minutes."""
 IMPOSSIBLE = 1e10
 """Minus the log likelihood where the equations are singular."""
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
+LEAST_RATIO = 1e-8
+"""Of variances, in place of 0: the likelihood is the same to as many digits, and has its slope."""
 
 
 @dataclass(frozen=True)
@@ -70,175 +68,177 @@ def fit_linear_mixed(
     Notes
     -----
     Bates, Maechler, Bolker and Walker 2015, Journal of Statistical Software 67(1), section 3: the
-    likelihood is profiled over beta and the residual's variance, and searched over the deviations
-    relative to the residual's. All of it needs cross-products only, made once.
+    likelihood is profiled over beta and the residual's variance, and searched over the variances
+    relative to the residual's: at 0 it is level in a deviation, and no search by slopes would leave
+    that. All of it needs cross-products only, made once.
     """
-    columns, sizes = [], []
-    for own in groups.values():
-        codes = np.unique(own, return_inverse=True)[1].ravel()
-        sizes.append(int(codes.max()) + 1)
-        if sum(sizes) > MOST_LEVELS:
-            raise StudyError(
-                f"a mixed model must have at most {MOST_LEVELS:,} participants and their"
-                f" combinations with conditions (there are {sum(sizes):,} and more); leave"
-                " participants out with --where, or give each row the code of its participant"
-            )
-        columns.append(
-            sparse.csr_array(
-                (np.ones(y.size), (np.arange(y.size), codes)), shape=(y.size, sizes[-1])
-            )
-        )
-    z = sparse.hstack(columns, format="csr")
-    zz = (z.T @ z).tocsc()
-    zz.sort_indices()  # as the solver takes for granted
+    codes = [np.unique(own, return_inverse=True)[1].ravel() for own in groups.values()]
+    effects = RandomEffects(codes, [np.ones(y.size)] * len(codes), y.size)
     products = _Products(
-        zz=zz,
-        zx=np.asarray(z.T @ design),
-        zy=np.asarray(z.T @ y),
+        effects=effects,
+        zz=effects.products(np.ones(y.size)),
+        zx=np.stack([effects.of_effects(column) for column in design.T], axis=1),
+        zy=effects.of_effects(y),
         xx=design.T @ design,
         xy=design.T @ y,
         yy=float(y @ y),
-        sizes=tuple(sizes),
         rows=y.size,
         restricted=restricted,
     )
     begins = [np.array([one[name] for name in groups]) for one in starts]
     tried = [
         optimize.minimize(
-            lambda theta: products.profile(theta)[0],
-            start,
+            products.profile,
+            start**2,
+            jac=True,
             method="L-BFGS-B",
-            bounds=[(0.0, LARGEST)] * len(sizes),
+            bounds=[(0.0, LARGEST**2)] * len(codes),
             options={"ftol": 1e-14, "gtol": 1e-7},
         )
-        for start in begins or [np.full(len(sizes), share) for share in STARTS]
+        for start in begins or [np.full(len(codes), share) for share in STARTS]
     ]
     best = min(tried, key=lambda one: float(one.fun)).x
-    deviance, beta, covariance, variance = products.profile(best)
+    at = products.at(best)
+    variance = at.squares / products.free
     residual = float(np.sqrt(variance))
+    sds = residual * np.sqrt(best)
     deviations: tuple[Deviation, ...] = ()
     if level is not None:
         deviations = products.deviations(list(groups), best, residual, names or {}, level)
     return LinearMixed(
-        beta=beta,
-        covariance=covariance,
-        sd={name: float(theta) * residual for name, theta in zip(groups, best, strict=True)},
+        beta=at.beta,
+        covariance=np.asarray(variance * np.linalg.inv(at.left), dtype=np.float64),
+        sd=dict(zip(groups, sds.tolist(), strict=True)),
         residual_sd=residual,
-        log_likelihood=-0.5 * deviance,
+        log_likelihood=-0.5 * products.profile(best)[0],
         deviations=deviations,
     )
 
 
 @dataclass(frozen=True)
 class _Products:
-    zz: sparse.csc_array
+    """Cross-products of random effects (slots), coefficients and `y`: all that a fit needs."""
+
+    effects: RandomEffects
+    zz: ArrowMatrix
     zx: Floats
     zy: Floats
     xx: Floats
     xy: Floats
     yy: float
-    sizes: tuple[int, ...]
     rows: int
-    restricted: bool = True
+    restricted: bool
 
-    @cached_property
-    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column of each entry of `zz`, of which every diagonal one is above 0."""
-        columns = np.repeat(np.arange(self.zz.shape[1]), np.diff(self.zz.indptr))
-        return self.zz.indices.astype(np.int64), columns
+    @property
+    def free(self) -> int:
+        """Rows, without the coefficients where the likelihood is restricted."""
+        return self.rows - self.xy.size * self.restricted
 
-    def profile(self, theta: Floats) -> tuple[float, Floats, Floats, float]:
-        """Return the REML deviance, beta, its covariance, and the residual's variance."""
-        inner, scale = self._factor(theta)
-        determinants, beta, left, squares, _ = self._solved(inner, scale)
-        free = self.rows - self.xy.size * self.restricted
-        variance = squares / free
-        deviance = determinants + free * (1.0 + float(np.log(2.0 * np.pi * variance)))
-        covariance = np.asarray(variance * np.linalg.inv(left), dtype=np.float64)
-        return deviance, beta, covariance, variance
+    def at(self, ratios: Floats) -> "_Solved":
+        """Solve for coefficients and effects; `ratios` are of variances to the residual's."""
+        scale = self.effects.scale(np.sqrt(np.maximum(ratios, LEAST_RATIO)))
+        inner = self.zz.scaled(scale).plus_one_inverted()
+        zx, zy = scale[:, None] * self.zx, scale * self.zy
+        answer, reached = inner.solve(zy), inner.solve(zx)
+        left = self.xx - zx.T @ reached
+        right = self.xy - zx.T @ answer
+        beta = np.asarray(np.linalg.solve(left, right), dtype=np.float64)
+        squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
+        determinants = inner.log_det
+        if self.restricted:
+            determinants += float(np.linalg.slogdet(left)[1])
+        modes = scale * (answer - reached @ beta)
+        return _Solved(scale, inner, beta, left, squares, determinants, modes, reached)
+
+    def slopes(self, at: "_Solved") -> tuple[Floats, Floats]:
+        """Return the slopes of `determinants` and of `squares` in the ratios."""
+        inverse = at.inner.inverse()
+        own = (inverse * self.zz) @ at.scale
+        determinants = self.effects.totals(own / np.where(at.scale > 0.0, at.scale, 1.0))
+        # What V^-1 leaves of the residuals, and of the design, in each effect.
+        left_y = self.zy - self.zx @ at.beta - self.zz @ at.modes
+        if self.restricted:
+            left_x = self.zx - self.zz @ (at.scale[:, None] * at.reached)
+            share = (left_x @ np.linalg.inv(at.left) * left_x).sum(axis=1)
+            determinants -= self.effects.totals(share)
+        return determinants, -self.effects.totals(left_y**2)
+
+    def profile(self, ratios: Floats) -> tuple[float, Floats]:
+        """Return the deviance, where the residual's variance is the best one, and its slope."""
+        at = self.at(ratios)
+        determinants, squares = self.slopes(at)
+        variance = at.squares / self.free
+        deviance = at.determinants + self.free * (1.0 + float(np.log(2.0 * np.pi * variance)))
+        return deviance, determinants + squares / variance
 
     def deviations(
         self,
         groups: Sequence[str],
-        theta: Floats,
+        ratios: Floats,
         residual: float,
         names: Mapping[str, Sequence[str]],
         level: float,
     ) -> tuple[Deviation, ...]:
         """Return the deviations with profile limits (of REML), shares of variance, and levels."""
-        sd = np.append(theta * residual, residual)
-        best = -0.5 * self._deviance(theta, residual)
-        inner, scale = self._factor(theta)
-        _, beta, _, _, answer = self._solved(inner, scale)
-        modes = scale * (answer - inner.solve(scale[:, None] * self.zx) @ beta)
-        ends = np.cumsum(self.sizes)[:-1]
+        sd = residual * np.sqrt(np.append(ratios, 1.0))
+        at = self.at(ratios)
         return FittedEffects(
             sd=dict(zip([*groups, "residual"], sd.tolist(), strict=True)),
             errors=0.2 * sd,
             held=partial(self._held, sd),
-            best=best,
-            modes=np.split(modes, ends),
-            solve=inner.solve,
+            best=-0.5 * self._deviance(ratios, residual**2)[0],
+            modes=self.effects.by_factor(at.modes),
+            solve=self.effects.in_order(at.inner),
             rest=residual**2,
             slopes=["residual"],
         ).deviations(level, names)
 
     def _held(self, sd: Floats, place: int, value: float) -> float:
         """Return the largest restricted log likelihood where one deviation is held."""
+        unit = float(sd[-1]) ** 2  # the residual's, which is above 0
 
-        unit = float(sd[-1])  # the residual's, which is above 0
-
-        def cost(free: Floats) -> float:
-            whole = np.maximum(np.insert(unit * free, place, value), 0.0)
-            whole[-1] = max(float(whole[-1]), unit / LARGEST)
-            theta = np.minimum(whole[:-1] / whole[-1], LARGEST)
+        def cost(free: Floats) -> tuple[float, Floats]:
+            *own, last = np.insert(unit * free, place, value**2)
+            variance = max(float(last), unit / LARGEST**2)
+            ratios = np.minimum(np.array(own) / variance, LARGEST**2)
             try:
-                return 0.5 * self._deviance(theta, float(whole[-1]))
-            except (np.linalg.LinAlgError, RuntimeError):  # the levels take all there is
-                return IMPOSSIBLE
+                deviance, by_ratio, by_variance = self._deviance(ratios, variance)
+            except np.linalg.LinAlgError:  # the levels take all there is
+                return IMPOSSIBLE, np.zeros_like(free)
+            slope = np.append(by_ratio, variance * by_variance - by_ratio @ ratios) / variance
+            return 0.5 * deviance, 0.5 * unit * np.delete(slope, place)
 
-        keep = np.arange(sd.size) != place
         found = optimize.minimize(
             cost,
-            sd[keep] / unit,
+            np.delete(sd, place) ** 2 / unit,
+            jac=True,
             method="L-BFGS-B",
-            bounds=[(0.0, LARGEST)] * (sd.size - 1),
+            bounds=[(0.0, LARGEST**2)] * (sd.size - 1),
             options={"ftol": 1e-9, "gtol": 1e-5},
         )
         return -float(found.fun)
 
-    def _deviance(self, theta: Floats, residual: float) -> float:
-        """Return the REML deviance where the residual's deviation is not the best one."""
-        inner, scale = self._factor(theta)
-        determinants, _, _, squares, _ = self._solved(inner, scale)
-        free = self.rows - self.xy.size
-        return (
-            determinants + free * float(np.log(2.0 * np.pi * residual**2)) + squares / residual**2
-        )
+    def _deviance(self, ratios: Floats, variance: float) -> tuple[float, Floats, float]:
+        """Return the deviance at a variance of the residual, and its slopes in both."""
+        at = self.at(ratios)
+        determinants, squares = self.slopes(at)
+        deviance = at.determinants + self.free * float(np.log(2.0 * np.pi * variance))
+        by_variance = self.free / variance - at.squares / variance**2
+        return deviance + at.squares / variance, determinants + squares / variance, by_variance
 
-    def _factor(self, theta: Floats) -> tuple[splinalg.SuperLU, Floats]:
-        """Return I + S Z'Z S, factored, and S, what each effect is scaled by."""
-        scale = np.repeat(theta, self.sizes)
-        # Sparse: participants are blocks that only shared scenes connect.
-        rows, columns = self.places
-        entries = self.zz.data * scale[rows] * scale[columns] + (rows == columns)
-        inner = splinalg.splu(
-            sparse.csc_array((entries, self.zz.indices, self.zz.indptr), self.zz.shape),
-            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
-        return inner, scale
 
-    def _solved(
-        self, inner: splinalg.SuperLU, scale: Floats
-    ) -> tuple[float, Floats, Floats, float, Floats]:
-        """Return log determinants, beta, X'V^-1 X, its residual squares, and what y solves to."""
-        zx, zy = scale[:, None] * self.zx, scale * self.zy
-        answer = inner.solve(zy)
-        left = self.xx - zx.T @ inner.solve(zx)
-        right = self.xy - zx.T @ answer
-        beta = np.linalg.solve(left, right)
-        squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
-        determinants = float(np.log(np.abs(inner.U.diagonal())).sum())
-        if self.restricted:
-            determinants += float(np.linalg.slogdet(left)[1])
-        return determinants, beta, left, squares, answer
+@dataclass(frozen=True)
+class _Solved:
+    """Equations solved: I + S Z'Z S inverted (`inner`), X' V^-1 X (`left`), squared residuals.
+
+    `modes` are of the effects, and `reached` is `inner` times S Z'X.
+    """
+
+    scale: Floats
+    inner: Arrow
+    beta: Floats
+    left: Floats
+    squares: float
+    determinants: float
+    modes: Floats
+    reached: Floats

@@ -22,7 +22,7 @@ from analysis.models.logistic import (
 )
 from analysis.models.mixed.arrow_matrix import RandomEffects
 from analysis.models.mixed.formula import TILDE_OPERATOR
-from analysis.models.mixed.glmm import CountedTrials, _Laplace, fit_crossed, reduced_ratio
+from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, fit_crossed, reduced_ratio
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
@@ -32,6 +32,7 @@ from analysis.models.mixed.logit import (
     profile_limits,
     separated,
 )
+from analysis.models.ordinal import OrderedLaw
 
 ORACLES = Path(__file__).parents[1] / "oracles"
 R = json.loads((ORACLES / "oracle.json").read_text())
@@ -423,9 +424,9 @@ def test_the_curvature_of_the_random_effects_is_that_at_their_mode(rng):
     theta = np.array([0.2, 0.7, 0.8])
 
     def search(start):
-        model = _Laplace(design, CountedTrials.of(design, y, [group]), LOGIT)
+        model = LaplaceLikelihood(design, CountedTrials.of(design, y, [group]), LOGIT)
         model.mode = start
-        return model._solve(theta)
+        return model.solved(theta)
 
     exact = search(np.zeros(6)).b
     weight = 1.0 / (2.0 + 2.0 * np.cosh(design @ theta[:2] + 0.8 * exact[group]))
@@ -446,8 +447,8 @@ def one_trial_each(rng, common, spread=1.5, people=11, scenes=4):
 def test_the_mode_is_found_where_newtons_steps_alone_swing_for_ever(rng):
     for _ in range(60):
         design, y, groups = one_trial_each(rng, 3.0)
-        model = _Laplace(design, CountedTrials.of(design, y, groups), LOGIT)
-        at = model._solve(np.array([2.9, 1.7, 2.8]))
+        model = LaplaceLikelihood(design, CountedTrials.of(design, y, groups), LOGIT)
+        at = model.solved(np.array([2.9, 1.7, 2.8]))
         slope = at.scale * model.effects.of_effects(at.gap) - at.b
         assert np.abs(slope).max() < 1e-8
 
@@ -494,8 +495,26 @@ def test_the_slope_of_the_laplace_likelihood_is_its_derivative(rng, response, pa
         two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, trials)]
         groups, times = [two, scene, person], [np.array([[1.0, -1.0]] * trials), once, x]
     y = (rng.random(trials) < 0.6).astype(float)
-    model = _Laplace(design, CountedTrials.of(design, y, groups, times), response)
+    model = LaplaceLikelihood(design, CountedTrials.of(design, y, groups, times), response)
     theta = np.concatenate([[0.3, -0.2], [0.7, -0.4, 0.5][: len(groups)], response.start()])
+
+    _, slope = model(theta)
+    steps = 1e-5 * np.eye(theta.size)
+    by_differences = [(model(theta + s)[0] - model(theta - s)[0]) / 2e-5 for s in steps]
+
+    np.testing.assert_allclose(slope, by_differences, atol=1e-6)
+
+
+@pytest.mark.parametrize("link", ["probit", "logit"])
+def test_the_slope_of_the_likelihood_of_ratings_is_its_derivative(rng, link):
+    trials = 200
+    person, scene = rng.integers(0, 9, trials), rng.integers(0, 4, trials)
+    two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, trials)]
+    design, y = rng.normal(size=(trials, 2)), rng.integers(0, 4, trials)
+    times = [np.array([[1.0, -1.0]] * trials), None]
+    counted = CountedTrials.of(design, y, [two, scene], times, ordered=True)
+    model = LaplaceLikelihood(design, counted, OrderedLaw(link))
+    theta = np.array([0.3, -0.2, 0.7, -0.4, -0.8, -0.3, 0.1])
 
     _, slope = model(theta)
     steps = 1e-5 * np.eye(theta.size)
@@ -508,7 +527,7 @@ def test_blocks_and_border_solve_as_the_whole_matrix_does(rng):
     """Participants with three methods each are blocks, scenes the border."""
     person, scene = rng.integers(0, 7, 80), rng.integers(0, 4, 80)
     two = 3 * person[:, None] + PAIRED[rng.integers(0, 3, 80)]
-    effects = RandomEffects([two, scene], [np.array([[1.0, -1.0]] * 80), np.ones(80)])
+    effects = RandomEffects([two, scene], [np.array([[1.0, -1.0]] * 80), np.ones(80)], 80)
     scale, weight = effects.scale(np.array([0.6, 0.9])), rng.random(80)
     z = np.stack([effects.on_trials(unit) for unit in np.eye(effects.size)], axis=1) * scale
     whole = np.eye(effects.size) + z.T @ (z * weight[:, None])

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from analysis.models.contrasts import MOST_CONDITIONS, pairs_of
 from analysis.models.diffusion import diffusion_by_condition, ez_diffusion
-from analysis.models.mixed.linear_mixed import MOST_LEVELS, fit_linear_mixed
+from analysis.models.mixed.arrow_matrix import MOST_LEVELS
+from analysis.models.mixed.linear_mixed import fit_linear_mixed
 from analysis.models.mixed.reaction_model import time_model
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
