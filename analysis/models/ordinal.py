@@ -49,7 +49,7 @@ MISFIT_P = 0.001
 
 
 @dataclass(frozen=True)
-class Effect:
+class RandomFactor:
     """Levels of a random effect in each row, and what they are multiplied by.
 
     Attributes
@@ -221,7 +221,7 @@ class OrderedLaw:
 def fit_cumulative(
     design: Floats,
     y: Whole,
-    effects: Mapping[str, Effect],
+    effects: Mapping[str, RandomFactor],
     *,
     link: OrdinalLink = "probit",
     names: Mapping[str, Sequence[str]] | None = None,
@@ -237,7 +237,7 @@ def fit_cumulative(
         Without a constant: the thresholds are.
     y : ndarray (rows,)
         Category, counted from 0; every one up to the highest occurs.
-    effects : mapping of name to Effect
+    effects : mapping of name to RandomFactor
         Each random effect's levels in each row.
     names : mapping of effect to names of its levels, optional
         Whose levels are wanted in `CumulativeFit.deviations`.
@@ -373,7 +373,7 @@ def rating_model(
         name: np.unique(cell, return_inverse=True)[1].ravel()
         for name, cell in places.in_conditions(condition).items()
     }
-    effects = {name: Effect(code) for name, code in (groups | cells).items()}
+    effects = {name: RandomFactor(code) for name, code in (groups | cells).items()}
     chosen = _codes(texts, known)
     rated = _Trials(
         _indicator(condition, len(names)), y, effects, link,
@@ -446,11 +446,11 @@ def paired_ratings(
     sides = [rows[side].astype(str).map(place).to_numpy(np.int64) for side in ("first", "second")]
     gap = _indicator(sides[0], len(names)) - _indicator(sides[1], len(names))
     groups = places.several
-    effects: dict[str, Effect] = {}
+    effects: dict[str, RandomFactor] = {}
     for group, code in groups.items():
         both = np.stack([code * len(names) + side for side in sides], axis=1)
         liked = np.unique(both, return_inverse=True)[1].reshape(both.shape)
-        effects[group + IN_CONDITION] = Effect(liked, np.array([[1.0, -1.0]] * len(rows)))
+        effects[group + IN_CONDITION] = RandomFactor(liked, np.array([[1.0, -1.0]] * len(rows)))
     given = {name: y[(sides[0] == k) | (sides[1] == k)] for k, name in enumerate(names)}
     rated = _Trials(gap, y, effects, link, given, used)
     fit = rated.fit({}, inference)
@@ -468,7 +468,7 @@ class _Trials:
 
     conditions: Floats
     y: Whole
-    effects: Mapping[str, Effect]
+    effects: Mapping[str, RandomFactor]
     link: OrdinalLink
     given: Mapping[str, Whole]
     scale: Sequence[str]

@@ -12,7 +12,7 @@ from scipy import integrate, stats
 from typer.testing import CliRunner, Result
 
 from analysis.models.ordinal import (
-    Effect,
+    RandomFactor,
     fit_cumulative,
     paired_ratings,
     rating_model,
@@ -45,7 +45,9 @@ def test_without_random_effects_it_is_clm(rated):
 @pytest.mark.parametrize("link", ["logit", "probit"])
 def test_with_crossed_effects_it_is_clmm(rated, link):
     y = rated["rating"].to_numpy() - 1
-    effects = {name: Effect(pd.factorize(rated[name])[0]) for name in ("participant", "scene")}
+    effects = {
+        name: RandomFactor(pd.factorize(rated[name])[0]) for name in ("participant", "scene")
+    }
     fit = fit_cumulative(indicator(rated["cond"])[:, 1:], y, effects, link=link)
 
     assert fit.converged

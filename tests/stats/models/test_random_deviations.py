@@ -17,7 +17,7 @@ from analysis.models.mixed.glmm import crossed_deviations, fit_crossed
 from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.linear_mixed import fit_linear_mixed
 from analysis.models.mixed.reaction_model import time_model
-from analysis.models.ordinal import Effect, fit_cumulative, rating_model
+from analysis.models.ordinal import RandomFactor, fit_cumulative, rating_model
 from analysis.parts.right_models import apa_term
 from analysis.parts.shared import apa_test
 
@@ -99,7 +99,7 @@ def test_levels_of_people_who_lack_a_condition_have_the_errors_of_the_curvature(
 def test_the_deviation_of_ratings_has_the_profile_of_ordinals_clmm2(times):
     code = pd.factorize(times["participant"], sort=True)[0]
     design = pd.get_dummies(times["cond"]).to_numpy(float)[:, 1:]
-    effects = {"participant": Effect(code)}
+    effects = {"participant": RandomFactor(code)}
     fit = fit_cumulative(design, times["rating"].to_numpy() - 1, effects, level=0.95)
     (one,) = fit.deviations
     # clmm2 interpolates between values of the deviation.
