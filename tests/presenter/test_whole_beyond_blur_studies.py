@@ -30,6 +30,11 @@ DECISIONS = {"beyond-blur-task": 300, "beyond-blur-preference": 252, "beyond-blu
 FEW = {"beyond-blur-task": 20, "beyond-blur-preference": 4, "beyond-blur-detection": 12}
 SIZE = {"beyond-blur-task": (612, 340)}
 LIMIT_S = 3000
+WATCHED = [
+    pytest.param(name, marks=pytest.mark.full) if name == "beyond-blur-detection" else name
+    for name in DECISIONS
+]
+"""One picture at a time, as in the task: with --full alone."""
 
 
 @pytest.fixture
@@ -95,7 +100,7 @@ def planned(study):
 
 
 @pytest.mark.timeout(LIMIT_S)
-@pytest.mark.parametrize("name", DECISIONS)
+@pytest.mark.parametrize("name", WATCHED)
 def test_another_process_sees_every_decision_of_a_whole_session(screen, make, name, full):
     study = make(name)
     decisions = DECISIONS[name] if full else FEW[name]

@@ -75,8 +75,8 @@ def test_a_session_of_every_task_comes_home_from_chromium(chromium, case, tmp_pa
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WEB_CASES)
 def test_a_session_of_every_task_comes_home_from_firefox(firefox, case, tmp_path, name, full):
-    """Pairs, confidence and ratings; with --full the other tasks too, which Chromium has shown."""
-    if not full and name not in {"two-interval", "yes-no with confidence", "rating"}:
+    """Pairs and ratings; with --full the other tasks too, which Chromium has shown."""
+    if not full and name not in {"two-interval", "rating"}:
         pytest.skip("a long proof: script/test --full runs it")
     whole_session(firefox, case(name), tmp_path)
 
