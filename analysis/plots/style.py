@@ -58,11 +58,16 @@ logging.getLogger("matplotlib.font_manager").addFilter(
 _STYLE = Path(__file__).with_name("paper.mplstyle")
 
 
+@cache
+def _style() -> mpl.RcParams:
+    return mpl.rc_params_from_file(str(_STYLE), use_default_template=False)
+
+
 @contextmanager
 def style(width_in: float) -> Iterator[float]:
     """Apply the house style and give the font size for a figure of this width."""
     size = 6.5 if width_in < 5 else 8.0
-    with mpl.rc_context(fname=str(_STYLE)):
+    with mpl.rc_context(_style()):
         mpl.rcParams["font.size"] = size
         mpl.rcParams["font.family"] = ["DejaVu Sans", *_installed()]
         yield size
@@ -193,7 +198,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     if kind not in metadata:
         raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
     buffer = io.BytesIO()
-    with mpl.rc_context(fname=str(_STYLE)), _letters_alone():
+    with mpl.rc_context(_style()), _letters_alone():
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew
