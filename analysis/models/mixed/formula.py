@@ -7,9 +7,9 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
-import statsmodels.formula.api as smf
 from numpy.typing import NDArray
+from statsmodels.genmod.families import Binomial
+from statsmodels.genmod.generalized_linear_model import GLM
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def _matrices(
             raise ValueError(f"reference of {column!r} must be one of {levels} (got {first!r})")
         levels.remove(first)
         table[column] = pd.Categorical(table[column].astype(str), [first, *levels])
-    model = smf.glm(plain, table, family=sm.families.Binomial())
+    model = GLM.from_formula(plain, table, family=Binomial())
     design = np.asarray(model.exog, dtype=np.float64)
     if design.shape[0] != len(table):
         raise ValueError("formula columns must have no missing values")
