@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 
+import forked
 import numpy as np
 import pytest
 from built_study import write_small_study
@@ -26,10 +26,7 @@ OURS = (
 
 def run(folder, *arguments, gl: bool) -> subprocess.CompletedProcess[str]:
     hidden = {} if gl else {"MESA_GL_VERSION_OVERRIDE": "4.1"}
-    return subprocess.run(
-        [sys.executable, "-c", "import metamerlab; metamerlab.main()", *map(str, arguments)],
-        capture_output=True, text=True, cwd=folder, env={**os.environ, **hidden},
-    )  # fmt: skip
+    return forked.run(*arguments, folder=folder, env={**os.environ, **hidden})
 
 
 @pytest.mark.parametrize("name", OURS)
