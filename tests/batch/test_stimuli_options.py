@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 
+import forked
 import numpy as np
 import pytest
 
@@ -101,11 +100,7 @@ def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_pa
         shutil.copy(pair / f"motorcycle_{side}.png", path.parent)
     np.save(path.parent / "disparity.npy", np.load(pair / "motorcycle_disp.npz")["arr_0"])
     out = tmp_path / "clips"
-    command = [sys.executable, "-c", "from study_app.cli import main; main()", "stimuli"]
-    result = subprocess.run(
-        [*command, "build", str(path), "--out", str(out), "--workers", "1"],
-        capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+    result = forked.run("stimuli", "build", path, "--out", out, "--workers", 1, timeout=300)
     assert result.returncode == 0, result.stderr
     clips = read_manifest(out).clips
     assert {(clip.column("scene"), clip.column("method")) for clip in clips} == {
