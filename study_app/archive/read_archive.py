@@ -254,12 +254,12 @@ class _Member(PosixPath):
     """A path into an archive: its files are read from there, and nothing else can be done."""
 
     archive: ClassVar[zipfile.ZipFile]
-    root: ClassVar[str]
+    archive_path: ClassVar[str]
     names: ClassVar[frozenset[str]]
 
     @property
     def _place(self) -> str:
-        return os.path.relpath(self, self.root)
+        return os.path.relpath(self, self.archive_path)
 
     def open(self, mode: str = "r", *_: Any, **text: Any) -> Any:
         if not self.is_file():
@@ -283,7 +283,7 @@ class _Member(PosixPath):
     def rglob(self, pattern: str, **_: Any) -> Generator[Any, None, None]:
         for name in self.names:
             if name.startswith(f"{self._place}/") and PurePosixPath(name).name == pattern:
-                yield type(self)(self.root) / name
+                yield type(self)(self.archive_path) / name
 
 
 def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
@@ -293,8 +293,8 @@ def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
         pass
 
     Member.archive, Member.names = archive, frozenset(archive.namelist())
-    Member.root = str(path.absolute())
-    return Member(Member.root)
+    Member.archive_path = str(path.absolute())
+    return Member(Member.archive_path)
 
 
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:
