@@ -29,6 +29,18 @@ _LOCAL_SIZE = re.compile(r"\blocal_size_([xy])\s*=\s*(\w+)")
 _DEFINE = re.compile(r"^\s*#define\s+(\w+)\s+(\d+)\s*$", re.MULTILINE)
 _INT = 0x1404  # OpenGL's name of the type
 _CAPITAL = re.compile(r"(?<!^)(?=[A-Z])")
+_TAKE_ALL_PLACES = """#version 430
+layout(local_size_x = 1) in;
+// As many as OpenGL grants to every compute shader. Without a binding, each is the first unit.
+uniform sampler2D textures[16];
+layout(rgba8) uniform image2D images[8];
+void main() {
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < 16; ++i) sum += texelFetch(textures[i], ivec2(0), 0);
+    for (int i = 0; i < 8; ++i) sum += imageLoad(images[i], ivec2(0));
+    imageStore(images[0], ivec2(0), sum);
+}
+"""
 
 
 @dataclass(frozen=True)
@@ -85,10 +97,16 @@ def of_int(value: int) -> bytes:
 
 
 def let_go(ctx: moderngl.Context) -> None:
-    """Free what was released while it was bound: drivers keep that until they dispatch again."""
-    empty = ctx.compute_shader("#version 430\nlayout(local_size_x = 1) in;\nvoid main() {}")
-    empty.run()
-    empty.release()
+    """Free what was released while it was bound.
+
+    Drivers keep that until a shader that is dispatched reads something else in its place.
+    """
+    shader, pixel = ctx.compute_shader(_TAKE_ALL_PLACES), ctx.texture((1, 1), 4)
+    pixel.use()
+    pixel.bind_to_image(0)
+    shader.run()
+    shader.release()
+    pixel.release()
 
 
 class Shader:

@@ -1,14 +1,16 @@
 """Compute shaders called by name: what is bound, what is refused, and when others may read."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pipeline.gl.compute import Shader
+from pipeline.gl.compute import Shader, let_go
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import ShaderError, ShaderSource
 from pipeline.gl.texture import create_texture, create_texture_array, read_back, texture_from
 
-HEAD = "#version 430\n"
+HEAD, STATUS = "#version 430\n", Path("/proc/self/status")
 SUM = """
 #define TILE 4
 layout(local_size_x = TILE, local_size_y = TILE) in;
@@ -208,3 +210,38 @@ def test_layers_are_bound_as_one_image(gl_context):
     assert np.frombuffer(target.read(), np.float32).tolist() == [0, 1, 2]
     shader.release()
     target.release()
+
+
+BOUND = """
+layout(local_size_x = 1) in;
+uniform sampler2D others[3];
+layout(rgba32f) uniform image2D first, second;
+void main() {
+    vec4 sum = texelFetch(others[0], ivec2(0), 0) + imageLoad(first, ivec2(0));
+    imageStore(second, ivec2(0), sum + texelFetch(others[2], ivec2(0), 0));
+}
+"""
+
+
+@pytest.mark.skipif(not STATUS.exists(), reason="reads Linux's own figures")
+def test_what_is_released_while_it_is_bound_is_freed_by_let_go(gl_context):
+    if "llvmpipe" not in gl_context.info["GL_RENDERER"]:
+        pytest.skip("a graphics card holds textures in its own memory")
+
+    def held_mb():
+        return 1.024e-3 * int(STATUS.read_text(encoding="ascii").split("RssAnon:")[1].split()[0])
+
+    let_go(gl_context)
+    before_mb = held_mb()
+    pixels = np.ones((1024, 1024, 4), np.float32)
+    small, *large = (
+        texture_from(gl_context, part, "rgba32f") for part in (pixels[:8], *[pixels] * 3)
+    )
+    shader = compiled(gl_context, BOUND)
+    shader.run(others=(small, small, large[0]), first=large[1], second=large[2])
+    assert held_mb() > before_mb + 45
+    for one in (small, *large, shader):
+        one.release()
+    del pixels
+    let_go(gl_context)
+    assert held_mb() < before_mb + 5
