@@ -22,7 +22,7 @@ from analysis.export.public import public_readings, public_tables, refuse_privat
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.tidy import tidy_tables
-from protocols.disk.result_folder import check_result, whole_folder
+from protocols.disk.result_folder import check_result, whole_folder, without_links
 from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
 
@@ -71,7 +71,7 @@ def export_study(
             f"--format: pwcmp takes preferences between pairs (the task is {protocol.task.kind!r});"
             " choose bids or psych-ds"
         )
-    if sessions.resolve() in (out.resolve(), *out.resolve().parents):
+    if without_links(out).is_relative_to(without_links(sessions)):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     check_result(out)
     study = read_study(sessions, protocol, progress=progress)

@@ -104,7 +104,10 @@ def network_files(path: Path) -> list[Path]:
 def _lies_in(folder: Path, file: Path) -> bool:
     """Return whether a file lies in a folder, as it is named and where its links lead."""
     named = not Path(os.path.relpath(file, folder)).is_relative_to("..")
-    return named and "\0" not in str(file) and file.resolve().is_relative_to(folder.resolve())
+    if not named or "\0" in str(file):
+        return False
+    place = Path(os.path.realpath(file))  # Path.resolve fails at links in a circle up to 3.12
+    return place.is_relative_to(folder.resolve())
 
 
 def _locations(data: memoryview, kind: str, depth: int) -> Iterator[str]:

@@ -180,15 +180,29 @@ def leaves(folder: Path) -> Iterator[Path]:
             yield entry
 
 
+def without_links(path: Path) -> Path:
+    """Return where a path lies, absolute and without links.
+
+    Raises
+    ------
+    StudyError
+        If its links lead in a circle, or the folder that the program runs in was deleted.
+    """
+    try:
+        place = path.resolve()
+    except (OSError, RuntimeError):  # a circle is an error up to Python 3.12 alone
+        place = None
+    if place is None or any(part.is_symlink() for part in (place, *place.parents)):
+        raise StudyError(
+            f"{path}: must lead to a folder or a file (its links lead in a circle, or this folder"
+            " is gone); choose another one"
+        )
+    return place
+
+
 def _place(out: Path) -> Path:
     """Return where `out` lies, without links."""
-    try:
-        place, here = out.resolve(), Path.cwd()
-    except (OSError, RuntimeError):  # this folder was deleted; links in a circle
-        raise StudyError(
-            f"{out}: must lead to a folder (its links lead in a circle, or this folder is gone);"
-            " choose another folder"
-        ) from None
+    place, here = without_links(out), without_links(Path())
     if place.exists() and not place.is_dir():
         raise StudyError(f"{out}: must be a folder to fill (this is a file)")
     if here.is_relative_to(place):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 from typer.core import TyperCommand
 
-from protocols.disk.result_folder import whole_folder
+from protocols.disk.result_folder import whole_folder, without_links
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display, open_new
@@ -271,7 +271,7 @@ def _own_photographs(
     files: list[str] = []
     for name in (name for group in given.photos for name in group):
         files += _found(name)
-    _each_once("--photos", [str(Path(file).resolve()) for file in files])
+    _each_once("--photos", [str(without_links(Path(file))) for file in files])
     methods = given.methods
     shown = () if methods is None else bring_methods(methods, work, folder, stills=True)
     whole = screen.width_px, screen.height_px

@@ -178,6 +178,21 @@ def test_mistakes_are_told_and_leave_nothing(metamerlab, recorded, tmp_path, mor
     assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded"]
 
 
+def test_links_in_a_circle_are_refused(metamerlab, recorded, tmp_path):
+    (tmp_path / "circle").symlink_to("circle")
+    for sessions, out in (
+        (recorded.sessions, tmp_path / "circle" / "out"),
+        (tmp_path / "circle", tmp_path / "out"),
+    ):
+        done = metamerlab(
+            "analysis", "export", sessions, "--protocol", recorded.path, "--format", "bids",
+            "--out", out,
+        )  # fmt: skip
+        assert done.exit_code == 2, done.output
+        assert "circle" in done.stderr
+        assert "lead in a circle" in " ".join(done.stderr.split())
+
+
 def test_a_folder_with_files_and_one_among_the_sessions_are_refused(metamerlab, recorded, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "dataset_description.json").write_text("{}")

@@ -151,6 +151,7 @@ def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
     ("words", "said"),
     [
         (["--photos", "none.jpg"], "none.jpg: no such file"),
+        (["--photos", "circle.jpg"], "circle.jpg: must lead to a folder or a file"),
         (["--photos", "*.tiff"], "*.tiff: no such file"),
         (["--photos", "notes.txt"], "notes.txt"),
         (["--photos", "Astronaut.jpg", "--methods", "blur,metamer"], "name another scene"),
@@ -173,6 +174,7 @@ def test_what_cannot_be_a_study_is_told_before_anything_is_written(
     metamerlab, photographs, words, said
 ):
     Path("notes.txt").write_text("no picture")
+    Path("circle.jpg").symlink_to("circle.jpg")
     before = sorted(path.name for path in Path().iterdir())
     done = metamerlab("new-study", "s", *words)
     assert done.exit_code == 2, done.output

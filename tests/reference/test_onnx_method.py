@@ -137,11 +137,14 @@ def test_a_network_does_not_reach_outside_its_folder(tmp_path):
         method_files(f"onnx:{tmp_path / 'net' / 'big.onnx'}")
 
 
-@pytest.mark.parametrize("name", ["", ".", "w/\0", "link.bin", "../net/../../etc/passwd"])
+@pytest.mark.parametrize(
+    "name", ["", ".", "w/\0", "link.bin", "circle.bin", "../net/../../etc/passwd"]
+)
 def test_weights_are_files_of_its_folder_when_they_are_listed_and_opened(tmp_path, name):
     (tmp_path / "net").mkdir()
     (tmp_path / "outside.bin").write_bytes(bytes(1200))
     (tmp_path / "net" / "link.bin").symlink_to(tmp_path / "outside.bin")
+    (tmp_path / "net" / "circle.bin").symlink_to("circle.bin")
     path = tmp_path / "net" / "big.onnx"
     with_weights_beside(path)
     model = onnx.load(path, load_external_data=False)

@@ -152,9 +152,19 @@ def test_a_study_over_its_budgets_is_refused_with_what_fits_and_options_that_adm
     assert "--budget-mb" not in said(20, 501)
 
 
-@pytest.mark.parametrize("place", ["nowhere", "web"])
-def test_an_archive_goes_into_a_folder_that_is_there_or_nothing_is_written(case, tmp_path, place):
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ("nowhere", "--jatos: must lie in a folder that exists, and not in --out"),
+        ("web", "--jatos: must lie in a folder that exists, and not in --out"),
+        ("circle", "circle/study.jzip: must lead to a folder or a file"),
+    ],
+)
+def test_an_archive_goes_into_a_folder_that_is_there_or_nothing_is_written(
+    case, tmp_path, place, said
+):
     of = case("yes-no")
+    (tmp_path / "circle").symlink_to("circle")
     path = tmp_path / "study.toml"
     text = (of.out.parent / "study.toml").read_text()
     path.write_text(text + '\n[web]\ngaze = "none"\ntolerance_s = 0.01\n')
@@ -164,5 +174,5 @@ def test_an_archive_goes_into_a_folder_that_is_there_or_nothing_is_written(case,
     )  # fmt: skip
     done = CliRunner().invoke(app, [str(word) for word in words], terminal_width=300)
     assert done.exit_code == 2
-    assert "--jatos: must lie in a folder that exists, and not in --out" in done.output
+    assert said in done.output
     assert not (tmp_path / "web").exists()

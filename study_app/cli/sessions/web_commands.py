@@ -12,6 +12,7 @@ from rich.table import Table
 
 from protocols.browser.web_study import BUDGET_MB, DECODED_MB, MB
 from protocols.disk.hashing import sha256_file
+from protocols.disk.result_folder import without_links
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -66,8 +67,8 @@ def export_web(
             f"--jatos: must be a new file, NAME.jzip (got {jatos}"
             f"{', which exists' if jatos.exists() else ''})"
         )
-    folder = jatos.resolve().parent if jatos else Path()
-    if not folder.is_dir() or folder == out.resolve():
+    folder = without_links(jatos).parent if jatos else Path()
+    if not folder.is_dir() or folder == without_links(out):
         raise StudyError(
             f"--jatos: must lie in a folder that exists, and not in --out (got {jatos})"
         )
