@@ -174,7 +174,7 @@ class Gltf:
 
 @pytest.fixture
 def draw(gl_context, tmp_path, monkeypatch):
-    """Draw with one filter for all: an anisotropic one may change by what coordinates are rounded."""
+    """Draw with one filter: an anisotropic one takes other texels as coordinates are rounded."""
 
     def run(made, view=VIEW, anisotropy=1.0, **options):
         monkeypatch.setattr(triangle_batches, "ANISOTROPY", anisotropy)
