@@ -22,6 +22,8 @@ LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 LEAST_RATIO = 1e-8
 """Of variances, in place of 0: the likelihood is the same to as many digits, and has its slope."""
+LEAST_SQUARES = 1e-30
+"""Of the squares of residuals, as a share of those of all values: far below what arithmetic tells."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ class _Products:
         left = self.xx - zx.T @ reached
         right = self.xy - zx.T @ answer
         beta = np.asarray(np.linalg.solve(left, right), dtype=np.float64)
-        squares = max(self.yy - float(zy @ answer) - float(beta @ right), 1e-300)
+        squares = self.yy - float(zy @ answer) - float(beta @ right)
+        squares = max(squares, LEAST_SQUARES * max(self.yy, LEAST_SQUARES))
         determinants = inner.log_det
         if self.restricted:
             determinants += float(np.linalg.slogdet(left)[1])
@@ -223,7 +226,7 @@ class _Products:
         at = self.at(ratios)
         determinants, squares = self.slopes(at)
         deviance = at.determinants + self.free * float(np.log(2.0 * np.pi * variance))
-        by_variance = self.free / variance - at.squares / variance**2
+        by_variance = (self.free - at.squares / variance) / variance
         return deviance + at.squares / variance, determinants + squares / variance, by_variance
 
 
