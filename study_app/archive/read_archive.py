@@ -7,12 +7,13 @@ import hashlib
 import io
 import os
 import stat
+import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from pathlib import Path, PosixPath, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import IO, Any, ClassVar
 
 from protocols.disk.hashing import sha256_file
@@ -28,6 +29,11 @@ from study_app.archive.encryption import is_sealed, unseal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.session_folders import SessionFolder
 from study_app.verification import verify
+
+if sys.platform == "win32":  # Python 3.11 has no path that is one of all systems
+    from pathlib import WindowsPath as _SystemPath
+else:
+    from pathlib import PosixPath as _SystemPath
 
 _PIECE = 1 << 20
 _LARGER = 4
@@ -250,7 +256,7 @@ def _copied(pieces: Iterable[bytes], target: Path | None = None) -> tuple[int, s
     return length, digest.hexdigest()
 
 
-class _Member(PosixPath):
+class _Member(_SystemPath):
     """A path into an archive: its files are read from there, and nothing else can be done."""
 
     archive: ClassVar[zipfile.ZipFile]
@@ -259,7 +265,7 @@ class _Member(PosixPath):
 
     @property
     def _place(self) -> str:
-        return os.path.relpath(self, self.archive_path)
+        return PurePath(os.path.relpath(self, self.archive_path)).as_posix()
 
     def open(self, mode: str = "r", *_: Any, **text: Any) -> Any:
         if not self.is_file():

@@ -233,15 +233,15 @@ def test_what_is_released_while_it_is_bound_is_freed_by_let_go(gl_context):
 
     let_go(gl_context)
     before_mb = held_mb()
-    pixels = np.ones((1024, 1024, 4), np.float32)
+    pixels = np.ones((1200, 2048, 4), np.float32)  # 39 MB: malloc gives such back at once
     small, *large = (
         texture_from(gl_context, part, "rgba32f") for part in (pixels[:8], *[pixels] * 3)
     )
     shader = compiled(gl_context, BOUND)
     shader.run(others=(small, small, large[0]), first=large[1], second=large[2])
-    assert held_mb() > before_mb + 45
+    assert held_mb() > before_mb + 100
     for one in (small, *large, shader):
         one.release()
     del pixels
     let_go(gl_context)
-    assert held_mb() < before_mb + 5
+    assert held_mb() < before_mb + 20
