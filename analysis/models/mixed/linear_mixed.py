@@ -23,7 +23,7 @@ LARGEST = 300.0
 LEAST_RATIO = 1e-8
 """Of variances, in place of 0: the likelihood is the same to as many digits, and has its slope."""
 LEAST_SQUARES = 1e-30
-"""Of the squares of residuals, as a share of those of all values: far below what arithmetic tells."""
+"""Of the squares of residuals, as a share of those of all values: below what arithmetic tells."""
 
 
 @dataclass(frozen=True)
