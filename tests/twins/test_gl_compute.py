@@ -1,5 +1,6 @@
 """Compute shaders called by name: what is bound, what is refused, and when others may read."""
 
+import gc
 from pathlib import Path
 
 import numpy as np
@@ -231,17 +232,16 @@ def test_what_is_released_while_it_is_bound_is_freed_by_let_go(gl_context):
     def held_mb():
         return 1.024e-3 * int(STATUS.read_text(encoding="ascii").split("RssAnon:")[1].split()[0])
 
-    let_go(gl_context)
-    before_mb = held_mb()
     pixels = np.ones((1200, 2048, 4), np.float32)  # 39 MB: malloc gives such back at once
     small, *large = (
         texture_from(gl_context, part, "rgba32f") for part in (pixels[:8], *[pixels] * 3)
     )
     shader = compiled(gl_context, BOUND)
     shader.run(others=(small, small, large[0]), first=large[1], second=large[2])
-    assert held_mb() > before_mb + 100
+    del pixels
+    gc.collect()
+    bound_mb = held_mb()
     for one in (small, *large, shader):
         one.release()
-    del pixels
     let_go(gl_context)
-    assert held_mb() < before_mb + 20
+    assert held_mb() < bound_mb - 100
