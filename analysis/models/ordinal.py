@@ -207,7 +207,7 @@ class OrderedLaw:
     def slope(
         self, eta: Floats, answers: Floats, trials: Floats, rates: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the slope in eta, and twice minus the curvature."""
+        """Return the slope in eta, and minus the curvature: it stands for the expected one too."""
         _, slope, bend = self._answers(eta, answers, rates)
         return trials * slope, trials * bend, trials * bend
 
