@@ -77,16 +77,17 @@ class Sat:
 class Operated(ArtificialObserver):
     """Someone is there who brings the tracker back, and has it calibrated again."""
 
-    tracker: tuple[Eye, TrustedGaze]
+    tracker: tuple[Eye, TrustedGaze, VirtualClock]
 
     def turn_page(self, page):
         """Go on where a calibration is offered, as at every page."""
         turned = super().turn_page(page)
         if page.name != "calibration":
             return turned
-        eye, gaze = self.tracker
+        eye, gaze, clock = self.tracker
         if eye.gone.stop < FOREVER:
             eye.gone = range(0)
+            clock.move_to(clock() + 1 / 60)  # samples are due: who polls waits for the connection
         gaze.poll()
         return turned._replace(key=self._response.continue_keys[0])
 
@@ -154,7 +155,7 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     )
     gaze = TrustedGaze(make(desk), clock)
     gaze.open()
-    observer.tracker = eye, gaze
+    observer.tracker = eye, gaze, clock
     setting = SimulatedStudy(study, FHD).setting(folder, clock)
     recorder, plan = begin(setting, "S001", "en", stage, gaze)
     calibrated = TrackerCalibration(gaze, targets, study.gaze, VIEWING, recorder)
