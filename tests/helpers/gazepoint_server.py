@@ -102,7 +102,7 @@ class GazepointServer:
             return 0
         if self._listener is None:
             self.listen()
-        if not self._wants.wait(5):
+        if not self._wants.wait(30):
             raise AssertionError("nobody asked for data")
         lines = self._calibration(now_s)
         count = max(0, wanted - self._next)

@@ -136,7 +136,7 @@ class PupilPhone:
             return 0
         if self._listener is None:
             self.listen()
-        assert self._plays.wait(10), "nobody asked for the stream"
+        assert self._plays.wait(30), "nobody asked for the stream"
         count = 0
         for number in range(self._next, wanted):
             t_s = number / RATE_HZ
