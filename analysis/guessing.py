@@ -22,7 +22,7 @@ def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
 
 
 def below_at(rows: pd.DataFrame, level: str, chance: float) -> str:
-    """Return at which level right answers are fewer than guessing gives; empty: at none."""
+    """Return levels with fewer right answers than guessing gives; empty: none."""
     counts = rows.groupby(level)["correct"].agg(["sum", "size"])
     low = counts[binom.cdf(counts["sum"], counts["size"], chance) < RARE / len(counts)]
     if low.empty:
@@ -34,7 +34,7 @@ def below_at(rows: pd.DataFrame, level: str, chance: float) -> str:
 
 
 def wrong_way(rows: pd.DataFrame, level: str, *, falling: bool) -> bool:
-    """Return whether answers get worse along a level where they should get better, or turned.
+    """Return True if answers get worse along a level where they should get better, or turned.
 
     Cochran's and Armitage's test of trend, within participants.
     """
@@ -50,7 +50,7 @@ def wrong_way(rows: pd.DataFrame, level: str, *, falling: bool) -> bool:
 
 
 def curve_mistake(rows: pd.DataFrame, level: str, guess: float | None, *, falling: bool) -> str:
-    """Return what is wrong with a table that no psychometric function can have made, and the cure.
+    """Return the fault of a table that no psychometric function can have made, and the cure.
 
     Empty where nothing is.
     """

@@ -148,7 +148,7 @@ def _checked(reading: JournalReading, protocol: StudyProtocol) -> JournalReading
 def _unknown(
     protocol: StudyProtocol, row: Mapping[str, object], shown: Sequence[str], made: frozenset[str]
 ) -> str:
-    """Say what of an attempt the study does not have; nothing where all is known.
+    """Return the part of an attempt that the study does not have; nothing where all is known.
 
     The plan tells more, where it comes out as it was recorded.
     """
@@ -164,7 +164,7 @@ def _unknown(
 
 
 def _not_vouched_for(readings: Sequence[JournalReading]) -> list[str]:
-    """Say what could not be checked, and which files are not as they were recorded."""
+    """Return notes on checks that were impossible, and on files that are not as recorded."""
     notes = []
     if bare := [reading.name for reading in readings if reading.journal.unchecked]:
         notes.append(
@@ -254,7 +254,7 @@ def _check_no_copy(folder: Path, readings: Sequence[JournalReading]) -> None:
 
 
 def _note_manifests(readings: Sequence[JournalReading]) -> list[str]:
-    """Say where sessions were shown different stimuli."""
+    """Return a note for sessions that were shown different stimuli."""
     made: dict[str, list[str]] = {}
     for reading in readings:
         made.setdefault(reading.start.manifest_sha256, []).append(reading.name)

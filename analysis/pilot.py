@@ -225,7 +225,7 @@ def time_deviations(found: Found, decisions: pd.DataFrame, plan: AnalysisPlan) -
 
 
 def rough_guesses(people: int, scenes: int) -> tuple[str, ...]:
-    """Say of which deviation a pilot has too few participants, or scenes."""
+    """Return notes on deviations for which a pilot has too few participants, or scenes."""
     return tuple(
         f"only {count} {kind} in the pilot: their deviation is a rough guess, and too small rather"
         " than too large; try larger ones by --set"
@@ -235,7 +235,7 @@ def rough_guesses(people: int, scenes: int) -> tuple[str, ...]:
 
 
 def _counted(rows: pd.DataFrame) -> tuple[int, int]:
-    """Return how many participants, and scenes, there are; three people at least."""
+    """Return the numbers of participants and of scenes; three people at least."""
     people = rows["participant"].astype(str).nunique()
     if people < 3:
         raise StudyError(f"--from: must hold three participants at least (found {people})")
@@ -262,7 +262,7 @@ def _fitted(
 def _in_d_prime(
     eta: Floats, trials: Ints, chance: float, share: Callable[[Floats], Floats]
 ) -> float:
-    """Return how far d' moves where a probit above chance moves by 1, at the mean of all cells."""
+    """Return the change of d' where a probit above chance moves by 1, at the mean of all cells."""
     response = ResponseFunction("probit", chance, 0.0)
     right = float(response.share(eta, (chance, 0.0)) @ trials / trials.sum())
     if min(right - chance, 1.0 - right) < TOO_NEAR:

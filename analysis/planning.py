@@ -17,7 +17,7 @@ from protocols.tasks.mixed import MOST_DRAWS
 
 
 def look_problems(study: StudyProtocol) -> list[str]:
-    """Return what is wrong with planned looks at which the study can never stop, and a cure."""
+    """Return the faults of planned looks at which the study can never stop, and a cure."""
     section = study.analysis.sequential
     if section is None:
         return []
@@ -72,7 +72,7 @@ def _cure(section: Sequential, plan: SequentialPlan, family: FamilyOfTests) -> s
 
 
 def planning_notes(study: StudyProtocol) -> list[str]:
-    """Return what the planned design can hardly or never show."""
+    """Return notes on claims that the planned design can hardly or never show."""
     analysis = study.analysis
     people, families = study.study.participants, analysis_of(analysis.kind).families(study)
     scenes = np.unique([cell.scene for cell in study.task.cells(study.pool)]).size

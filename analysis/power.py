@@ -189,11 +189,11 @@ class PowerSimulation(ABC, Generic[S]):
         return ()
 
     def taken(self, assumed: Mapping[str, float]) -> str:
-        """Return what was assumed, in words."""
+        """Return the assumptions, in words."""
         return ", ".join(f"{name} {value:g}" for name, value in assumed.items())
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
-        """Return what to know of such a simulation."""
+        """Return notes on such a simulation."""
         scenes = self.cells["scene"].nunique()
         if scenes == 2 and getattr(self.plan, "test", "participant-scene") == "participant-scene":
             return two_scenes(scenes)
@@ -251,7 +251,7 @@ class Power:
             }
 
     def needs(self) -> Iterator[str]:
-        """Yield how many participants give which power, in words."""
+        """Yield the participants that it takes for each power, in words."""
         most = f"more than {self.participants[-1]}"
         for name, goal, number in self.needed:
             yield f"{name}, power {goal:.0%}: {number or most} participants"
@@ -557,7 +557,7 @@ def _has(part: AnyPart, method: str) -> bool:
 def _legend(
     simulation: PowerSimulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
 ) -> str:
-    """Return what the columns of the table mean."""
+    """Return the meaning of the table's columns."""
     primary = "primary" in found
     said = ["primary: the primary comparison is significant, tested alone"] * primary
     which = "the primary comparison" if primary else "any test"

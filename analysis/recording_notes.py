@@ -16,7 +16,7 @@ _TIMING = {
 
 
 def recording_notes(sessions: pd.DataFrame) -> tuple[str, ...]:
-    """Return what is weak about how sessions were recorded, a sentence each.
+    """Return the weaknesses of how sessions were recorded, a sentence each.
 
     Parameters
     ----------

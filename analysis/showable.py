@@ -62,7 +62,7 @@ class FamilyOfTests:
         return self._highest(people)[0]
 
     def why(self, people: int) -> str:
-        """Return who can show no p below the least."""
+        """Return the words for those who can show no p below the least."""
         least, who = self._highest(people)
         return f"{who} can show no {'adjusted ' * (self._times > 1)}p below {least:.2g}"
 
@@ -93,7 +93,7 @@ class FamilyOfTests:
         return self.count if self.holm else 1
 
     def _held(self, people: int) -> Iterator[tuple[Words, int, Least, int]]:
-        """Yield what holds p: its words, its number, the least p of a number, the largest."""
+        """Yield all that holds p: its words, its number, the least p of a number, the largest."""
         if self.people:
             least = partial(_least_of_votes, toward=self.toward, numbers=self.numbers)
             yield partial(count_of, noun="participant"), people, least, MOST_UNITS
@@ -118,7 +118,7 @@ def _scenes_at(number: int) -> str:
 
 
 def two_scenes(scenes: int) -> list[str]:
-    """Say what a test that claims further scenes can show with two."""
+    """Return notes on a test that claims further scenes and has two."""
     if scenes != 2:
         return []
     return [

@@ -161,7 +161,7 @@ class Choices(PowerSimulation[PreferencePlan]):
         return Choices(self.plan.but(comparisons=tuple(other)), self.parts)
 
     def taken(self, assumed: Mapping[str, float]) -> str:
-        """Return what was assumed, in words."""
+        """Return the assumptions, in words."""
         return (
             f"true share {assumed['rate']:g}; deviations {assumed['participant_sd']:g}"
             f" (participants) and {assumed['scene_sd']:g} (scenes) logits, correlated"
@@ -175,7 +175,7 @@ class Choices(PowerSimulation[PreferencePlan]):
         )
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
-        """Say what the power of an interaction rests on."""
+        """Return notes on the power of an interaction."""
         note = (
             "interaction: its power rests on size_correlation, how alike people's and scenes'"
             " deviations are at two sizes; 1 promises most"
@@ -213,14 +213,14 @@ class _Conditions(PowerSimulation[C]):
         self._scene = scene, codes_of(scene, self._number)
 
     def _each(self, before: str, meaning: str) -> list[Assumption]:
-        """Return what each condition but the baseline may have of its own."""
+        """Return the assumptions that each condition but the baseline may have of its own."""
         return [
             Assumption(f"{before}{name}", np.nan, meaning.format(self.plan.label(name)), -10.0)
             for name in self.names[1:]
         ]
 
     def _more(self, assumed: Mapping[str, float], own: str, every: str) -> Floats:
-        """Return what each condition has more than the baseline."""
+        """Return the surplus of each condition over the baseline."""
         all_more = assumed.get(every, 0.0)
         return np.array([0.0, *(assumed.get(own + name, all_more) for name in self.names[1:])])
 
@@ -341,7 +341,7 @@ class RightAnswers(_Conditions[RatePlan]):
         )
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
-        """Say what the power of an interaction rests on."""
+        """Return notes on the power of an interaction."""
         note = f"interaction: its power rests on {INTERACTION_SD}; 0 promises most"
         return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
@@ -358,7 +358,7 @@ class RightAnswers(_Conditions[RatePlan]):
         return prepared(rows.assign(correct=(rows["answer"] == expected).astype(int)), self.plan)
 
     def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
-        """Return how much d' of a pilot's participants and scenes differs."""
+        """Return the deviations of d' between a pilot's participants, and scenes."""
         _same_levels(self.plan, settings)
         found = sensitivity_deviations(decisions, settings, self.share)
         rows = prepared(decisions, settings)
@@ -441,7 +441,7 @@ class Tracks(_Conditions[RatePlan]):
         raise StudyError("levels are chosen from the answers, of which only thresholds are drawn")
 
     def notes(self, _assumed: Mapping[str, float]) -> list[str]:
-        """Say how thresholds were drawn."""
+        """Return notes on how thresholds were drawn."""
         return [
             f"a track's threshold is as exact as {TRACKS} simulated tracks of the study's own rule;"
             " thresholds are compared by paired t tests, not by the report's mixed model; the"
@@ -449,7 +449,7 @@ class Tracks(_Conditions[RatePlan]):
         ]
 
     def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
-        """Return how much thresholds of a pilot's participants differ."""
+        """Return the deviation of thresholds between a pilot's participants."""
         _same_levels(self.plan, settings)
         return threshold_deviations(decisions, settings, float(np.ptp(self._levels)))
 
@@ -504,7 +504,7 @@ class RatedSteps(_Conditions[RatingPlan]):
         return rows.assign(rating=np.array(self.plan.scale)[step])
 
     def notes(self, assumed: Mapping[str, float]) -> list[str]:
-        """Say by which test ratings were compared."""
+        """Return notes on the test that compared ratings."""
         return [
             *super().notes(assumed),
             "ratings are compared by analysis of variance of normal scores, not by the report's"

@@ -300,7 +300,7 @@ def _check(
 
 
 def count_pictures(path: Path) -> int:
-    """Return how many pictures an image file holds: pages of a TIFF, frames of a GIF, ..."""
+    """Return the number of pictures in an image file: pages of a TIFF, frames of a GIF, ..."""
     for part in read_statements(path, "png"):
         if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
             beside = [name for name in part if name in ("fcTL", "IDAT")] == ["IDAT", "fcTL"]
@@ -422,7 +422,7 @@ def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:
 
 
 def write_error(path: Path, reason: str) -> Exception:
-    """Return what to raise of a file that a library did not write whole; its reason is named."""
+    """Return the exception for a file that a library did not write whole; its reason is named."""
     if shutil.disk_usage(path.parent).free == 0:
         return OSError(28, "No space left on device", str(path))
     return InputError(f"{path}: cannot be written ({reason})")

@@ -33,7 +33,7 @@ def place_of(protocol: StudyProtocol, slot: int) -> int:
 
 
 def arrival_shows(protocol: StudyProtocol) -> bool:
-    """Return whether plans tell, by their places, in which order participants came."""
+    """Return True if plans tell, by their places, in which order participants came."""
     return protocol.design.places != "drawn" and rounds(protocol)[1] > 1
 
 

@@ -60,7 +60,7 @@ def _plain(name: str) -> str:
 
 
 def must_be_one_of(what: str, found: object, known: Iterable[str]) -> str:
-    """Return what to say of a value that is none of those known, with the nearest of them."""
+    """Return the message on a value that is none of those known, with the nearest of them."""
     names = list(known)
     return f"{what} must be one of {', '.join(names)} (got {found!r}){did_you_mean(found, names)}"
 

@@ -129,7 +129,7 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
 
 
 def timing_problems(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    """Return what is not whole refreshes: times, and how long a clip's frames last."""
+    """Return times that are not whole refreshes, also those of a clip's frames."""
     return _times(protocol, display) + _rate(protocol, display)
 
 

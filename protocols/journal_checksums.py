@@ -21,7 +21,7 @@ _FIELD = re.compile(rb'"chain":"([0-9a-f]{64})"')
 
 
 def first_link(before: bytes) -> str:
-    """Return what stands in for the checksum before the first line that has one.
+    """Return the text in place of the checksum before the first line that has one.
 
     Parameters
     ----------

@@ -210,12 +210,12 @@ class _Checksums:
 
 
 def _falls(before: AnyEvent, event: AnyEvent) -> bool:
-    """Return whether the clock ran backwards; it begins anew where a session is resumed."""
+    """Return True if the clock ran backwards; it begins anew where a session is resumed."""
     return event.t_s < before.t_s and not isinstance(event, SessionResume)
 
 
 def _holds_an_object(tail: bytes) -> bool:
-    """Return whether a last line without a line feed has a whole JSON object at its beginning."""
+    """Return True if a last line without a line feed has a whole JSON object at its beginning."""
     try:
         json.JSONDecoder().raw_decode(tail.decode("utf-8", errors="replace"))
     except (ValueError, RecursionError):

@@ -194,7 +194,7 @@ def check_cells(path: Path, text: str, separator: str = ",") -> None:
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
-    """Return what a gzip file holds, and nothing of one that unpacks to more than the limit.
+    """Return the content of a gzip file, and nothing of one that unpacks to more than the limit.
 
     Raises
     ------

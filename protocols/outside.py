@@ -72,7 +72,7 @@ def lines_of(text: str) -> Iterator[str]:
 def parsed_json(
     path: Path, data: bytes, what: str, error: type[Exception], cure: str = "copy it again"
 ) -> Any:
-    """Return what JSON in UTF-8 says; `path`, `what`, `error` and `cure` as in `reading`."""
+    """Return the value of JSON in UTF-8; `path`, `what`, `error` and `cure` as in `reading`."""
     count = sum(data.count(mark) for mark in (b",", b"[", b"{"))
     check_within("cells", count, error, path, "values")
     with reading(path, what, error, cure):
@@ -189,5 +189,5 @@ def safe_cell(value: object) -> object:
 
 
 def original_cell(text: str) -> str:
-    """Return what `safe_cell` was given."""
+    """Return the text that `safe_cell` was given."""
     return text[1:] if text.startswith("'") and FORMULA.match(text) else text

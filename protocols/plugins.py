@@ -31,7 +31,7 @@ _OURS = ("protocols", "pipeline", "stimuli", "study_app", "analysis")
 
 
 def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> dict[str, T]:
-    """Return what ships in a registry and what installed packages add to it, by name.
+    """Return the things of a registry and of installed packages, by name.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _checking(group: str, name: str, own: Any, first: Any) -> Callable[..., Any]
 
 
 def misfit(group: str, name: str, must: str, found: object, place: str = "") -> StudyError:
-    """Return what to say of a plug-in that is, or returns, something else than it must."""
+    """Return the error on a plug-in that is, or returns, something else than it must."""
     kind = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
     owners = map(_owner, _entry_points().select(group=_PREFIX + group, name=name))
     return StudyError(
@@ -156,7 +156,7 @@ def misfit(group: str, name: str, must: str, found: object, place: str = "") -> 
 
 
 def culprit(error: BaseException) -> str | None:
-    """Return what to say of an exception that came out of a plug-in; None: it came out of none.
+    """Return the words on an exception that came out of a plug-in; None: it came out of none.
 
     Also where the plug-in ran in another process, whose traceback came with the exception, and
     where one of its classes lacks a method that it must have.

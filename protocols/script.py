@@ -159,7 +159,7 @@ class Frames(Model):
     """The part that is shown, from the upper left corner of the frame. Null: all of it."""
 
     def frame(self, refreshes: int) -> int:
-        """Return which frame is shown after so many refreshes of the phase."""
+        """Return the index of the frame that is shown after so many refreshes of the phase."""
         if not self.every:
             return 0
         frame = refreshes // self.every
@@ -180,7 +180,7 @@ class Live(Model):
         return None
 
     def frame(self, _refreshes: int) -> int:
-        """Return which frame of the stimulus is drawn from: a still has one."""
+        """Return the index of the stimulus's frame that is drawn from: a still has one."""
         return 0
 
 
@@ -412,7 +412,7 @@ class TrialScript(Model):
         return sum(lengths)
 
     def rests(self, index: int) -> bool:
-        """Return whether nothing moves any more, so that the next stimuli may load."""
+        """Return True if nothing moves any more, so that the next stimuli may load."""
         return index > self._last_watched
 
     @cached_property
@@ -560,7 +560,7 @@ def _from_middle(display: Display, x_px: int, y_px: int) -> Place:
 
 
 def _why(error: ValidationError) -> str:
-    """Return what pydantic, or a check of ours, found wrong first."""
+    """Return the first fault that pydantic, or a check of ours, found."""
     detail = error.errors()[0]
     said = detail.get("ctx", {}).get("error")
     place = ".".join(map(str, detail["loc"]))
@@ -843,7 +843,7 @@ class Scripts:
         return _from_middle(self.display, x, y)
 
     def dot_shows(self, shown: list[Entry]) -> bool:
-        """Return whether the target stands beside the stimuli of its phase, or is drawn over."""
+        """Return True if the target stands beside the stimuli of its phase, or is drawn over."""
         timing, (width, height) = self.study.trial, self.stimulus_px
         x_px, y_px = self.viewing.to_px(timing.fixation_x_deg, timing.fixation_y_deg)
         x, y = x_px - self.display.width_px // 2, y_px - self.display.height_px // 2

@@ -56,7 +56,7 @@ class Viewing:
         )
 
     def angle_to(self, x_px: float, y_px: float) -> Callable[[float, float], float]:
-        """Return what gives the visual angle from any point of the screen to this one."""
+        """Return a function for the visual angle from any point of the screen to this one."""
         middle_x_px, middle_y_px = self.width_px / 2, self.height_px / 2
         pitch_x_mm, pitch_y_mm, az = self.pitch_x_mm, self.pitch_y_mm, self.distance_mm
         bx, by, bz = self.sight(x_px, y_px)

@@ -166,7 +166,7 @@ class _Own:
         self._ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).is_dir()
 
     def has(self, path: Path) -> bool:
-        """Return whether a build writes such a file, or leaves such an empty folder.
+        """Return True if a build writes such a file, or leaves such an empty folder.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class _Own:
         return self._is(path, recorded.frames_sha256[index])
 
     def _is_partly(self, clip: Clip) -> bool:
-        """Return whether a frame of a clip is as recorded; of a single one nobody can tell."""
+        """Return True if a frame of a clip is as recorded; of a single one nobody can tell."""
         if clip.name not in self._partly:
             frames = enumerate(clip.frames_sha256)
             self._partly[clip.name] = len(clip.frames_sha256) == 1 or any(

@@ -304,7 +304,7 @@ def _table(texts: Mapping[str, str]) -> str:
 
 
 def clips_of(asked: Sequence[OwnClips], screen: Display, scenes: int) -> OwnClips | None:
-    """Return what all sequences together ask of clips; None where there is none.
+    """Return the wishes of all sequences together for clips; None where there is none.
 
     That is the smallest of their sizes, in whole pairs of pixels, on a screen that holds it, and
     as many frames as each has and as fit twice two clips into the screen's memory.

@@ -121,7 +121,7 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
 
 
 def _wrong_frame(out: Path, clip: Clip) -> str | None:
-    """Return what the manifest says of a clip that its first frame contradicts."""
+    """Return the statement of the manifest that a clip's first frame contradicts."""
     try:
         frame = decode(out / clip.frame_path(0))
     except InputError:

@@ -200,7 +200,7 @@ def _frames(
 
 
 def shot_of(orders: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:
-    """Return how a clip is taken at an extent of its path."""
+    """Return the camera and its path at an extent, as a clip is taken."""
     clips = orders.protocol.warped.clips
     path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
     return CameraShot(path, orders.render_px, extent_m, clips.margin_share)

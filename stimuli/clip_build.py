@@ -89,7 +89,7 @@ class ClipBuild(Generic[N]):
         return [("clip", name) for name in missing]
 
     def turn(self, job: Job[N]) -> tuple[int, ...]:  # noqa: ARG002
-        """Return what decides which of the waiting jobs is next: the least, the earliest of equals.
+        """Return the key by which a waiting job is next: the least, the earliest of equals.
 
         Clips that share a scene should come in a row: a worker keeps the one that it opened last.
         """

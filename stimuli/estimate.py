@@ -38,7 +38,7 @@ class BuildEstimate:
 
 
 def free_bytes(out: Path) -> int:
-    """Return what is free on the disk of a folder, which may not be there yet."""
+    """Return the bytes that are free on the disk of a folder, which may not be there yet."""
     there = next(place for place in (out, *out.absolute().parents) if place.exists())
     return shutil.disk_usage(there).free
 
@@ -117,7 +117,7 @@ def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
-    """Return what `work` returns, and the seconds it takes."""
+    """Return the result of `work`, and the seconds it takes."""
     started = time.perf_counter()
     result = work()
     return result, time.perf_counter() - started

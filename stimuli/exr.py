@@ -60,7 +60,7 @@ class Transfer(enum.StrEnum):
 
 
 def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
-    """Return what the header says its numbers stand for; left out, scene-linear light.
+    """Return the transfer that the header states; left out, scene-linear light.
 
     Raises
     ------

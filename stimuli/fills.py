@@ -24,7 +24,7 @@ class Views(Protocol):
         ...
 
     def source_key(self, frame: int) -> int:
-        """Tell which source `frame` is warped from."""
+        """Return the key of the source that `frame` is warped from."""
         ...
 
 

@@ -16,7 +16,7 @@ LARGEST_PX = 480
 
 
 def preview_path(out: Path, clip: Clip) -> Path:
-    """Return where the preview of `clip` lies; its name carries the clip's hash."""
+    """Return the path of the preview of `clip`; its name carries the clip's hash."""
     return out / PREVIEW_FOLDER / f"{clip.name}.{clip.sha256[:12]}.webm"
 
 

@@ -99,7 +99,7 @@ class StimulusHeader(NamedTuple):
 
 
 def stated(path: Path, fps: float | None) -> StimulusHeader:
-    """Return what the header of a stimulus says, without decoding it; of a folder, of its first.
+    """Return the header of a stimulus, without decoding it; of a folder, of its first.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def frame_files(folder: Path) -> list[Path]:
 
 
 def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
-    """Return what is wrong with a stimulus of another size than the study's."""
+    """Return the fault of a stimulus of another size than the study's."""
     return (
         f"must be {wanted[0]} x {wanted[1]} px, as the study says (got {got[0]} x {got[1]} px); no"
         " picture is rescaled: make it again at that size, or change width_px and height_px"

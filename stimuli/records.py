@@ -42,7 +42,7 @@ class ManifestDraft:
         self._folder = out / BUILD_FOLDER / "records"
 
     def old(self) -> dict[str, Clip]:
-        """Return what an earlier build of this renderer said of its clips, by name."""
+        """Return the clips of an earlier build of this renderer, by name."""
         records: dict[str, Clip] = {}
         try:
             manifest = read_manifest(self._out)

@@ -160,7 +160,7 @@ class ClipStore:
             self._allowed.clear()
 
     def expect(self, names: Names) -> None:
-        """Say which stimuli come next; they are loaded beside those that are shown."""
+        """Announce the stimuli that come next; they are loaded beside those that are shown."""
         if any(slot.names == names for slot in self._slots):
             return
         if self._job is not None:
@@ -196,7 +196,7 @@ class ClipStore:
         return worked
 
     def ready(self, names: Names) -> bool:
-        """Return whether every frame of these stimuli is in graphics memory.
+        """Return True if every frame of these stimuli is in graphics memory.
 
         Raises
         ------
@@ -215,7 +215,7 @@ class ClipStore:
         return self._slots[self._shown].arrays
 
     def too_slow(self, waited_s: float) -> StudyError:
-        """Return what to say of a disk that gives nothing any more."""
+        """Return the error on a disk that gives nothing any more."""
         return StudyError(
             f"{self._folder}: the next frame must come from the disk (none came for {waited_s:g}"
             " s); everything up to here is saved. See to the disk or its network, copy the clips to"

@@ -219,12 +219,12 @@ class _Conductor:
         return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
 
     def _all_void(self, most: int, reasons: Collection[VoidReason]) -> bool:
-        """Return whether the last so many attempts of this run are void for such reasons."""
+        """Return True if the last so many attempts of this run are void for such reasons."""
         last = self._attempts[-most:]
         return len(last) == most and all(each.void_reason in reasons for each in last)
 
     def _stands_still(self) -> StudyError:
-        """Return what to say of a simulated run whose attempts come to nothing again and again."""
+        """Return the error on a simulated run whose attempts come to nothing again and again."""
         cause = self._between or "the pause key went down"
         return StudyError(
             f"a simulated session must get on (its last {IDLE_MOST} attempts are void: {cause});"
@@ -234,7 +234,7 @@ class _Conductor:
         )
 
     def _too_slow(self) -> StudyError:
-        """Return what to say of a display that made the last attempts void."""
+        """Return the error on a display that made the last attempts void."""
         attempts = self._attempts[-self._late_most :]
         late = [phase for each in attempts for phase in each.phases if phase.dropped]
         words = cannot_keep_up(

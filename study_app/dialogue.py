@@ -72,5 +72,5 @@ class Dialogue:
         return fill(text, self._response, done=done, total=self._blocks)
 
     def quit_pressed(self, result: PageResult) -> bool:
-        """Return whether a quit key ended a page."""
+        """Return True if a quit key ended a page."""
         return result.key in self._response.quit_keys

@@ -274,7 +274,7 @@ def sheet_of(words: Words) -> Sheet:
 
 
 def _marks(page: Page) -> tuple[str, str]:
-    """Return what stands before a choice that is open, and before the chosen one."""
+    """Return the marks before a choice that is open, and before the chosen one."""
     try:
         typeface_for([page.text, *page.choices, "○●"], _SMALLEST_PX)
     except UnwritableError:

@@ -119,7 +119,7 @@ def ring_image(ring: Ring) -> Pixels:
 
 
 def _samples(edge: int, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where samples of a square lie, right of and below a point of it, in pixels."""
+    """Return the places of samples of a square, right of and below a point of it, in pixels."""
     steps = (np.arange(edge * _FINER) + 0.5) / _FINER
     return steps[None, :] - x, steps[:, None] - y
 

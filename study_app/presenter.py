@@ -178,15 +178,15 @@ class Presenter:
         return self._window.now()
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
-        """Say whose gaze live pictures follow."""
+        """Set the gaze that live pictures follow."""
         self._live.follow(gaze, polled=polled)
 
     def kept(self) -> Mapping[int, KeptPixels]:
-        """Return what is kept of an attempt's live frames."""
+        """Return the pixels that are kept of an attempt's live frames."""
         return self._live.kept()
 
     def dearest_live_s(self) -> tuple[float, str]:
-        """Return how long the dearest frame that follows the gaze takes, and its method.
+        """Return the seconds that the dearest frame that follows the gaze takes, and its method.
 
         Pictures of noise stand in for the study's.
         """
@@ -285,7 +285,7 @@ class Presenter:
         return presses
 
     def disturbed(self) -> str:
-        """Return what came between participant and display since the last call."""
+        """Return the disturbance between participant and display since the last call."""
         return self._window.disturbed()
 
     def page(self, page: Page) -> PageResult:

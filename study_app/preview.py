@@ -210,7 +210,7 @@ class _Maker:
         )
 
     def _ends(self, phase: dict[str, Any]) -> str:
-        """Return what ends a phase, and whether gaze is watched in it."""
+        """Return the end of a phase, and whether gaze is watched in it."""
         gaze, late_ms, waits_ms = self._study.gaze, phase["late_ms"], phase["waits_ms"]
         ends = ""
         if phase["answers"]:
@@ -277,7 +277,7 @@ class _Maker:
         return None if refreshes is None else 1000 * refreshes / self._display.refresh_hz
 
     def _shown(self, entry: Entry, script: TrialScript) -> dict[str, Any]:
-        """Return what one entry of a phase is, says and covers."""
+        """Return the kind, the text and the area of one entry of a phase."""
         match entry:
             case Frames(stimulus=stimulus, every=every, at=at, crop=crop):
                 name = script.stimuli[stimulus].name if script.stimuli else ""

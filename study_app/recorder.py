@@ -138,7 +138,7 @@ class Recorder:
         self._opened.close()
 
     def stamps(self) -> Stamps:
-        """Return what the next event says about its place and time."""
+        """Return the next event's place and time."""
         return {
             "n": len(self.events),
             "t_s": round(self._clock() - self.start_s, 6),

@@ -275,7 +275,7 @@ def _gaze(
 def _restart(
     options: SessionOptions, gaze: GazeSource | None
 ) -> Callable[[PlannedTrial, int], None]:
-    """Return what is done before each attempt: an artificial eye begins anew."""
+    """Return the action before each attempt: an artificial eye begins anew."""
 
     def restart(trial: PlannedTrial, attempt: int) -> None:
         if isinstance(gaze, SimulatedGaze):

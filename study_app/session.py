@@ -87,7 +87,7 @@ Step: TypeAlias = AskConsent | StartBlock | RunTrial | EndBlock | TakeBreak | As
 def next_step(
     protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], language: str
 ) -> Step:
-    """Return what the session does next."""
+    """Return the session's next step."""
     consent = next((event for event in events if isinstance(event, Consent)), None)
     if protocol.privacy.consent_required:
         if consent is None:
@@ -121,7 +121,7 @@ def next_step(
 def following(
     protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], trial: PlannedTrial
 ) -> PlannedTrial | None:
-    """Return which trial comes after `trial`, the one that runs; None where that is not known.
+    """Return the trial after `trial`, the one that runs; None where that is not known.
 
     It is the same whether the attempt counts or is void: a void trial never comes at once where
     another is left. What an adaptive trial shows follows from the answer that is awaited, and so
@@ -181,7 +181,7 @@ def _right_answers(trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]) 
 
 
 def _is_passed(protocol: StudyProtocol, answers: Sequence[bool]) -> bool:
-    """Return whether these answers to a round of practice reach its criterion."""
+    """Return True if these answers to a round of practice reach its criterion."""
     practice = protocol.design.practice
     share = practice.criterion_share if practice else None
     return share is not None and bool(answers) and sum(answers) >= share * len(answers)
@@ -217,7 +217,7 @@ def given_up(plan: Plan, attempts: Sequence[Attempt], max_attempts: int) -> list
 
 
 def _place(plan: Plan, queue: Sequence[PlannedTrial], trial: PlannedTrial, attempt: int) -> int:
-    """Return where in the queue a void trial comes again."""
+    """Return the index in the queue at which a void trial comes again."""
     chance = Chance(plan.seed, plan.participant, plan.slot, "requeue", trial.id, attempt)
     places = range(1, len(queue) + 1)
     free = [

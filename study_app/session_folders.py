@@ -90,7 +90,7 @@ def _journals(root: Path, study: str | None) -> list[Path]:
 
 
 def session_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
-    """Return where a participant's journal belongs.
+    """Return the folder of a participant's journal.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def require_portable(folder: Path) -> None:
 
 
 def is_stillborn(folder: Path) -> bool:
-    """Return whether a session was killed before its first line was whole.
+    """Return True if a session was killed before its first line was whole.
 
     Nothing was recorded then, and the code is still free.
     """

@@ -98,16 +98,16 @@ class Stage(Protocol):
         """
 
     def expect(self, trial: PlannedTrial) -> None:
-        """Say which trial comes after the one that runs; may load it while nothing moves."""
+        """Announce the trial after the one that runs; may load it while nothing moves."""
 
     def show(self, picture: FlipPicture) -> FlipReport:
         """Draw, flip, and return what is known of the flip. No disk, no decoding."""
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
-        """Say whose gaze live pictures follow; `polled`: as `SourceInfo.polled`."""
+        """Set the gaze that live pictures follow; `polled`: as `SourceInfo.polled`."""
 
     def kept(self) -> Mapping[int, KeptPixels]:
-        """Return what is kept of an attempt's live frames, by `LiveFrame.flip.number`.
+        """Return the pixels that are kept of an attempt's live frames, by `LiveFrame.flip.number`.
 
         Called while nothing moves: reading pixels back takes longer than a refresh.
         """
@@ -116,7 +116,7 @@ class Stage(Protocol):
         """Return the keys that went down since the last call. Never waits."""
 
     def disturbed(self) -> str:
-        """Return what came between participant and display since the last call; empty: nothing.
+        """Return the disturbance between participant and display since the last call; empty: none.
 
         Another window has the keyboard, the machine slept, the monitor is gone.
         """

@@ -104,7 +104,7 @@ def writable(text: str, along_with: str) -> str:
 
 
 def is_right_to_left(text: str) -> bool:
-    """Return whether the first strong character runs from right to left."""
+    """Return True if the first strong character runs from right to left."""
     for char in text:
         direction = unicodedata.bidirectional(char)
         if direction in ("R", "AL"):
@@ -137,7 +137,7 @@ def widest_px(lines: Sequence[str], typeface: Typeface) -> int:
 
 
 def _pieces(paragraph: str) -> list[str]:
-    """Return what may not be broken: words with the spaces after them, single ideographs."""
+    """Return the pieces that may not be broken: words with their spaces, single ideographs."""
     pieces: list[str] = []
     for word in re.findall(r"\S+\s*|\s+", paragraph):
         start = 0

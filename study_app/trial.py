@@ -73,7 +73,7 @@ class Trial(NamedTuple):
         return self.completed or self.void_reason is not None
 
     def done(self, script: TrialScript) -> bool:
-        """Return whether every phase is over."""
+        """Return True if every phase is over."""
         return self.phase == len(script.phases)
 
     def shown_frames(self, script: TrialScript) -> tuple[tuple[int, int], ...]:

@@ -60,7 +60,7 @@ def verify(session: SessionFolder, protocol: StudyProtocol | None = None) -> Ses
 
 
 def checksums_of(journal: Journal) -> str:
-    """Say which lines of a journal have a checksum."""
+    """Return a sentence on which lines of a journal have a checksum."""
     lines = len(journal.events) + len(journal.damaged)
     if not journal.unchecked:
         return "every line has one"
@@ -70,7 +70,7 @@ def checksums_of(journal: Journal) -> str:
 
 
 def _compare(journal: Journal, protocol: StudyProtocol) -> tuple[list[str], list[str]]:
-    """Return what contradicts the plan, and what could not be compared."""
+    """Return the contradictions of the plan, and what could not be compared."""
     start = journal.events[0] if journal.events else None
     if not isinstance(start, SessionStart):
         return [], ["trials are not compared with the plan: the first line is damaged"]

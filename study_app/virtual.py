@@ -71,7 +71,7 @@ class Observer(Protocol):
         """Return the same for a question that is not the study's own."""
 
     def turn_page(self, page: Page) -> PageResult:
-        """Return how a page ends."""
+        """Return the end of a page."""
 
 
 @dataclass
@@ -157,12 +157,12 @@ class VirtualStage:
         self._live, self._pixels_of = LiveShow(self, display, manifest, studio), pixels_of
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
-        """Say whose gaze live pictures follow."""
+        """Set the gaze that live pictures follow."""
         if self._live is not None:
             self._live.follow(gaze, polled=polled)
 
     def kept(self) -> Mapping[int, KeptPixels]:
-        """Return what is kept of live frames."""
+        """Return the pixels that are kept of live frames."""
         return {} if self._live is None else self._live.kept()
 
     def prepare(self, trial: PlannedTrial, script: TrialScript, attempt: int, /) -> None:
@@ -205,7 +205,7 @@ class VirtualStage:
         """Nothing to paint on."""
 
     def flip(self) -> float:
-        """Return when the next flip is: at the next refresh, or as the planted fault says."""
+        """Return the time of the next flip: at the next refresh, or as the planted fault says."""
         fault = self._faults.get(self._flips)
         self._flips += 1
         line = math.floor(self._clock() * self._true_hz + 1e-6) + 1

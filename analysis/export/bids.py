@@ -92,7 +92,7 @@ def _write_run(
 
 
 def _about(content: ExportedStudy, person: Person, run: Run, display: Display) -> dict[str, Json]:
-    """Return what holds for a whole run: the task, and the screen."""
+    """Return the fields of a whole run: the task, and the screen."""
     start, protocol = person.reading.start, content.protocol
     texts = protocol.text.languages.get(start.language)
     found: dict[str, Json] = {

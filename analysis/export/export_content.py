@@ -102,7 +102,7 @@ class ExportedStudy:
 
 
 def generated_by() -> list[Json]:
-    """Return what wrote the export, as BIDS asks for it."""
+    """Return the program that wrote the export, as BIDS names it."""
     return [
         {
             "Name": "metamerlab",

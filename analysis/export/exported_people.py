@@ -69,7 +69,7 @@ def people_of(
 
 
 def drawn(reading: JournalReading) -> str:
-    """Return what participants are sorted by: nobody can compute it without the journal."""
+    """Return the key that sorts participants: nobody can compute it without the journal."""
     return sha256_bytes(b"order of participants\0" + reading.journal.path.read_bytes())
 
 

@@ -51,7 +51,7 @@ class OrderlessSessions:
 
 
 def tells_codes(protocol: StudyProtocol) -> bool:
-    """Return whether the order of trials follows from what is public and the code alone."""
+    """Return True if the order of trials follows from what is public and the code alone."""
     return protocol.privacy.secret_sha256 is None
 
 
@@ -68,7 +68,7 @@ def telling_columns(protocol: StudyProtocol) -> frozenset[str]:
 
 
 def tells_order(protocol: StudyProtocol) -> bool:
-    """Return whether the order of trials tells codes or slots.
+    """Return True if the order of trials tells codes or slots.
 
     Where a rule chooses what is shown, the secret alone seeds the order.
     """

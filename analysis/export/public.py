@@ -63,7 +63,7 @@ def gaze_source(name: str, *, public: bool) -> str:
 
 
 def timing_evidence(name: str, *, public: bool) -> str:
-    """Return what vouches for time stamps; in public only the words that journals define."""
+    """Return the evidence for time stamps; in public only the words that journals define."""
     return name if not public or name in _EVIDENCE else OTHER
 
 

@@ -81,7 +81,7 @@ def bootstrap_scores(
 
 
 def draws(count: int, samples: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return how often each of so many is drawn with replacement (samples, count)."""
+    """Return counts of how often each of so many is drawn with replacement (samples, count)."""
     return rng.multinomial(count, np.full(count, 1 / count), samples)
 
 

@@ -376,7 +376,7 @@ class Variances:
 
 
 def weighted_df(shown: Floats) -> tuple[Floats, Floats]:
-    """Return what a variance between clusters is multiplied by, and its degrees of freedom.
+    """Return the factor of a variance between clusters, and its degrees of freedom.
 
     Parameters
     ----------

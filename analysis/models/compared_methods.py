@@ -57,7 +57,7 @@ class Comparisons:
 
 
 def _positions(codes: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
-    """Return where each code occurs, in order."""
+    """Return the indices at which each code occurs, in order."""
     order = np.argsort(codes, kind="stable")
     found, start = np.unique(codes[order], return_index=True)
     return dict(zip(found.tolist(), np.split(order, start[1:]), strict=True))

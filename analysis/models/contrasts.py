@@ -123,7 +123,7 @@ class Crossed:
         return cls(shares, {name: float(np.nan_to_num(value)) for name, value in sd.items()})
 
     def covariance(self, name: str) -> Floats:
-        """Return what participants, or scenes, give to that of the conditions' means."""
+        """Return participants', or scenes', part of the covariance of the conditions' means."""
         share, own = self.shares[name], self.sd.get(name + IN_CONDITION, 0.0) ** 2
         together: Floats = self.sd.get(name, 0.0) ** 2 * share.T @ share
         return together + own * np.diag(np.sum(share**2, axis=0))
@@ -198,7 +198,7 @@ def equal(conditions: Floats, pair: Sequence[int]) -> Floats:
 
 
 def absorbing(sd: Mapping[str, float], contrast: float) -> list[dict[str, float]]:
-    """Return where searches without a contrast begin: each effect in a condition takes it over.
+    """Return beginnings of searches without a contrast: each effect in a condition takes it over.
 
     What all people have in common looks without it like a deviation of people, or of scenes, in
     a condition, and the likelihood may have a maximum for each.

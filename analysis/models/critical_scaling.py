@@ -354,7 +354,7 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Diffe
 
 
 def _bounded(limits: tuple[float, float] | None) -> bool:
-    """Return whether limits of a positive quantity say anything."""
+    """Return True if limits of a positive quantity say anything."""
     return limits is not None and limits[0] > 0 and limits[1] < UNBOUNDED * limits[0]
 
 

@@ -186,7 +186,7 @@ def diffusion_by_condition(
 
 
 def _odd(who: str, own: pd.DataFrame, right: np.ndarray, fit: Diffusion) -> list[str]:
-    """Return what speaks against the model, by the checks of the paper's section on misfit."""
+    """Return the evidence against the model, by the checks of the paper's section on misfit."""
     notes = []
     if right.size < FEWEST_RIGHT:
         notes.append(f"{who}: {right.size} right answers tell little of how times vary")

@@ -144,7 +144,7 @@ def graded_counts(signal: Floats, chose_signal: Floats, step: Integers, steps: i
 
 
 def fewest_answers(steps: int) -> int:
-    """Return how many answers of one person metacognition takes: padding of few steps weighs more.
+    """Return the least answers of one person for metacognition: padding of few steps weighs more.
 
     Of 100 answers in two steps limits of 30 people held the true M-ratio in .87.
     """
@@ -326,7 +326,7 @@ def halves_agree(measure: str, halves: Sequence[tuple[float, float]], level: flo
 
 
 def _spread(edges: int) -> Floats:
-    """Return what gaps between edges (edges - 1,) sum to at each edge, from the lowest on."""
+    """Return sums at each edge of the gaps between edges (edges - 1,), from the lowest on."""
     return np.tril(np.ones((edges, edges)), -1)[:, : edges - 1]
 
 

@@ -39,7 +39,7 @@ class Bias:
 
 
 def order_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias:
-    """Return how often the first interval was picked, against one half, with limits.
+    """Return the rate of picking the first interval, against one half, with limits.
 
     `decisions` has ``participant``, ``scene`` and ``chose_first`` (0/1); limits cover 1 - `alpha`.
     """
@@ -48,18 +48,18 @@ def order_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias:
 
 
 def came_both_ways(decisions: pd.DataFrame) -> bool:
-    """Return whether a pair was shown in both orders: else order and preference are one thing."""
+    """Return True if a pair was shown in both orders: else order and preference are one thing."""
     pairs = set(zip(decisions["first"], decisions["second"], strict=True))
     return any((second, first) in pairs for first, second in pairs)
 
 
 def has_sides(decisions: pd.DataFrame) -> bool:
-    """Return whether sides were recorded."""
+    """Return True if sides were recorded."""
     return bool(decisions["chosen_side"].isin(("left", "right")).any())
 
 
 def side_bias(decisions: pd.DataFrame, *, alpha: float = 0.05) -> Bias | None:
-    """Return how often the left key was pressed; None where sides were not recorded.
+    """Return the rate of pressing the left key; None where sides were not recorded.
 
     As `order_bias`, with ``chosen_side`` (left, right, or anything else where none was).
     """

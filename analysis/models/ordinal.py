@@ -392,7 +392,7 @@ def rating_model(
 
 
 def lacking(people: int, conditions: int, ratings: int) -> str:
-    """Say what ratings lack to be compared; empty: nothing."""
+    """Return the data that ratings lack to be compared; empty: nothing."""
     counted = {"participant": people, "condition": conditions, "rating": ratings}
     few = [name for name, count in counted.items() if count < 2]
     if not few:
@@ -609,7 +609,7 @@ def _from_middle(fit: CumulativeFit, conditions: int) -> Floats:
 
 
 def _told(value: float, error: float) -> bool:
-    """Return whether the ratings identify a distance on the latent axis."""
+    """Return True if the ratings identify a distance on the latent axis."""
     return abs(value) <= SEPARATED and error <= LARGEST
 
 
@@ -678,7 +678,7 @@ def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
 
 
 def _misfit(trials: _Trials, condition: Whole) -> list[str]:
-    """Say where conditions differ by more than a shift: thresholds of their own fit far better."""
+    """Return a note where conditions differ by more than a shift: own thresholds fit far better."""
     plain = fit_cumulative(trials.conditions[:, 1:], trials.y, {}, link=trials.link)
     table = np.zeros((int(condition.max()) + 1, int(trials.y.max()) + 1))
     np.add.at(table, (condition, trials.y), 1.0)
@@ -729,7 +729,7 @@ def _scale_numbers(scale: Sequence[str]) -> Floats:
 
 
 def _places(fit: CumulativeFit) -> tuple[Floats, Floats]:
-    """Return where conditions lie, the first at 0, and the covariance."""
+    """Return the places of conditions, the first at 0, and the covariance."""
     top, size = fit.theta.size, fit.beta.size
     value = np.concatenate([[0.0], fit.beta])
     covariance = np.zeros((size + 1, size + 1))

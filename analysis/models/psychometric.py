@@ -146,7 +146,7 @@ class Psychometric:
         return ("threshold", "threshold_limits", "width", "width_limits") if unknown else ()
 
     def identified(self, levels: Sequence[float]) -> bool:
-        """Return whether answers at these levels, the ones shown, place the threshold.
+        """Return True if answers at these levels, the ones shown, place the threshold.
 
         They do not where performance is flat, where the threshold lies outside the levels, or
         where a limit lies so far outside (`OPEN_RANGES`) that nothing bounds it. A

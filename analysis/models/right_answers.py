@@ -172,7 +172,7 @@ class Influence:
         )
 
     def less(self, other: "Influence") -> ClusteredEstimate:
-        """Return what it has more than another on the same grid, each participant's own control."""
+        """Return its surplus over another on the same grid, each participant's own control."""
         gap = self.minus(other)
         return two_way_difference(
             gap.value, (self.cells, other.cells), (self.shown, other.shown), gap.least

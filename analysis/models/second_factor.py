@@ -22,7 +22,7 @@ LEAST_DRAWS = 20
 def share_interactions(
     happened: Mapping[str, Mapping[str, pd.Series]], places: TrialGrid, measure: str, level: float
 ) -> tuple[Difference, ...]:
-    """Return how much a share differs between all pairs of values of the factor.
+    """Return the differences of a share between all pairs of values of the factor.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def jod_interactions(
     samples: int,
     rng: np.random.Generator,
 ) -> dict[tuple[str, str], tuple[Difference, ...]]:
-    """Return how much a distance in JOD differs between all pairs of values of the factor.
+    """Return the differences of a distance in JOD between all pairs of values of the factor.
 
     Parameters
     ----------

@@ -188,7 +188,7 @@ def plan_of(section: Sequential, alpha: float) -> SequentialPlan:
 
 
 def never_stops(plan: SequentialPlan, look: int, least: float) -> bool:
-    """Say whether a look, counted from 0, cannot stop where no p is below `least`."""
+    """Return True if a look, counted from 0, cannot stop where no p is below `least`."""
     return plan.reject_p[look] < least and plan.accept_p[look] is None
 
 
@@ -211,7 +211,7 @@ def _p_at_factor(people: int, factor: float) -> float | None:
 def standing(
     plan: SequentialPlan, people: int, p: float | None, judged: str, least: float = 0.0
 ) -> InterimResult:
-    """Say at which look a study with so many participants stands, and what p means there.
+    """Return the look at which a study with so many participants stands, and the meaning of p.
 
     `judged` says in words which p it is; they can show none below `least`.
     """

@@ -100,7 +100,7 @@ class AnalysisPlan(Analysis):
         return f"by {', '.join(self.compared)}" if self.compared else "all together"
 
     def label(self, name: str) -> str:
-        """Return what reports print for a value."""
+        """Return the words that reports print for a value."""
         return name
 
     def in_order(self, names: Sequence[str]) -> list[str]:
@@ -108,7 +108,7 @@ class AnalysisPlan(Analysis):
         return list(names)
 
     def reference_in(self, _names: Sequence[str]) -> str | None:
-        """Return which of these values the others are compared with; None: all pairs are."""
+        """Return the value that the others are compared with; None: all pairs are."""
         return None
 
 
@@ -208,7 +208,7 @@ class Part(ABC, Generic[P, R]):
     """Its test is a question of its own, beside that of the task."""
 
     def wanted(self, _table: pd.DataFrame, _plan: P) -> bool:
-        """Return whether such a table holds what this is about, and the plan asks for it."""
+        """Return True if such a table holds what this is about, and the plan asks for it."""
         return True
 
     @abstractmethod
@@ -277,7 +277,7 @@ class Part(ABC, Generic[P, R]):
 
     @abstractmethod
     def show(self, found: R, plan: P) -> Shown:
-        """Return what readers see of these numbers."""
+        """Return all that readers see of these numbers."""
 
 
 class SimplePart(Part[P, R]):
@@ -368,7 +368,7 @@ def estimates_of(
 
 
 def tried(make: Callable[[], T], what: str, notes: list[str]) -> T | None:
-    """Return what can be made of the data, or None and a note that says why `what` is not."""
+    """Return the result that the data allow, or None and a note that says why `what` is missing."""
     try:
         return make()
     except ValueError as problem:

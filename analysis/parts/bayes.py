@@ -42,7 +42,7 @@ class BayesPart(SimplePart[PreferencePlan, Posteriors]):
     section: ClassVar[tuple[str, str]] = ("bayes", "Posteriors")
 
     def wanted(self, _table: pd.DataFrame, plan: PreferencePlan) -> bool:
-        """Return whether the plan asks for them: sampling takes seconds a pair."""
+        """Return True if the plan asks for them: sampling takes seconds a pair."""
         return plan.bayes
 
     def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Posteriors:

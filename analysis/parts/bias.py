@@ -32,7 +32,7 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
     section: ClassVar[tuple[str, str]] = ("checks", "Order, learning, speed")
 
     def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
-        """Return whether orders or sides can be told."""
+        """Return True if orders or sides can be told."""
         return super().wanted(table, plan) and (came_both_ways(table) or has_sides(table))
 
     def of(self, table: pd.DataFrame, plan: PreferencePlan) -> Biases:

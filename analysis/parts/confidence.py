@@ -215,7 +215,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a column of confidence, which is no condition."""
+        """Return True if there is a column of confidence, which is no condition."""
         return CONFIDENCE in table and CONFIDENCE not in plan.by_columns
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> ConfidenceResults:
@@ -456,7 +456,7 @@ def _type_2(rows: pd.DataFrame, steps: int) -> tuple[tuple[float, float], ...]:
 def reliability_of(
     rows: pd.DataFrame, name: str, of: Callable[[pd.DataFrame], float], plan: AnalysisPlan
 ) -> Reliability:
-    """Return how alike a measure of both halves of people's rows is."""
+    """Return the correlation of a measure between both halves of people's rows."""
     pairs = [
         (of(own[own["half"] == 0]), of(own[own["half"] == 1]))
         for _, own in rows.groupby("participant", observed=True)

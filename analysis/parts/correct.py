@@ -131,17 +131,17 @@ def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> Table
 
 
 def respected(rates: Iterable[Rate]) -> str:
-    """Return whose variation limits respect: scenes too where a condition has several."""
+    """Return those whose variation limits respect: scenes too where a condition has several."""
     return "participants and scenes" if any(one.scenes > 1 for one in rates) else "participants"
 
 
 def clusters(rates: Iterable[Rate]) -> str:
-    """Return what errors are clustered by."""
+    """Return the words for the clusters of errors."""
     return respected(rates).replace("participants", "participant").replace("scenes", "scene")
 
 
 def errors(rates: Sequence[Rate]) -> str:
-    """Return what errors take into account; those of one participant take trials as they come."""
+    """Return the words for errors; those of one participant take trials as they come."""
     if all(one.participants < 2 for one in rates):
         return "errors of independent trials"
     return f"errors clustered by {clusters(rates)}"

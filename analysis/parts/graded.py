@@ -220,7 +220,7 @@ class _GradedAnswers(SimplePart[RatePlan, R]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether people said how sure they were; `ConfidencePart` says why not."""
+        """Return True if people said how sure they were; `ConfidencePart` says why not."""
         return (
             ConfidencePart().wanted(table, plan)
             and tried(lambda: with_steps(table), "", []) is not None

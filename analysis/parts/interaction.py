@@ -106,7 +106,7 @@ class InteractionPart(Part[P, Interactions]):
     section: ClassVar[tuple[str, str]] = ("interaction", "Second factor")
 
     def wanted(self, table: pd.DataFrame, plan: P) -> bool:
-        """Return whether a second factor is named, and has several values."""
+        """Return True if a second factor is named, and has several values."""
         return plan.interaction in table and len(_values(table, plan)) > 1
 
     @abstractmethod
@@ -269,7 +269,7 @@ class RateInteraction(InteractionPart[RatePlan]):
     """Differences of right answers to the baseline between values; of one condition the answers."""
 
     def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a factor, and levels were not chosen from the answers."""
+        """Return True if there is a factor, and levels were not chosen from the answers."""
         return not plan.adaptive and super().wanted(table, plan)
 
     def compute(
@@ -462,7 +462,7 @@ def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ..
 def _notes(
     sides: Sequence[Side], families: Sequence[FamilyOfTests], plan: PreferencePlan | RatePlan
 ) -> list[str]:
-    """Say what few people cannot show of these changes, and few scenes hardly tell."""
+    """Return notes on what few people cannot show of these changes, and few scenes hardly tell."""
     fewest, most = min(one.scenes for one in sides), max(one.participants for one in sides)
     found = [note for one in families for note in one.hopeless(most, plan.alpha)]
     if fewest == 1:

@@ -69,7 +69,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
         return Looks(bounds, now, estimates_of(self._parts, table, at_bound, planned=True))
 
     def show(self, found: Looks, plan: AnalysisPlan) -> Shown:
-        """Return where the study stands before all else; bounds, and limits that hold there."""
+        """Return the state of the study before all else; bounds, and limits that hold there."""
         bounds, now = found.plan, found.standing
         caption = (
             f"p at which each planned look stops the study ({bounds.rule}); dashed: alpha without"

@@ -44,7 +44,7 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
     def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
-        """Return whether three methods or more, and several people, are there."""
+        """Return True if three methods or more, and several people, are there."""
         return len(plan.methods) > 2 and table["participant"].nunique() > 1
 
     def compute(

@@ -71,7 +71,7 @@ class LearningPart(Part[P, Learning]):
     """Smallest and largest value of an answer; None: no limits."""
 
     def wanted(self, table: pd.DataFrame, _plan: P) -> bool:
-        """Return whether the table says in which order trials came."""
+        """Return True if the table says in which order trials came."""
         return "order" in table and bool(table["order"].notna().any())
 
     @abstractmethod
@@ -148,7 +148,7 @@ class LearningPart(Part[P, Learning]):
 
 
 def apa_trend(found: Trend) -> str:
-    """Return whether an outcome changed over the session as a sentence."""
+    """Return True if an outcome changed over the session as a sentence."""
     if math.isnan(found.p):
         return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
     test = "sign-flip test" if math.isnan(found.t) else t_text(found.t, found.df)

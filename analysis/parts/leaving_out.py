@@ -80,7 +80,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
     section: ClassVar[tuple[str, str]] = ("preference", "Preference")
 
     def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
-        """Return whether there is a primary comparison, and several people made it."""
+        """Return True if there is a primary comparison, and several people made it."""
         return plan.primary is not None and plan.test != "pooled" and _people(table, plan) > 2
 
     def compute(

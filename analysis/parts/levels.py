@@ -88,7 +88,7 @@ def counts_in(table: pd.DataFrame, plan: RatePlan) -> dict[str, Counts]:
 
 
 def levels_axis(plan: RatePlan) -> str:
-    """Return what stands along the axis of levels."""
+    """Return the title of the axis of levels."""
     name = column_in_words(str(plan.level))
     return name[:1].upper() + name[1:]
 
@@ -101,7 +101,7 @@ def counts_of_people(table: pd.DataFrame, plan: RatePlan) -> dict[str, dict[str,
 
 
 def figure_axes(shown: Iterable[Sequence[float]], plan: RatePlan) -> dict[str, Any]:
-    """Return how axes along such levels are drawn."""
+    """Return the settings with which axes along such levels are drawn."""
     levels = np.array([x for several in shown for x in several])
     wide = bool(levels.min() > 0 and levels.max() / levels.min() > WIDELY_SPACED)
     return {
@@ -169,7 +169,7 @@ def width_title(logarithmic: bool) -> str:
 
 
 def section_title(plan: RatePlan) -> str:
-    """Return what heads the section of levels."""
+    """Return the heading of the section of levels."""
     return f"By {column_in_words(str(plan.level))}"
 
 
@@ -182,11 +182,11 @@ class LevelsPart(SimplePart[RatePlan, R]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a level."""
+        """Return True if there is a level."""
         return plan.level is not None
 
     def title(self, plan: RatePlan) -> str:
-        """Return what heads the section."""
+        """Return the heading of the section."""
         return section_title(plan)
 
 
@@ -297,7 +297,7 @@ class CurvesPart(LevelsPart[Curves]):
 
 
 def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
-    """Return what repeats the curves whose thresholds the answers place."""
+    """Return scripts that repeat the curves whose thresholds the answers place."""
     placed = {
         name: {"threshold": fit.threshold, "log_likelihood": fit.log_likelihood}
         for name, fit in found.curves.items()

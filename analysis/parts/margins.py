@@ -78,7 +78,7 @@ def margin_tables(found: Margins, name: str) -> dict[str, pd.DataFrame]:
 
 
 def weights_of(name: str, plan: AnalysisPlan) -> str:
-    """Return what a contrast is of: ``1 ours - 0.5 blur - 0.5 none``."""
+    """Return the weights of a contrast: ``1 ours - 0.5 blur - 0.5 none``."""
     parts = [
         f"{'-' if own < 0 else '+'} {abs(own):.3g} {plan.label(one)}"
         for one, own in plan.contrasts[name].items()

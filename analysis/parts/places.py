@@ -88,7 +88,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
         self._parts, self._sessions = parts, sessions
 
     def wanted(self, table: pd.DataFrame, _plan: AnalysisPlan) -> bool:
-        """Return whether a session ran in a browser."""
+        """Return True if a session ran in a browser."""
         return "remote" in table and bool((table["remote"] == 1).any())
 
     def compute(
@@ -124,7 +124,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
         )
 
     def show(self, found: Places, plan: AnalysisPlan) -> Shown:
-        """Return what vouches for each place's sessions, and the primary result by place."""
+        """Return the evidence for each place's sessions, and the primary result by place."""
         differences = pd.DataFrame(
             [
                 {"of": one.what}
@@ -209,7 +209,7 @@ def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
 
 
 def _listed(counts: Mapping[str, int], sessions: int, unit: str = "") -> str:
-    """Return what sessions were recorded with: ``60 Hz (3), 75 Hz (1)``."""
+    """Return the values that sessions were recorded with: ``60 Hz (3), 75 Hz (1)``."""
     if not counts:
         return _TABLE_ONLY
     several = len(counts) > 1 or sum(counts.values()) < sessions

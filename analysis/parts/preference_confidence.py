@@ -83,7 +83,7 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, table: pd.DataFrame, _plan: PreferencePlan) -> bool:
-        """Return whether there is a column of confidence."""
+        """Return True if there is a column of confidence."""
         return CONFIDENCE in table
 
     def of(self, table: pd.DataFrame, plan: PreferencePlan) -> PreferenceConfidence:
@@ -234,7 +234,7 @@ def _with_others(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _by_strength(own: pd.DataFrame) -> float:
-    """Return how much more confidence there is where others are unanimous than divided."""
+    """Return the surplus of confidence where others are unanimous over where they are divided."""
     known = own[own["others"].notna()]
     strength = 2.0 * (known["others"] - 0.5).abs().to_numpy(float)
     if strength.size < 3 or float(np.ptp(strength)) == 0.0:

@@ -50,7 +50,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         self._of = of
 
     def wanted(self, table: pd.DataFrame, plan: P) -> bool:
-        """Return whether the models are."""
+        """Return True if the models are."""
         return self._of.wanted(table, plan)
 
     @abstractmethod
@@ -176,7 +176,7 @@ class ChoiceEffects(RandomEffectsPart[Any]):
     unit: ClassVar[str] = "logits of a method"
 
     def wanted(self, table: pd.DataFrame, plan: Any) -> bool:
-        """Return whether there are more methods than a pair."""
+        """Return True if there are more methods than a pair."""
         return len(plan.methods) > 2 and super().wanted(table, plan)
 
     def models(self, found: Any, plan: Any) -> Iterator[ModelEffects]:
@@ -195,7 +195,7 @@ class TimeEffects(RandomEffectsPart[AnalysisPlan]):
     unit: ClassVar[str] = "ln s"
 
     def wanted(self, table: pd.DataFrame, plan: AnalysisPlan) -> bool:
-        """Return whether times are modelled."""
+        """Return True if times are modelled."""
         return plan.reaction == "models" and super().wanted(table, plan)
 
     def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:

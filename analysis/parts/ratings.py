@@ -116,7 +116,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         }
 
     def estimates(self, found: RatingResults, plan: RatingPlan) -> Sequence[Estimate]:
-        """Return how far conditions lie apart on the latent axis, where that is known."""
+        """Return distances of conditions on the latent axis, where they are known."""
         count = sum(map(sum, found.levels.values()))
         return [
             Estimate(
@@ -186,7 +186,7 @@ def category(value: object) -> str:
 
 
 def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
-    """Return how much higher one condition is rated as a sentence."""
+    """Return a sentence on how much higher one condition is rated."""
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     return (

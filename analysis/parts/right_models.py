@@ -68,7 +68,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
     section: ClassVar[tuple[str, str]] = ("models", "Models")
 
     def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a level, or conditions to compare."""
+        """Return True if there is a level, or conditions to compare."""
         return plan.level is not None or (bool(plan.by) and baseline_in(table, plan) is not None)
 
     def families(self, cells: pd.DataFrame, plan: RatePlan) -> Sequence[FamilyOfTests]:
@@ -209,7 +209,7 @@ def _margins(
 
 
 def _scripts(found: RightModels, plan: RatePlan) -> dict[str, str]:
-    """Return what repeats the models that have a maximum, and so no penalty instead of one."""
+    """Return scripts that repeat the models with a maximum, and so no penalty instead of one."""
     proper = all(np.isfinite(one.estimate) for one in found.independent.coefficients)
     independent = proper and "Firth" not in found.independent.method
     compared = any("[T." in one.term for one in found.independent.coefficients)

@@ -314,7 +314,7 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
 
 
 def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:
-    """Yield what speaks for and against one axis, in sentences."""
+    """Yield sentences for and against one axis."""
     fitted, triples = one.scale, one.transitivity
     axis = ""
     if fitted.fit_df > 0:

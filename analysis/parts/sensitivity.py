@@ -361,7 +361,7 @@ def _said(one: Measure) -> str:
 
 
 def methods_yes_no(results: YesNoResults) -> str:
-    """Return how a yes-no task was analysed, ready to paste."""
+    """Return a paragraph on how a yes-no task was analysed, ready to paste."""
     start = (
         "Sensitivity d' = z(H) - z(F) and criterion c = -(z(H) + z(F))/2 were taken from each"
         f" condition's table{_corrected(results.correction)}. Limits and tests"
@@ -602,7 +602,7 @@ def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str
 
 
 def methods_discrimination(results: DiscriminationResults) -> str:
-    """Return how d' of an identification or ABX task was made, ready to paste."""
+    """Return a paragraph on how d' of identification or ABX was made, ready to paste."""
     by = clusters(one.correct for one in results.conditions)
     return (
         f"d' ({results.rule}) was taken from each condition's share of correct answers"

@@ -86,7 +86,7 @@ def decisive(one: Comparison, *, adjusted: bool = True) -> float:
 
 
 def ratio_told(plan: AnalysisPlan) -> str:
-    """Return what likelihood ratios of a mixed model are, for a paragraph below a table."""
+    """Return the meaning of likelihood ratios of a mixed model, for a paragraph below a table."""
     draws = plan.bootstrap_draws
     law = f"by parametric bootstrap ({draws} draws)" if draws else "by the same t"
     return (
@@ -109,7 +109,7 @@ def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
 
 
 def bootstrapped(draws: int) -> str:
-    """Return how p of a likelihood ratio was had, after other words; nothing by t."""
+    """Return the source of a likelihood ratio's p, after other words; nothing by t."""
     return f"; parametric bootstrap, {draws} draws" if draws else ""
 
 

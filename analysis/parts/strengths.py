@@ -51,7 +51,7 @@ class StrengthsPart(Part[PreferencePlan, Strengths]):
     section: ClassVar[tuple[str, str]] = ("scale", "Scale")
 
     def wanted(self, table: pd.DataFrame, plan: PreferencePlan) -> bool:
-        """Return whether there are three methods: of two the odds ratio says it all."""
+        """Return True if there are three methods: of two the odds ratio says it all."""
         return len(plan.methods) > 2 and table["participant"].nunique() > 1
 
     def compute(

@@ -75,7 +75,7 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
     secondary: ClassVar[bool] = True
 
     def wanted(self, table: pd.DataFrame, _plan: AnalysisPlan) -> bool:
-        """Return whether there are times above 0."""
+        """Return True if there are times above 0."""
         return "rt_s" in table and bool((table["rt_s"] > 0).any())
 
     def of(self, table: pd.DataFrame, plan: AnalysisPlan) -> Times:
@@ -310,7 +310,7 @@ def _methods(found: Times) -> Iterator[str]:
 
 
 def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
-    """Return what repeats the model; an effect whose variance is 0 is none."""
+    """Return scripts that repeat the model; an effect whose variance is 0 is none."""
     deviations = {
         ("participant",): model.participant_sd,
         ("participant", "condition"): model.interaction_sd,

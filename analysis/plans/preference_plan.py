@@ -67,11 +67,11 @@ class PreferencePlan(Preferences, AnalysisPlan):
         return self.sizes not in (("all",), ("",))
 
     def label(self, name: str) -> str:
-        """Return what reports print for a method, size or scene."""
+        """Return the words that reports print for a method, size or scene."""
         return self.labels.get(name, name)
 
     def at(self, size: str, form: str = "{}", whole: str = "all sizes") -> str:
-        """Return what reports call a size, within `form`; empty where the study has no sizes."""
+        """Return the words for a size, within `form`; empty where the study has no sizes."""
         if not self.sized:
             return ""
         return form.format(whole if size == ALL_SIZES else self.label(size))

@@ -124,7 +124,7 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
         return self.in_order(names)[0] if len(names) > 1 else None
 
     def label(self, name: str) -> str:
-        """Return what reports print for a value of a condition."""
+        """Return the words that reports print for a value of a condition."""
         if name in self.labels:
             return self.labels[name]
         return BETWEEN.join(self.labels.get(part, part) for part in name.split(BETWEEN))

@@ -104,7 +104,7 @@ def row_in(labels: Iterable[str], width_in: float, least: float) -> float:
 
 
 def legend_columns(labels: Sequence[str], width_in: float) -> int:
-    """Return how many columns a legend below the axes may have: 2 at most in one column of text."""
+    """Return the number of columns of a legend below the axes: 2 at most in one column of text."""
     narrow = width_in < 5
     em_in = (6.5 if narrow else 8.0) / 72
     entry_in = (0.6 * max(map(len, labels), default=0) + 5.0) * em_in
@@ -118,7 +118,7 @@ def share_text(value: float) -> str:
 
 
 def limits_text(level: float) -> str:
-    """Return what lines and whiskers with limits are called on figures."""
+    """Return the name of lines and whiskers with limits on figures."""
     return f"{100 * level:g} % limits"
 
 
@@ -130,7 +130,7 @@ def explain(figure: Figure, text: str, width_in: float) -> None:
 
 
 def key(figure: Figure, names: Sequence[str], text: str, width_in: float) -> None:
-    """Say what bars mean above a legend of these names below the figure; of one name, alone."""
+    """Write the meaning of bars above a legend of these names below; of one name, alone."""
     if len(names) < 2:
         explain(figure, text, width_in)
         return

@@ -60,7 +60,7 @@ def report_page(
 
 
 def _quality(tidy: TidyTables | None) -> Iterator[Block]:
-    """Yield who took part, what rules left out, and how each session went."""
+    """Yield the participants, those that rules left out, and the course of each session."""
     yield from participant_blocks(tidy)
     if tidy is None or not tidy.flow:
         yield (

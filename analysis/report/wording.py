@@ -67,7 +67,7 @@ def big(value: float) -> str:
 
 
 def needed(ends: Ends | None) -> int:
-    """Return how many decimals show two digits of the width of limits; 0 where there is none."""
+    """Return the decimals that show two digits of the width of limits; 0 where there is none."""
     lower, upper = ends or (None, None)
     width = math.nan if lower is None or upper is None else abs(upper - lower)
     if not (math.isfinite(width) and width > 0):
@@ -112,7 +112,7 @@ def placed(one: IntervalEstimate, value: float) -> str:
 
 
 def level_text(level: float) -> str:
-    """Return what stands before limits in a sentence: ``95% CI``."""
+    """Return the words before limits in a sentence: ``95% CI``."""
     return f"{100 * level:g}% CI"
 
 
@@ -179,7 +179,7 @@ def printable(text: str) -> str:
 
 
 def left_out_sentence(flow: Sequence[FlowStep]) -> str:
-    """Return what the rules fixed beforehand left out, as a sentence with a blank after it."""
+    """Return the rows that rules fixed beforehand left out, as a sentence with a blank after it."""
     left_out = sum(step.sittings_out for step in flow)
     single = sum(step.decisions_out for step in flow if step.sittings_out == 0)
     return (

@@ -64,14 +64,14 @@ def converted(values: pd.Series, unit: str) -> pd.Series:
 
 
 def cure(text: str, option: str) -> str:
-    """Return how a number with its unit behind is read, such as ``534 ms``; empty: it is none."""
+    """Return the cure for numbers with a unit behind, such as ``534 ms``; empty: it is none."""
     found = _WITH_UNIT.fullmatch(text)
     unit = found and known_unit(found[2], "")
     return f"; say its unit: {option}:{unit}" if unit else ""
 
 
 def impossible(name: str, base: str, values: pd.Series, people: pd.Series | None) -> str:
-    """Return what is wrong with a column, with `people` of one of them; empty: nothing.
+    """Return the fault of a column, with `people` of one of them; empty: none.
 
     Of times the median, of shares and angles the largest must be possible.
     """

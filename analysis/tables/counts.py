@@ -28,7 +28,7 @@ _CALLED_SUMS = {"total", "totals", "sum", "sums", "all", "n"}
 
 
 def is_square(path: Path, header: list[str], rows: list[list[str]]) -> bool:
-    """Return whether rows are called what columns are, each once, the first column apart.
+    """Return True if rows are called what columns are, each once, the first column apart.
 
     Raises
     ------

@@ -158,7 +158,7 @@ class Table:
         return set(self._mapping.values()) - self._mapping.keys()
 
     def theirs(self, ours: str) -> str:
-        """Return what the user's table calls a column of ours."""
+        """Return the user's name of a column of ours."""
         return self._mapping.get(ours, ours)
 
     # Rows.

@@ -173,7 +173,7 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
 
 
 def counted_lines(lines: Sequence[int | str]) -> str:
-    """Return how many rows, and where the first are: ``2 rows (lines 3, 5)``."""
+    """Return the number of rows, with the first places: ``2 rows (lines 3, 5)``."""
     shown = ", ".join(map(str, lines[:5])) + " ..." * (len(lines) > 5)
     several = "s" * (len(lines) != 1)
     return f"{len(lines)} row{several} (line{several} {shown})"

@@ -33,7 +33,7 @@ CONDITION = re.compile(r"\s*(.+?)\s*(<=|>=|!=|==|=|<|>)\s*(.*?)\s*")
 
 
 def kept(values: pd.Series, sign: str, wanted: str) -> pd.Series | str:
-    """Return where a condition such as ``>= 0.5`` holds, or the first value that has no place."""
+    """Return True where a condition, ``>= 0.5``, holds, or the first value that has no place."""
     numbers = pd.to_numeric(values.str.strip(), errors="coerce").astype(float)
     number = float(pd.to_numeric(pd.Series([wanted]), errors="coerce").iloc[0])
     empty = missing(values)
@@ -51,7 +51,7 @@ def kept(values: pd.Series, sign: str, wanted: str) -> pd.Series | str:
 
 
 def spoilt(values: pd.Series) -> tuple[pd.Series, bool]:
-    """Return which names look like a date that a spreadsheet made of them, and whether all do."""
+    """Return True for names that look like a spreadsheet's date, and whether all do."""
     unique = [one for one in values.unique() if one]
     dates = {one for one in unique if _DATE.fullmatch(one)}
     others = [one for one in unique if one not in dates]

@@ -41,13 +41,13 @@ def plain(text: str) -> str:
 
 
 def among(values: pd.Series, words: set[str]) -> pd.Series:
-    """Return where a value is one of the words, however it is written."""
+    """Return True where a value is one of the words, however it is written."""
     known = {one: one.strip().casefold() in words for one in values.unique()}
     return values.map(known).astype(bool)
 
 
 def missing(values: pd.Series, answers: set[str] | None = None) -> pd.Series:
-    """Return where a value says that there is none; `answers` (casefolded) are answers anyway."""
+    """Return True where a value says: none; `answers` (casefolded) are answers anyway."""
     kept = {one for one in answers or () if one}
     known = {
         one: plain(one) in MISSING and one.strip().casefold() not in kept for one in values.unique()
@@ -56,6 +56,6 @@ def missing(values: pd.Series, answers: set[str] | None = None) -> pd.Series:
 
 
 def means(name: str, column: Column) -> bool:
-    """Return whether other programs call a column so: ``key_resp.rt`` is ``rt_s``."""
+    """Return True if other programs call a column so: ``key_resp.rt`` is ``rt_s``."""
     own = re.sub(r"[\W_]+", "_", name.rpartition(".")[2]).strip("_").casefold()
     return own in (column.name, *column.aliases)

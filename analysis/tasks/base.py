@@ -80,7 +80,7 @@ class TaskAnalysis(ABC, Generic[S]):
         """
 
     def told_by(self, plan: S) -> Analysis:
-        """Return what a table must be told to be read as the plan of a study says."""
+        """Return the settings with which a table is read as the plan of a study says."""
         keys = self.options.model_fields
         return self.options(**{name: value for name, value in plan if name in keys})
 
@@ -89,11 +89,11 @@ class TaskAnalysis(ABC, Generic[S]):
         return answer_columns(decisions)
 
     def table_notes(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[str]:
-        """Return what is odd about the answers of a table that was read."""
+        """Return notes on odd answers of a table that was read."""
         return ()
 
     def lacks(self, _decisions: pd.DataFrame, _settings: S) -> str:
-        """Return what a table that was read lacks for a report, and the cure; empty: nothing."""
+        """Return the part that a table lacks for a report, and the cure; empty: nothing."""
         return ""
 
     def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
@@ -114,7 +114,7 @@ class TaskAnalysis(ABC, Generic[S]):
     # Power.
 
     def simulation(self, study: StudyProtocol) -> PowerSimulation[S]:
-        """Return how such a study is simulated, for its power.
+        """Return the simulation of such a study, for its power.
 
         Raises
         ------

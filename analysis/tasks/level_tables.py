@@ -40,7 +40,7 @@ class TableOfLevels(RatesTask):
         return ("right", "wrong")
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
-        """Return what was told; without `by` all answers are of one condition."""
+        """Return the plan that was told; without `by` all answers are of one condition."""
         if not told.by:
             decisions = decisions.drop(columns="method", errors="ignore")
         answers = self.table_answers(decisions, told)

@@ -22,7 +22,7 @@ FORMAT = 2
 
 
 def note_path(table: Path) -> Path:
-    """Return where the note of a table lies: ``decisions.json`` of ``decisions.csv``."""
+    """Return the path of a table's note: ``decisions.json`` of ``decisions.csv``."""
     return table.with_suffix(".json")
 
 
@@ -34,7 +34,7 @@ def write_note(table: Path, told: Analysis) -> None:
 
 
 def read_note(table: Path) -> Analysis | None:
-    """Return what a note says that the table was told; None where there is no note.
+    """Return the settings in a table's note; None where there is no note.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_note(table: Path) -> Analysis | None:
 
 
 def options_from(kind: str, texts: Mapping[str, str], known: Analysis | None = None) -> Analysis:
-    """Return what a table is told in texts, as a command line gives them.
+    """Return settings of a table from texts, as a command line gives them.
 
     `known` was told before.
 

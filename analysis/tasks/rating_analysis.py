@@ -41,7 +41,7 @@ class RatingsTask(TaskAnalysis[RatingPlan]):
         return from_protocol(study)
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatingPlan:
-        """Return what was told."""
+        """Return the plan that was told."""
         return settings_of(decisions, name, told)
 
     def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
@@ -57,6 +57,6 @@ class RatingsTask(TaskAnalysis[RatingPlan]):
         return RatedSteps(study, plan, self.parts_of(plan))
 
     def lacks(self, decisions: pd.DataFrame, settings: RatingPlan) -> str:
-        """Return what nothing can be compared without."""
+        """Return the column without which nothing can be compared."""
         rated = len(conditions_of(decisions, settings))
         return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())

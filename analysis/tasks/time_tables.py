@@ -46,7 +46,7 @@ class TableOfTimes(TaskAnalysis[TimesPlan]):
     parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> TimesPlan:
-        """Return what was told, and how many answers the table holds."""
+        """Return the plan that was told, and the number of answers in the table."""
         alternatives = None
         if "correct" in decisions:
             named = [decisions[name] for name in ("expected", "answer") if name in decisions]
@@ -69,7 +69,7 @@ class TableOfTimes(TaskAnalysis[TimesPlan]):
         return as_decisions(read_times(table, mapping, by=told.by or None))
 
     def table_notes(self, decisions: pd.DataFrame, settings: TimesPlan) -> Sequence[str]:
-        """Return why there is no EZ diffusion, or whether answers are below guessing."""
+        """Return the reason why there is no EZ diffusion, and a note on answers below guessing."""
         if settings.alternatives is None:
             return (
                 "no column correct, nor expected and answer: EZ diffusion needs to know which"

@@ -33,7 +33,7 @@ class Condition(Protocol):
         ...
 
     def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
-        """Return what is shown: (H, W, 3), float32 in [0, 1]."""
+        """Return the picture that is shown: (H, W, 3), float32 in [0, 1]."""
         ...
 
     def on_gpu(

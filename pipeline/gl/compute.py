@@ -167,7 +167,7 @@ class Shader:
             cast(moderngl.Uniform, uniform).value = value
 
     def __contains__(self, name: str) -> bool:
-        """Tell whether a resource or uniform is in use."""
+        """Return True if a resource or uniform is in use."""
         return name in self._slots or name in self._program
 
     def uniform(self, name: str) -> moderngl.Uniform:
@@ -246,7 +246,7 @@ class Shader:
         return -(-width // columns), -(-height // rows)
 
     def _bindings(self, resources: dict[str, Resource]) -> Iterator[Callable[[], object]]:
-        """Check what is given, and yield a call that binds each."""
+        """Check the arguments, and yield a call that binds each."""
         for name in resources:
             if name not in self._slots:
                 self._check_declared(name)

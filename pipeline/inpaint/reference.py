@@ -190,7 +190,7 @@ def pull_push(
 def near_a_hole(
     hole: NDArray[np.bool_], cell_resolution: int, rings: int, tile_resolution: int
 ) -> NDArray[np.bool_]:
-    """Tell which pixels are near a hole, in cells of the pyramid (region.py).
+    """Return True for pixels near a hole, in cells of the pyramid (region.py).
 
     Those are whole cells of `tile_resolution` that overlap a cell of `cell_resolution` within
     `rings` cells of one that holds a hole pixel.
@@ -204,7 +204,7 @@ def near_a_hole(
 
 
 def _blocks(mask: NDArray[np.bool_], edge: int) -> NDArray[np.bool_]:
-    """Tell which squares of `edge` pixels hold a True."""
+    """Return True for squares of `edge` pixels that hold a True."""
     height, width = mask.shape
     rows, columns = -(-height // edge), -(-width // edge)
     padded = np.pad(mask, ((0, rows * edge - height), (0, columns * edge - width)))

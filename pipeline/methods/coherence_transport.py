@@ -24,7 +24,7 @@ class CoherenceTransport(Guided[TransportPass]):
     _settings: TransportSettings
 
     def new_plate(self) -> PlateTextures:
-        """Return what keeps the fills of one source frame from view to view."""
+        """Return the plate that keeps the fills of one source frame from view to view."""
         return self._new_plate()
 
     def in_numpy(self) -> InNumpy:

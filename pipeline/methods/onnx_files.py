@@ -102,7 +102,7 @@ def network_files(path: Path) -> list[Path]:
 
 
 def _lies_in(folder: Path, file: Path) -> bool:
-    """Return whether a file lies in a folder, as it is named and where its links lead."""
+    """Return True if a file lies in a folder, as it is named and where its links lead."""
     named = not Path(os.path.relpath(file, folder)).is_relative_to("..")
     if not named or "\0" in str(file):
         return False

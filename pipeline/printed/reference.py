@@ -122,7 +122,7 @@ def half(
 def residual_level(
     low: NDArray[np.float64], state: NDArray[np.float64], pulled: GuidedLevel
 ) -> GuidedLevel:
-    """Give what is to be inpainted of the residual: the low-pass where all of it is known.
+    """Return the residual to be inpainted: the low-pass where all of it is known.
 
     Elsewhere it would mix the foreground in, and at this resolution whole holes would vanish. There
     stands what Alg. 1 has `pulled` from the colours of the hole's own depth, with its validity.

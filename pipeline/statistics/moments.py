@@ -32,7 +32,7 @@ def luma_moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 
 def chroma_slopes(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tell how much chroma goes with luma, ``E[Y C] / E[Y^2]``: (H, W, bands, 2); with `cross`."""
+    """Return slopes of chroma along luma, ``E[Y C] / E[Y^2]``: (H, W, bands, 2); with `cross`."""
     square, product = np.split(_by_band(values)[..., 2:], [1], axis=-1)
     measurable = square > SMALLEST_VARIANCE
     return np.divide(product, square, out=np.zeros_like(product), where=measurable)

@@ -116,7 +116,7 @@ def outlined_levels(
 
 
 def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
-    """Tell where a 3x3 neighbourhood holds a jump of depth from its centre."""
+    """Return True where a 3x3 neighbourhood holds a jump of depth from its centre."""
     padded = np.pad(guide, 1, mode="edge")
     height, width = guide.shape
     shifts = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]

@@ -222,7 +222,7 @@ def coherence(tensor: Floats) -> Floats:
 
 
 def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[Floats, Floats]:
-    """Tell what is near hole pixels, (N, 2), at any depth, and how much of it the fill takes.
+    """Return all that is near hole pixels, (N, 2), at any depth, and the share that the fill takes.
 
     Returns
     -------

@@ -14,7 +14,7 @@ _SWITCHED_OFF = 1
 
 
 def statements(path: Path) -> Iterator[VideoStatement]:
-    """Yield what the header of an AVI file says, as far as it is whole."""
+    """Yield the statements of an AVI file's header, as far as it is whole."""
     kinds: list[bytes] = []
     with path.open("rb") as file:
         file.seek(12)

@@ -23,7 +23,7 @@ _HEADERS: Final = 4096  # bytes that hold every header read here
 
 
 def of_pixel_format(tag: bytes) -> Iterator[VideoStatement]:
-    """Yield what FFmpeg's four characters of a pixel format say of alpha and depth.
+    """Yield the statements of FFmpeg's four characters of a pixel format on alpha and depth.
 
     Of BGRA the reader sees each frame's alpha, and judges that.
     """
@@ -38,7 +38,7 @@ def of_pixel_format(tag: bytes) -> Iterator[VideoStatement]:
 
 
 def of_stream(codec: bytes, header: bytes, packet: bytes, matrix: int) -> Iterator[VideoStatement]:
-    """Yield what the stream says.
+    """Yield the statements of the stream.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def _reference_pictures(bits: _Bits, before: list[int], number: int) -> list[int
 
 
 def _enhancements(packet: bytes, head: int) -> Iterator[VideoStatement]:
-    """Yield what supplemental information of H.264 or HEVC says of the first picture.
+    """Yield the statements of H.264's or HEVC's supplemental information on the first picture.
 
     OpenCV gives packets with start codes; heads of units have `head` bytes.
     """

@@ -27,7 +27,7 @@ _ANEW = "export it anew, in sRGB"
 
 
 def colour(primaries: int, transfer: int, matrix: int) -> Iterator[VideoStatement]:
-    """Yield what three codes of H.273 say, without what is the default."""
+    """Yield the statements of three codes of H.273, without those of the default."""
     kept = _ENCODED.get(transfer, _ENCODED[UNSAID])
     own = _WIDE.get(primaries, "709")
     values: Mapping[str, str]
@@ -58,7 +58,7 @@ def colour(primaries: int, transfer: int, matrix: int) -> Iterator[VideoStatemen
 
 
 def gamma(value: float) -> VideoStatement:
-    """Return what a gamma means: near a display's own it is noted, as of linear light refused."""
+    """Return the meaning of a gamma: near a display's own noted, as of linear light refused."""
     words = f"its gamma is {value:g}"
     if _LEAST_GAMMA <= value <= _LARGEST_GAMMA:
         return VideoStatement("gamma value", words)

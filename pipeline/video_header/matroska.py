@@ -27,7 +27,7 @@ Elements: TypeAlias = Iterator[tuple[int, bytes]]
 
 
 def statements(path: Path) -> Iterator[VideoStatement]:
-    """Yield what the header of a Matroska or WebM file says, as far as it is whole."""
+    """Yield the statements of a Matroska or WebM file's header, as far as it is whole."""
     kinds: list[int] = []
     for name, data in _of_file(path):
         if name == _INFO:

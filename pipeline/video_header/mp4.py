@@ -23,7 +23,7 @@ Linear: TypeAlias = tuple[float, float, float, float]
 
 
 def statements(path: Path) -> Iterator[VideoStatement]:
-    """Yield what the header of an MP4 or QuickTime file says, as far as it is whole."""
+    """Yield the statements of an MP4 or QuickTime file's header, as far as it is whole."""
     tracks: list[str] = []
     for name, movie in _of_file(path):
         if name != "moov":
@@ -103,7 +103,7 @@ def _track(track: bytes, movie: Linear) -> Iterator[VideoStatement]:
 def shown_size(
     shown: tuple[float, float], stored: tuple[int, int], *, turned: bool = False
 ) -> Iterator[VideoStatement]:
-    """Yield what another size than the stored one means: a display size, or another shape."""
+    """Yield the meaning of another size than the stored one: a display size, or another shape."""
     apart = max(abs(one - other) for one, other in zip(shown, stored, strict=True))
     if min(*shown, *stored) <= 0 or apart < 1:
         return
@@ -206,12 +206,12 @@ def _entry(coding: str, data: bytes) -> Iterator[VideoStatement]:
 
 
 def laid_out(statement: str, name: str | None, words: str) -> VideoStatement:
-    """Return what two views or a panorama mean, with FFmpeg's name for how they lie in a frame."""
+    """Return the meaning of two views or a panorama, with FFmpeg's name for their layout."""
     return VideoStatement(statement, words, {"name": name} if name else {"cure": NO_CURE})
 
 
 def dolby_vision(record: bytes) -> VideoStatement:
-    """Return what a Dolby Vision configuration record means."""
+    """Return the meaning of a Dolby Vision configuration record."""
     profile = record[2] >> 1
     if record[4] >> 4:
         return VideoStatement("Dolby Vision", f"Dolby Vision, profile {profile}")
@@ -230,7 +230,7 @@ def _aperture(data: bytes, width: int, height: int) -> Iterator[VideoStatement]:
 def cropped(
     stored: tuple[int, int], shown: tuple[float, float, float, float]
 ) -> Iterator[VideoStatement]:
-    """Yield what a shown part (left, top, width, height) of the stored picture means."""
+    """Yield the meaning of a shown part (left, top, width, height) of the stored picture."""
     x, y, width, height = map(round, shown)
     if (x, y, width, height) == (0, 0, *stored):
         return

@@ -24,7 +24,7 @@ _BY_CODING: Final = -1
 
 
 def statements(path: Path, video: cv2.VideoCapture) -> Iterator[VideoStatement]:
-    """Yield what an opened video says, but the default of each statement.
+    """Yield the statements of an opened video, but the default of each.
 
     Raises
     ------

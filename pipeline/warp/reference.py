@@ -252,7 +252,7 @@ def with_thin(
 def thin_and_mixed(
     flow_px: NDArray[np.float32], depth_m: Floats, stretch: int, surface_px: int
 ) -> tuple[Bools, Bools]:
-    """Tell which pixels are a thing of their own, and which lie in between two others.
+    """Return True for pixels that are a thing of their own, and for those in between two others.
 
     Along a row, a column or a diagonal, with both sides torn: a pixel lies in between if the
     change of motion goes on (both steps together are longer than either) and its depth is not
@@ -298,7 +298,7 @@ def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
 
 
 def within_reach(at: Ints, window: TargetWindow) -> Bools:
-    """Tell which torn quads are looked at for the surfaces that reach into them."""
+    """Return True for torn quads that are looked at for the surfaces that reach into them."""
     low, high = pixel_box(at, window, REACH)
     near: Bools = np.asarray((low <= high).all(axis=1))
     return near
@@ -341,7 +341,7 @@ def corners(vertices: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> Bools:
-    """Tell which quads tie two surfaces together: those with a torn side.
+    """Return True for quads that tie two surfaces together: those with a torn side.
 
     A side is torn if it is longer than `stretch` (1/256 px) and belongs to no surface: a
     surface is `surface_px` sides in line, this one among them, that differ from it by at most
@@ -355,7 +355,7 @@ def torn_quads(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> B
 
 
 def mesh_sides(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> tuple[Bools, Bools]:
-    """Tell which sides of the mesh are torn, by the vertex left of or above them.
+    """Return True for torn sides of the mesh, by the vertex left of or above them.
 
     Between horizontal neighbours, shape (H + 4, W + 3); between vertical ones, (H + 3, W + 4).
     """
@@ -377,7 +377,7 @@ def mesh_sides(flow_px: NDArray[np.float32], stretch: int, surface_px: int) -> t
 
 
 def torn_sides(moved: Ints, line: Ints, stretch: int, surface_px: int) -> Bools:
-    """Tell which vertices are torn from the next one of their line; see `torn_quads`.
+    """Return True for vertices that are torn from the next one of their line; see `torn_quads`.
 
     Parameters
     ----------
@@ -451,7 +451,7 @@ def pixel_box(at: Ints, window: TargetWindow, reach: int = 0) -> tuple[Ints, Int
 
 
 def inside(corner: Ints) -> tuple[Bools, Floats]:
-    """Tell which triangles, shape (n, 3, 2), hold the origin, and their corners' weights."""
+    """Return True for triangles, shape (n, 3, 2), that hold the origin, and corners' weights."""
     after = np.roll(corner, -1, axis=1)
     # Twice the area between the origin and each edge; each weighs the corner opposite.
     side = corner[..., 0] * after[..., 1] - corner[..., 1] * after[..., 0]

@@ -72,7 +72,7 @@ def without_rim(warped: WarpedFrame, rim_px: int, alike_px: float) -> WarpedFram
 
 
 def ahead(plane: NDArray[Scalar], direction: tuple[int, int], steps: int) -> NDArray[Scalar]:
-    """Give what lies `steps` in `direction` (y, x) from each pixel; 0 beyond the edge."""
+    """Return the values `steps` in `direction` (y, x) from each pixel; 0 beyond the edge."""
     padded = np.pad(plane, steps)
     top, left = (steps + steps * along for along in direction)
     return padded[top : top + plane.shape[0], left : left + plane.shape[1]]

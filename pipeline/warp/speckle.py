@@ -31,7 +31,7 @@ def taken(
 
 
 def mends(depth_m: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Tell which pixels are outliers and which pixel each is to be like, (N, 2) each.
+    """Return the pixels that are outliers and the pixel that each is to be like, (N, 2) each.
 
     That is the median, in depth, of what is no outlier in the smallest window of `WIDER_PX` that
     holds any. An outlier without one stays as it is.
@@ -62,7 +62,7 @@ def _chunks(pixels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
 
 
 def outliers(depth_m: NDArray[np.float32]) -> Bools:
-    """Tell which pixels nothing around them bears out, shape (H, W).
+    """Return True for pixels that nothing around them bears out, shape (H, W).
 
     A pixel is borne out if at least `LEAST_ALIKE` of the 7x7 around it have its depth, or if three
     steps over such pixels lead out of the 5x5 around it: thin things, such as spokes, wires and

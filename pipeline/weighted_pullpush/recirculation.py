@@ -22,7 +22,7 @@ SAME_SURFACE = 0.04  # depths that differ by a larger share of the greater one a
 
 
 def recirculating(weight: float) -> KeptFills:
-    """Return what fills views of one source frame from what they know and what was shown.
+    """Return the fill of views of one source frame from what they know and what was shown.
 
     Parameters
     ----------

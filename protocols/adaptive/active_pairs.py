@@ -119,7 +119,7 @@ def posterior(wins: ArrayLike, *, prior_sd_jod: float = PRIOR_SD_JOD) -> Scores:
 
 
 def information_gain(scores: Scores) -> Floats:
-    """Return what one more answer to each pair is expected to tell (n, n), in nats.
+    """Return the expected information of one more answer to each pair (n, n), in nats.
 
     Symmetric, with zeros on the diagonal.
     """

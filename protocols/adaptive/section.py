@@ -135,7 +135,7 @@ class AdaptiveLevels(Adaptive):
         )
 
     def tracks(self, task: Task, pool: Pool) -> dict[str, Condition]:
-        """Return what each track holds fixed, by its name."""
+        """Return the values that each track holds fixed, by its name."""
         found: dict[str, Condition] = {}
         for cell in task.cells(pool):
             condition = cell.arrangements[0].condition

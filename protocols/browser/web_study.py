@@ -197,7 +197,7 @@ def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
 
 
 def deviations_s(study: StudyProtocol, display: Display) -> dict[str, float]:
-    """Return how much longer each time is on a display than the study states, where it is."""
+    """Return the surplus of each time on a display over the study's, where there is one."""
     found = {
         place: (display.frames(stated_s) or 0) / display.refresh_hz - stated_s
         for place, stated_s in stated_times_s(study).items()

@@ -32,7 +32,7 @@ def written(name: str) -> tuple[str, int] | None:
 
 
 def is_gone(process: int) -> bool:
-    """Return whether no other process here has this number."""
+    """Return True if no other process here has this number."""
     # Who asks has not begun to write.
     return process == os.getpid() or not psutil.pid_exists(process)
 

@@ -111,7 +111,7 @@ def check_folder(folder: Path) -> None:
 
 
 def stranger(folder: Path, keeps: str | None = None) -> str | None:
-    """Return what `folder` holds that its `LISTING` does not, in words; None: nothing.
+    """Return the things in `folder` that its `LISTING` does not name, in words; None: nothing.
 
     `keeps` is a folder in it that is not looked at.
     """
@@ -159,7 +159,7 @@ def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
 
 
 def _is_own(path: Path, folder: Path, known: Mapping[str, str]) -> bool:
-    """Return whether a file is as a result listed it, or an empty folder held such a file."""
+    """Return True if a file is as a result listed it, or an empty folder held such a file."""
     name = path.relative_to(folder).as_posix()
     if path.is_symlink():
         return False
@@ -181,7 +181,7 @@ def leaves(folder: Path) -> Iterator[Path]:
 
 
 def without_links(path: Path) -> Path:
-    """Return where a path lies, absolute and without links.
+    """Return a path, absolute and without links.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def without_links(path: Path) -> Path:
 
 
 def _place(out: Path) -> Path:
-    """Return where `out` lies, without links."""
+    """Return the place of `out`, without links."""
     place, here = without_links(out), without_links(Path())
     if place.exists() and not place.is_dir():
         raise StudyError(f"{out}: must be a folder to fill (this is a file)")
@@ -329,7 +329,7 @@ def _hidden(out: Path, kind: str) -> Iterator[Path]:
 
 
 def _mark(out: Path) -> str:
-    """Return what a working folder says of itself, which no other folder says."""
+    """Return the mark of a working folder, which no other folder has."""
     return (
         f"metamerlab was writing {out.name!a} and was stopped. What lies here is unfinished:"
         " the next\ncommand that writes it deletes this.\n"

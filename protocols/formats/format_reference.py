@@ -114,7 +114,7 @@ def reference_text(name: str) -> str:
 
 
 def _says(line: str, word: str) -> bool:
-    """Return whether a line's type has a word of ours."""
+    """Return True if a line's type has a word of ours."""
     return f" {word}" in line.partition("):")[0].replace("(", " ")
 
 

@@ -56,7 +56,7 @@ def schema_text(name: str) -> str:
 
 
 def schema_path(name: str) -> Path:
-    """Return where the published schema of a format lies."""
+    """Return the path of the published schema of a format."""
     return Path(str(files("protocols"))) / "schemas" / f"{name}.schema.json"
 
 

@@ -101,11 +101,11 @@ class Recipe(Model):
         return {"stimuli": self.model_dump(mode="json")}
 
     def labels(self) -> Mapping[str, str]:
-        """Return what reports print for the values of conditions."""
+        """Return the words that reports print for the values of conditions."""
         return {}
 
     def described(self, _display: Display, _scenes: Sequence[str]) -> tuple[Block, ...]:
-        """Return what a preregistration says of the stimuli."""
+        """Return a preregistration's blocks on the stimuli."""
         raise NotImplementedError
 
     def size_px(self, display: Display) -> tuple[int, int]:
@@ -143,11 +143,11 @@ class Recipe(Model):
         return False
 
     def live_methods(self) -> Mapping[str, LiveMethod]:
-        """Return what draws each stimulus that follows the gaze, by its name."""
+        """Return the drawing method of each stimulus that follows the gaze, by its name."""
         return {}
 
     def stated(self, _stimulus: Stimulus) -> Parameters:
-        """Return what a manifest must say of a stimulus, by field of its clip or by parameter."""
+        """Return a stimulus's values in a manifest, by field of its clip or by parameter."""
         return {"fps": self.frame_hz, "bit_depth": self.bit_depth}
 
     def values(self, column: str) -> tuple[Scalar, ...]:

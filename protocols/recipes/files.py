@@ -104,7 +104,7 @@ class Files(Recipe):
         return tuple(Stimulus(entry.name, entry.condition) for entry in self.entries)
 
     def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
-        """Return what there is, and its conditions."""
+        """Return blocks on the files, and their conditions."""
         what = "pictures" if self.frames == 1 else f"videos of {self.duration_s:g} s"
         values = [
             f"{column}: " + ", ".join(str(value) for value in self.values(column))
@@ -134,7 +134,7 @@ class Files(Recipe):
         return 1 if self.duration_s is None else max(1, round(self.duration_s * self.frame_hz))
 
     def place(self, index: int, key: str) -> str:
-        """Say where an entry's key was written: in the table or in the study."""
+        """Return the place where an entry's key was written: in the table or in the study."""
         if self.table is None:
             return f"stimuli.entries[{index}].{key}"
         column = "stimulus" if key == "name" else key

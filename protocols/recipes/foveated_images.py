@@ -142,7 +142,7 @@ class Rings(Model):
     """Width of the method's picture around the ring, for an undistorted background."""
 
     def arcs(self, eccentricity_deg: float) -> tuple[float, float]:
-        """Return where a ring fits in the first quarter of its circle: polar angles from, to.
+        """Return the part of its circle's first quarter where a ring fits: polar angles from, to.
 
         The other quarters mirror it; from equals to where it fits nowhere. A ring fits where the
         cone of sight that holds it passes no edge of the field: the direction to its middle is at
@@ -171,7 +171,7 @@ class Rings(Model):
         return quarter * _TURN / 4 + (angle if quarter % 2 == 0 else _TURN / 4 - angle)
 
     def cut_away(self) -> list[str]:
-        """Return what of each circle lies outside of the field, in a line; none: nothing does."""
+        """Return the part of each circle outside of the field, in a line; none: nothing is."""
         said = []
         for eccentricity in self.eccentricities_deg:
             first, last = self.arcs(eccentricity)
@@ -487,7 +487,7 @@ class FoveatedImages(ExtendedModel, Recipe):
         return {"stimuli": raw}
 
     def labels(self) -> dict[str, str]:
-        """Return what reports print for methods."""
+        """Return the words that reports print for methods."""
         return {one.name: one.label for one in self.methods if one.label}
 
     def described(self, display: Display, scenes: Sequence[str]) -> tuple[Block, ...]:
@@ -597,7 +597,7 @@ class FoveatedImages(ExtendedModel, Recipe):
         return []
 
     def cut_away(self) -> tuple[str, ...]:
-        """Return which parts of a circle have no rings."""
+        """Return the parts of a circle that have no rings."""
         return () if self.rings is None else tuple(self.rings.cut_away())
 
 

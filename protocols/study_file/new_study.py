@@ -199,7 +199,7 @@ def clip_fps(refresh_hz: float) -> float:
 
 
 def whole_frames_s(frames: int, fps: float) -> float:
-    """Return how long so many frames last, in as few digits as say it."""
+    """Return the duration of so many frames, in as few digits as say it."""
     return float(shortest(frames / fps, lambda s: abs(s * fps - frames) <= 1e-6))
 
 
@@ -244,7 +244,7 @@ def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _comment(owner: type[BaseModel], key: str) -> list[str]:
-    """Return what the schema says of a key: meaning, then unit, range and default."""
+    """Return the schema's words on a key: meaning, then unit, range and default."""
     published = _schema_of(owner)
     schema: dict[str, Any] = published["properties"][key]
     said = " ".join(schema.get("description", "").split())

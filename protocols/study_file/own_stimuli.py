@@ -156,7 +156,7 @@ class OwnStimuli:
         return found
 
     def words(self) -> dict[str, str]:
-        """Return what templates have in the place of ``@WORD@``."""
+        """Return the text that templates have in the place of ``@WORD@``."""
         stills = self.stills_px is not None
         methods = self._every_method
         width_px, height_px = self.stills_px or (0, 0)

@@ -38,7 +38,7 @@ def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str
 
 
 def unknown_placeholders(text: str) -> Iterator[str]:
-    """Yield what is wrong with each `{...}` of a text that stands for nothing."""
+    """Yield the fault of each `{...}` of a text that stands for nothing."""
     for word in re.findall(r"\{(\w*)\}", text):
         if word not in PLACEHOLDERS:
             yield (
@@ -48,12 +48,12 @@ def unknown_placeholders(text: str) -> Iterator[str]:
 
 
 def consent_text(texts: Texts, contact: str) -> str:
-    """Return what the consent page says, placeholders included: the text, and whom to ask."""
+    """Return the text of the consent page, placeholders included: the text, and whom to ask."""
     return texts.consent + (f"\n\n{contact}" if contact else "")
 
 
 def key_label(name: str, names: Mapping[str, str] | None = None) -> str:
-    """Return how a key is shown to a participant: ``←``, ``F``, ``space``, ``num 4``.
+    """Return the participant's name of a key: ``←``, ``F``, ``space``, ``num 4``.
 
     `names` has the words of the participant's language.
     """

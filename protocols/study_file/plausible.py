@@ -42,7 +42,7 @@ WIDEST_BASELINE_M: Final = 2
 
 
 def display_notes(display: Display) -> list[Problem]:
-    """Return what may be wrong with a display's measures."""
+    """Return notes on possible mistakes in a display's measures."""
     found = []
     low, high = DISTANCE_MM
     if not low <= display.distance_mm <= high:
@@ -68,7 +68,7 @@ def display_notes(display: Display) -> list[Problem]:
 
 
 def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Problem]:
-    """Return what may be wrong with a study on its display.
+    """Return notes on possible mistakes in a study on its display.
 
     Parameters
     ----------

@@ -136,7 +136,7 @@ def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] |
 
 
 def _power(found: Mapping[str, Any]) -> str:
-    """Say what a simulation of power found for the planned participants."""
+    """Return the power that a simulation found for the planned participants."""
     try:
         people = [int(number) for number in found["participants"]]
         at = people.index(found["planned"])
@@ -290,7 +290,7 @@ def _gaze(gaze: Gaze) -> str:
 
 
 def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
-    """Return what is given up in participants' own browsers; nothing where none is meant."""
+    """Return the guarantees that browsers do not give; nothing where none is meant."""
     web = protocol.web
     if web is None:
         return []

@@ -99,7 +99,7 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
 
 
 def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
-    """Return what must hold, what was found, and a cure; empty where another mistake says it.
+    """Return the rule, the value that was found, and a cure; empty where another mistake says it.
 
     `owner` is the model of the key that is wrong.
     """

@@ -363,7 +363,7 @@ class Privacy(Model):
         return f"^(?:{self.code_pattern})$"
 
     def accepts(self, code: str) -> bool:
-        """Return whether the pattern matches a participant's code, in time linear in its length."""
+        """Return True if the pattern matches a participant's code, in time linear in its length."""
         # pydantic matches by automata and never goes back, as Python's own expressions do
         try:
             TypeAdapter(

@@ -73,7 +73,7 @@ class Abx(Compared):
         )
 
     def right_answer(self) -> str:
-        """Return what the three are, and which answer is right."""
+        """Return a sentence on the three stimuli and the right answer."""
         return f"{self.pair_sentence('A', 'B')}; X is one of the two again, and right is which."
 
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:

@@ -77,7 +77,7 @@ class Turn:
     """Attempts at this trial so far."""
 
     def chance(self, *purpose: Json) -> Chance:
-        """Return what chance gives the participant for a purpose."""
+        """Return the participant's source of chance for a purpose."""
         return Chance(*self.person, *purpose)
 
 
@@ -98,7 +98,7 @@ class Adaptive(Model):
         raise NotImplementedError
 
     def problems(self, _task: Task, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         if pool.repeats != 1:
             yield Problem(
                 "design.repeats",
@@ -107,11 +107,11 @@ class Adaptive(Model):
             )
 
     def sentence(self, task: Task, pool: Pool) -> str:
-        """Return what a participant meets, for a preregistration."""
+        """Return a sentence on what a participant meets, for a preregistration."""
         raise NotImplementedError
 
     def trials_of(self, task: Task, pool: Pool) -> int:
-        """Return how many trials all tracks have."""
+        """Return the number of trials of all tracks."""
         return len(self.slots(task, pool, Chance("count")))
 
 
@@ -133,7 +133,7 @@ class Analysis(ExtendedModel):
     for two answers that are right or wrong, EZ diffusion."""
 
     def problems(self, _task: Task, _pool: Pool, /) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from ()
 
     def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
@@ -141,7 +141,7 @@ class Analysis(ExtendedModel):
         raise NotImplementedError
 
     def judged(self, _task: Task, _pool: Pool) -> str:
-        """Return which p planned looks judge, within a sentence."""
+        """Return the p that planned looks judge, within a sentence."""
         return "that of the planned test"
 
 
@@ -205,11 +205,11 @@ class Task(ExtendedModel):
     # The trial.
 
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
-        """Return what is shown between fixation and answer."""
+        """Return the phases between fixation and answer."""
         raise NotImplementedError
 
     def phases_after(self, _pool: Pool, _display: Display) -> tuple[Phase, ...]:
-        """Return what is shown and asked after answer and confidence, before feedback."""
+        """Return the phases after answer and confidence, before feedback."""
         return ()
 
     def durations(self) -> Mapping[str, float]:
@@ -217,11 +217,11 @@ class Task(ExtendedModel):
         return {} if self.stimulus_s is None else {"stimulus_s": self.stimulus_s}
 
     def shown_s(self, pool: Pool) -> float:
-        """Return how long a trial shows stimuli, gaps included."""
+        """Return the time for which a trial shows stimuli, gaps included."""
         raise NotImplementedError
 
     def single_s(self, pool: Pool) -> float:
-        """Return how long one stimulus is shown."""
+        """Return the time for which one stimulus is shown."""
         return pool.stimuli.clip_s or self.stimulus_s or 0.0
 
     def description(self, pool: Pool) -> str:
@@ -229,7 +229,7 @@ class Task(ExtendedModel):
         raise NotImplementedError
 
     def design_sentence(self, pool: Pool) -> str:
-        """Return what a participant meets how often, for a preregistration."""
+        """Return a sentence on what a participant meets how often, for a preregistration."""
         rule = self.adaptation
         if rule is not None:
             return rule.sentence(self, pool)
@@ -237,11 +237,11 @@ class Task(ExtendedModel):
         return f"{cells} conditions, each {times(pool.repeats)}"
 
     def right_answer(self) -> str:
-        """Return which answer is right, in a sentence; empty where none is."""
+        """Return the right answer in a sentence; empty where none is."""
         return ""
 
     def catch_sentence(self) -> str:
-        """Return what the catch trials show."""
+        """Return a sentence on the catch trials."""
         raise NotImplementedError
 
     # The tables.
@@ -258,7 +258,7 @@ class Task(ExtendedModel):
         raise NotImplementedError
 
     def row(self, attempt: Attempt) -> dict[str, object]:
-        """Return what an attempt says in the columns of condition and answer."""
+        """Return an attempt's values in the columns of condition and answer."""
         raise NotImplementedError
 
     def all_answer_columns(self) -> tuple[Column, ...]:
@@ -266,7 +266,7 @@ class Task(ExtendedModel):
         return (*self.answer_columns(), *(COLUMNS if self.confidence else ()))
 
     def whole_row(self, attempt: Attempt) -> dict[str, object]:
-        """Return what an attempt says in the columns of condition, answer and confidence."""
+        """Return an attempt's values in the columns of condition, answer and confidence."""
         return {**self.row(attempt), **(self.confidence.row(attempt) if self.confidence else {})}
 
     def arranged_columns(self, pool: Pool) -> frozenset[str]:
@@ -286,7 +286,7 @@ class Task(ExtendedModel):
     # Mistakes.
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         if pool.stimuli.clip_s is None and self.stimulus_s is None:
             yield Problem("task.stimulus_s", "missing: the stimuli are stills, say how long")
         if pool.stimuli.clip_s is not None and self.stimulus_s is not None:
@@ -301,7 +301,7 @@ class Task(ExtendedModel):
         return {}
 
     def labels(self) -> Mapping[str, str]:
-        """Return what reports print for values of its own columns."""
+        """Return the words that reports print for values of its own columns."""
         return {}
 
     def check_shown(self, pool: Pool, place: str, names: Iterable[str]) -> Iterator[Problem]:
@@ -372,12 +372,12 @@ def whole_frames(display: Display, duration_s: float) -> int:
 
 
 def times(count: int) -> str:
-    """Return how often: once, or so many times."""
+    """Return a number of times in words: once, or so many times."""
     return "once" if count == 1 else f"{count} times"
 
 
 def matches(condition: Condition, where: Mapping[str, Scalar]) -> bool:
-    """Return whether a condition has all these values."""
+    """Return True if a condition has all these values."""
     return all(condition.get(column) == value for column, value in where.items())
 
 

@@ -36,11 +36,11 @@ class Standards(Task):
     """Columns in which a stimulus and its standard agree."""
 
     def is_standard(self, stimulus: Stimulus) -> bool:
-        """Return whether others are compared with this stimulus."""
+        """Return True if others are compared with this stimulus."""
         return self.standard is not None and matches(stimulus.condition, self.standard)
 
     def key(self, stimulus: Stimulus) -> tuple[Scalar | None, ...]:
-        """Return what a stimulus and its standard have in common."""
+        """Return the values that a stimulus and its standard have in common."""
         return tuple(stimulus.condition.get(name) for name in self.matched)
 
     def standards(self, pool: Pool) -> dict[tuple[Scalar | None, ...], list[str]]:
@@ -121,7 +121,7 @@ class Compared(Standards, RightOrWrong):
         return {AGAINST: (STANDARD, ANOTHER)} if both else {}
 
     def labels(self) -> Mapping[str, str]:
-        """Return what reports print for the two comparisons."""
+        """Return the words that reports print for the two comparisons."""
         if not self.own_columns():
             return {}
         return {STANDARD: "against the standard", ANOTHER: "against another"}
@@ -153,7 +153,7 @@ class Compared(Standards, RightOrWrong):
         return {**super().durations(), "gap_s": self.gap_s}
 
     def pair_sentence(self, one: str, other: str) -> str:
-        """Return in what the two stimuli differ, under the names that a trial gives them."""
+        """Return the differences of the two stimuli, under the names that a trial gives them."""
         found = []
         if self.standard is not None:
             where = ", ".join(f"{column} {value}" for column, value in self.standard.items())
@@ -176,7 +176,7 @@ class Compared(Standards, RightOrWrong):
         )
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         if self.standard is None and self.compare is None:
             yield Problem("task", "must have standard, compare or both")

@@ -47,7 +47,7 @@ class Confidence(Model):
         return self.keys or tuple((answer,) for answer in self.answers[:_DIGITS])
 
     def labelled(self, language: str) -> tuple[str, ...]:
-        """Return what stands for each step."""
+        """Return the label of each step."""
         return self.labels.get(language, self.answers)
 
     def phase(self) -> Phase:
@@ -57,7 +57,7 @@ class Confidence(Model):
         return Phase(CONFIDENCE, None, (QuestionText(),), asks=question)
 
     def row(self, attempt: Attempt) -> Mapping[str, object]:
-        """Return what an attempt says in `COLUMNS`."""
+        """Return an attempt's values in `COLUMNS`."""
         for given in attempt.further:
             if given.question == CONFIDENCE:
                 return {CONFIDENCE: int(given.answer), f"{CONFIDENCE}_rt_s": given.rt_s}

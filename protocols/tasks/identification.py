@@ -43,11 +43,11 @@ class Identification(SingleStimulus):
         return None if value is None else str(value)
 
     def right_answer(self) -> str:
-        """Return what names the right answer."""
+        """Return the words for the right answer."""
         return f"The right answer is the {self.named_by} of the stimulus."
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         yield from pool.check_columns("task.named_by", (self.named_by,))
         if len(set(self.alternatives)) < len(self.alternatives):

@@ -34,7 +34,7 @@ Weights = Annotated[dict[str, float], BeforeValidator(_weights)]
 
 
 def least_of(comparisons: str, *, several: bool, correction: str) -> str:
-    """Return which p planned looks judge, within a sentence: the least of comparisons."""
+    """Return the p that planned looks judge, within a sentence: the least of comparisons."""
     if not several:
         return f"that of the comparison {comparisons}"
     if correction == "holm":
@@ -59,7 +59,7 @@ class MixedAnalysis(Analysis):
     which holds where people are few; some 1000, each a fit. Default: none."""
 
     def contrast_problems(self, known: Sequence[str]) -> Iterator[Problem]:
-        """Yield what is wrong with contrasts of these conditions."""
+        """Yield the faults of contrasts of these conditions."""
         for name, weights in self.contrasts.items():
             where = f"analysis.contrasts.{name}"
             for condition in weights:

@@ -155,7 +155,7 @@ class PreferenceAnalysis(Preferences):
         ]
 
     def judged(self, _task: Task, _pool: Pool) -> str:
-        """Return which p planned looks judge, within a sentence."""
+        """Return the p that planned looks judge, within a sentence."""
         return "that of the primary comparison, not adjusted"
 
 
@@ -214,7 +214,7 @@ class ActivePairs(Adaptive):
             )
 
     def sentence(self, task: Task, pool: Pool) -> str:
-        """Return how pairs are chosen."""
+        """Return a sentence on how pairs are chosen."""
         assert isinstance(task, PairTask)
         methods = len(pool.stimuli.values(task.compare))
         return (
@@ -319,7 +319,7 @@ class PairTask(Task):
         )
 
     def design_sentence(self, pool: Pool) -> str:
-        """Return which pairs are shown how often."""
+        """Return a sentence on the pairs that are shown, and how often."""
         if self.sampling is not None:
             return self.sampling.sentence(self, pool)
         pairs = ", ".join(f"{a} / {b}" for a, b in self.paired(pool))
@@ -328,7 +328,7 @@ class PairTask(Task):
         return f"pairings {pairs}, each in every {where} {often}, in both orders"
 
     def catch_sentence(self) -> str:
-        """Return what the catch trials show."""
+        """Return a sentence on the catch trials."""
         assert self.catch is not None
         where = ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
         return f"{self.catch.better} against {self.catch.worse}, {where}"
@@ -342,7 +342,7 @@ class PairTask(Task):
         return (*SCENE_COLUMNS, *added, *PAIR_COLUMNS)
 
     def answer_columns(self) -> tuple[Column, ...]:
-        """Return what was picked."""
+        """Return the columns of the method that was picked."""
         return CHOICE_COLUMNS
 
     def row(self, attempt: Attempt) -> dict[str, object]:
@@ -371,11 +371,11 @@ class PairTask(Task):
         }
 
     def arranged_columns(self, _pool: Pool) -> frozenset[str]:
-        """Return what was first and second: what was picked and what was not tell no order."""
+        """Return the columns of first and second: the picked and the other tell no order."""
         return frozenset({"first", "second", "choice", "chose_first"})
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         yield from pool.check_columns("task.compare", (self.compare,))
         for name in set(self.answers()) & set(pool.stimuli.columns()):

@@ -62,7 +62,7 @@ def name_of(value: object) -> str:
 
 
 def value_of(condition: Condition, columns: Sequence[str]) -> str:
-    """Return what a condition is compared as, by the columns of `by`."""
+    """Return the name under which a condition is compared, by the columns of `by`."""
     if len(columns) == 1:
         return str(condition.get(columns[0], ""))
     return BETWEEN.join(name_of(condition.get(column, "")) for column in columns)
@@ -217,7 +217,7 @@ class RatesAnalysis(MixedAnalysis):
         return found + self.mixed_sentences()
 
     def judged(self, task: Task, pool: Pool) -> str:
-        """Return which p planned looks judge, within a sentence."""
+        """Return the p that planned looks judge, within a sentence."""
         baseline, *others = self.tested(task, pool)
         if not others:
             return self.judged_alone

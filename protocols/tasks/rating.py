@@ -61,7 +61,7 @@ class RatingsAnalysis(MixedAnalysis):
         return list(dict.fromkeys(name_of(condition.get(self.by, "")) for condition in shown))
 
     def judged(self, task: Task, pool: Pool) -> str:
-        """Return which p planned looks judge, within a sentence."""
+        """Return the p that planned looks judge, within a sentence."""
         known = self.known(task, pool)
         of = f"between {' and '.join(known)}" if len(known) == 2 else f"between values of {self.by}"
         if self.baseline is not None:
@@ -151,7 +151,7 @@ class Rating(Standards):
         return {**attempt.condition, "rating": attempt.answer, "step": step}
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         yield from self.standard_problems(pool)
         for key in ("matched", "gap_s"):

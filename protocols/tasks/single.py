@@ -65,12 +65,12 @@ class RightOrWrong(Task):
         return 0 if self.catch is None else self.catch.trials
 
     def catch_sentence(self) -> str:
-        """Return what the catch trials show."""
+        """Return a sentence on the catch trials."""
         assert self.catch is not None
         return ", ".join(f"{column} {value}" for column, value in self.catch.where.items())
 
     def answer_columns(self) -> tuple[Column, ...]:
-        """Return what was answered, and whether it was right."""
+        """Return the columns of the answer, and of whether it was right."""
         return ANSWER_COLUMNS
 
     def row(self, attempt: Attempt) -> dict[str, object]:
@@ -84,7 +84,7 @@ class RightOrWrong(Task):
         }
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         if self.catch is not None:
             wrong = list(pool.check_where("task.catch.where", self.catch.where))
@@ -121,7 +121,7 @@ class SingleStimulus(RightOrWrong):
         return (shown_phase(pool, display, self, "stimulus", [(0, 0.0)]),)
 
     def shown_s(self, pool: Pool) -> float:
-        """Return how long the stimulus is shown."""
+        """Return the time for which the stimulus is shown."""
         return self.single_s(pool)
 
     def description(self, pool: Pool) -> str:

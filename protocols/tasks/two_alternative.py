@@ -31,7 +31,7 @@ class TwoAlternative(PairTask):
         return (shown_phase(pool, display, self, "both", [(0, -half_deg), (1, half_deg)]),)
 
     def shown_s(self, pool: Pool) -> float:
-        """Return how long both are shown."""
+        """Return the time for which both are shown."""
         return self.single_s(pool)
 
     def description(self, pool: Pool) -> str:

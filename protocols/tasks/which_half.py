@@ -72,7 +72,7 @@ class WhichHalf(Compared):
         )
 
     def right_answer(self) -> str:
-        """Return what changes, and which answer is right."""
+        """Return a sentence on what changes, and on the right answer."""
         return f"{self.pair_sentence('What is shown first', 'what it changes to')}; right is where."
 
     def condition_columns(self, pool: Pool) -> tuple[Column, ...]:
@@ -84,7 +84,7 @@ class WhichHalf(Compared):
         )
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         if pool.stimuli.clip_s is not None:
             yield Problem("task.kind", "must be another one: which-half shows stills, no clips")

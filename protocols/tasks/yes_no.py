@@ -55,14 +55,14 @@ class YesNo(SingleStimulus):
         return "yes" if held else "no"
 
     def right_answer(self) -> str:
-        """Return where yes is right."""
+        """Return a sentence on where yes is right."""
         where = " and ".join(
             f"{column} is {' or '.join(map(str, values))}" for column, values in self.signal.items()
         )
         return f"Yes is right where {where}, else no."
 
     def problems(self, pool: Pool) -> Iterator[Problem]:
-        """Yield what does not fit the rest of the study."""
+        """Yield all that does not fit the rest of the study."""
         yield from super().problems(pool)
         for column, values in self.signal.items():
             for index, value in enumerate(values):

@@ -247,7 +247,7 @@ def render_scene(
 
 
 def _unlike_training(facts: Facts, geometry: Geometry) -> list[str]:
-    """Say where the network has to guess: it knows pictures like those that it was trained on."""
+    """Return notes where the network guesses: it knows pictures like those it was trained on."""
     middle = np.array(geometry.width_px / 2), np.array(geometry.height_px / 2)
     density = float(geometry.px_per_deg(*middle))
     trained = look_at((facts.edge_px, facts.edge_px), fov_deg=facts.width_deg).geometry

@@ -43,7 +43,7 @@ class StatedViewing:
     panorama: bool = False
 
     def of(self, size: tuple[int, int]) -> GazeAndDisplay:
-        """Return how a picture of (height, width) is looked at; raises as `look_at`."""
+        """Return the gaze and the display of a picture of (height, width); raises as `look_at`."""
         return look_at(size, display=self.display, fov_deg=self.fov_deg, panorama=self.panorama)
 
 
@@ -68,7 +68,7 @@ def look_at(
     fov_deg: float | None = None,
     panorama: bool = False,
 ) -> GazeAndDisplay:
-    """Say how a picture is looked at.
+    """Return the gaze and the display with which a picture is looked at.
 
     Parameters
     ----------

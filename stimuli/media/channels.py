@@ -179,7 +179,7 @@ class _Fit:
 def find(
     path: Path, planes: Planes, key: str, given: str | None = None, *, layer: Layer | None = None
 ) -> NDArray[np.float32] | None:
-    """Return what `key` of `KNOWN` is in a file, in our unit; None if it is not there.
+    """Return the values of `key` of `KNOWN` in a file, in our unit; None if it is not there.
 
     Depth is inf where there is nothing.
 
@@ -219,7 +219,7 @@ def need(
     layer: Layer | None = None,
     cure: str = "",
 ) -> NDArray[np.float32]:
-    """Return what `find` returns.
+    """Return the result of `find`.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def depth_layer(path: Path, planes: Planes, given: str | None = None) -> Layer |
 
 
 def colour_layer(path: Path, planes: Planes, given: str | None = None) -> Layer | None:
-    """Return what `depth_layer` does; None where depth is not clear, which colour does not need."""
+    """Return `depth_layer`; None where depth is not clear, which colour does not need."""
     try:
         return depth_layer(path, planes, given)
     except InputError:
@@ -361,7 +361,7 @@ def need_motion(
     layer: Layer | None = None,
     cure: str = "",
 ) -> Motion:
-    """Return what `find_motion` returns.
+    """Return the result of `find_motion`.
 
     Raises
     ------

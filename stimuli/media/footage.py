@@ -211,7 +211,7 @@ class Footage:
         return result
 
     def truth(self, frame: int) -> NDArray[np.float32]:
-        """Return what the camera of `frame` really sees."""
+        """Return the true view of the camera of `frame`."""
         path, shot = self.shot.path, self.shot
         rendered = isinstance(self._scenery, RenderedScenery)
         warped = _NOTHING if rendered else self.warped(frame)

@@ -139,7 +139,7 @@ def write_video(path: Path, frames: Sequence[Path], fps: float) -> None:
 def whole_video(
     path: Path, size_px: tuple[int, int], fps: float
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
-    """Give what writes a frame, (height, width, 3); the video appears when all went well.
+    """Yield a writer of frames, (height, width, 3); the video appears when all went well.
 
     On a full disk OpenCV drops frames and reports success, so the file is read back. Of the same
     frames it has the same bytes. What a killed program left of it is removed before.

@@ -53,7 +53,7 @@ class CameraPlace:
 
     @classmethod
     def of(cls, view: Viewpoint) -> CameraPlace:
-        """Return where a view stands and how it is turned."""
+        """Return the place and the direction of a view."""
         x, y, z = np.subtract(view.look_at_m, view.position_m)
         return cls(
             *view.position_m,
@@ -64,7 +64,7 @@ class CameraPlace:
 
     @classmethod
     def from_words(cls, words: Mapping[str, str]) -> CameraPlace:
-        """Return what a page asks for.
+        """Return the place that a page asks for.
 
         Raises
         ------

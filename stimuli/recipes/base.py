@@ -45,22 +45,22 @@ class Builder:
         self.protocol, self.display, self.folder = protocol, display, folder
 
     def problems(self) -> list[Problem]:
-        """Return what the recipe asks for and this installation does not have."""
+        """Return the wishes of the recipe that this installation cannot meet."""
         return []
 
     def lacking(self) -> list[Problem]:
-        """Return what a build needs and this installation lacks, though it could be had.
+        """Return the needs of a build that this installation lacks, though they could be had.
 
         No mistake of the study: where sessions run, built stimuli are enough.
         """
         return []
 
     def notes(self) -> list[Problem]:
-        """Return what may be a mistake and may be meant."""
+        """Return notes on possible mistakes, which may be meant."""
         return []
 
     def estimate(self, out: Path, workers: int) -> BuildEstimate:
-        """Say what a build would cost.
+        """Return the cost of a build.
 
         Raises
         ------

@@ -44,7 +44,7 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
         return [*self._reserved(), *self._wrong_headers()]
 
     def notes(self) -> list[Problem]:
-        """Return what headers say and is not followed, each with the first file that says it."""
+        """Return statements of headers that are not followed, each with the first such file."""
         files: dict[str, list[str]] = {}
         for entry in self.recipe.entries:
             header = self._headers.get(entry.name)

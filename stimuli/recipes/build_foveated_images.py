@@ -318,7 +318,7 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
         return {file.name: _file_hash(file) for file in sorted(folder.iterdir()) if file.is_file()}
 
     def record(self, entry: FoveatedStimulus, key: str, hashes: tuple[str, ...]) -> Clip:
-        """Return what the manifest says of it."""
+        """Return its entry of the manifest."""
         x_px, y_px = self.order.gaze_px(entry)
         view = entry.picture.view
         looked = {} if view is None else {"right_deg": view.right_deg, "down_deg": view.down_deg}

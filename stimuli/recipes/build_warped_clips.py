@@ -123,7 +123,7 @@ def _without(parameters: Mapping[str, object], key: str) -> dict[str, object]:
 
 
 def _amiss(method: FillMethod, parameters: Mapping[str, object]) -> str:
-    """Return what is wrong with a method's parameters first; empty: nothing."""
+    """Return the first fault of a method's parameters; empty: none."""
     if method.is_reference:
         return f"the true view takes none (got {', '.join(parameters)})" if parameters else ""
     try:

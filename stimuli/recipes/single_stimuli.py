@@ -75,7 +75,7 @@ class SingleStimulusBuilder(Builder, Generic[E]):
         raise NotImplementedError
 
     def record(self, entry: E, key: str, hashes: tuple[str, ...]) -> Clip:
-        """Return what the manifest says of it."""
+        """Return its entry of the manifest."""
         raise NotImplementedError
 
     def executor(self, where: BuildMachine) -> AbstractContextManager[tuple[Executor, int]]:
@@ -128,7 +128,7 @@ class SingleStimulusBuilder(Builder, Generic[E]):
                     self.close()
 
     def summary(self, outcome: BuildOutcome[str]) -> tuple[Sequence[str], list[Sequence[str]]]:
-        """Return how many stimuli each value of each column has."""
+        """Return the number of stimuli for each value of each column."""
         rows: list[Sequence[str]] = []
         for column in self.recipe_of_all.columns():
             values = [clip.condition[column] for clip in outcome.manifest.clips]

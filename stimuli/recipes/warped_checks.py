@@ -87,7 +87,7 @@ def look_at_fills(orders: BuildPlan) -> SceneFindings:
 
 
 def _check_frames(orders: BuildPlan, clip: ClipName) -> list[str]:
-    """Return what the header of a video of frames says besides, or refuse the frames."""
+    """Return notes on the header of a video of frames, or refuse the frames."""
     path = orders.method(clip).registry_name.partition(":")[2]
     unknown = set(re.findall(r"\{(.*?)\}", path)) - {"scene", "size", "frame"}
     if unknown or FRAME in str(Path(path).parent):

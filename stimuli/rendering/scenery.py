@@ -38,7 +38,7 @@ class Scenery:
         warped: WarpedFrame,
         margin_px: int,
     ) -> NDArray[np.float32]:
-        """Return what the camera at `pose` really sees, of `size_px`."""
+        """Return the true view of the camera at `pose`, of `size_px`."""
         raise NotImplementedError
 
     def motion(

@@ -34,7 +34,7 @@ class TriangleBatch:
     def set_openness(
         self, mesh: Mesh, openness: NDArray[np.floating], origin_m: NDArray[np.float64]
     ) -> None:
-        """Say how much of the sky each vertex of `mesh`, the batch's own, sees: in [0, 1]."""
+        """Set the share of the sky that each vertex of `mesh`, the batch's own, sees: in [0, 1]."""
         self.vertices.write(_vertex_bytes(mesh, origin_m, openness))
 
     def release(self) -> None:

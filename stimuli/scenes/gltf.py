@@ -76,7 +76,7 @@ class Document:
         self._surfaces: dict[int, tuple[Surface, _Placed]] = {}
 
     def shapes(self) -> Iterator[Shape]:
-        """Yield what the document's scene shows.
+        """Yield the shapes of the document's scene.
 
         Raises
         ------

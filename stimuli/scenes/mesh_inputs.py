@@ -253,7 +253,7 @@ def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
 
 
 def _bytes_of(mesh: dict[str, Any], counts: list[int]) -> int:
-    """Return what a mesh takes in memory."""
+    """Return the memory that a mesh takes."""
     return sum(
         _VERTEX_BYTES * counts[part["attributes"]["POSITION"]]
         + _INDEX_BYTES * (counts[part["indices"]] if "indices" in part else 0)
@@ -316,7 +316,7 @@ def is_data(uri: str) -> bool:
 
 
 def data_of_uri(path: Path, uri: str) -> bytes:
-    """Return what a data URI of a glTF file holds.
+    """Return the bytes of a data URI of a glTF file.
 
     Raises
     ------
@@ -442,7 +442,7 @@ def statements(path: Path) -> Iterator[tuple[int, str, str]]:
 
 
 def words_after(path: Path, key: str) -> list[str]:
-    """Return what follows a keyword at the beginning of a line, in any case, each once."""
+    """Return the words that follow a keyword at a line's beginning, in any case, each once."""
     check_within("text", path.stat().st_size, InputError, path, "bytes")
     lines = (rest for _, word, rest in statements(path) if word == key.lower() and rest)
     found = list(dict.fromkeys(lines))

@@ -141,7 +141,7 @@ def decoded(data: bytes | memoryview, name: str, what: str) -> Pixels:
 
 
 def material_of(surface: Surface, notes: Notes, lit: bool) -> Material | None:
-    """Return what the renderer draws of a surface; None where it is clear throughout.
+    """Return the material with which a surface is drawn; None where it is clear throughout.
 
     Raises
     ------

@@ -67,7 +67,7 @@ class PairVerdict:
         return unsure or self.cause is not None or self.wide is not None
 
     def __str__(self) -> str:
-        """Say what must hold and what was found."""
+        """Return the rule, and the value that was found."""
         if self.wide is not None:
             return f"{self.wide}; {self.cause or 'is units_per_px (--units-per-px) right?'}"
         if self.agreeing is None:
@@ -118,7 +118,7 @@ def _rows(pair: StereoPair, most: int) -> NDArray[np.intp]:
 def _readings(
     pair: StereoPair, rows: NDArray[np.intp], units_per_px: float
 ) -> Iterator[tuple[float, str]]:
-    """Yield what agrees, and what is wrong, under each other reading of the same files."""
+    """Yield the agreement, and the fault, of each other reading of the same files."""
     assert pair.right is not None
     exchanged = replace(pair, left=pair.right, right=pair.left)
     whose = (

@@ -88,7 +88,7 @@ class SequenceScenery(Scenery):
         return _cut(flow, inside), _cut(depth_m, inside)
 
     def own_margin_px(self, size_px: tuple[int, int]) -> int:
-        """Return what the first file has around the clip, on its narrowest side."""
+        """Return the margin of the first file around the clip, on its narrowest side."""
         height, width = self._picture(0).frame.size
         margin = min((width - size_px[0]) // 2, (height - size_px[1]) // 2)
         if margin < 0:

@@ -37,7 +37,7 @@ class _Faces:
 
 
 def read_obj(path: Path, notes: Notes) -> Iterator[Shape]:
-    """Yield what an .obj file shows, by material and smoothing group.
+    """Yield the shapes of an .obj file, by material and smoothing group.
 
     Raises
     ------
@@ -456,7 +456,7 @@ def _two(numbers: tuple[float, ...], default: float) -> tuple[float, float]:
 
 
 def _channel(pixels: Pixels, channel: str) -> Pixels:
-    """Return what a mask says, shape (H, W): by -imfchan, or its alpha if it has one, or its grey.
+    """Return the values of a mask, shape (H, W): by -imfchan, or its alpha if any, or its grey.
 
     Grey is the luminance, which a picture of black and white has in every channel.
     """

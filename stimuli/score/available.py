@@ -28,7 +28,7 @@ class MissingMetrics:
 def split_available(
     metrics: Iterable[Metric],
 ) -> tuple[tuple[Metric, ...], tuple[MissingMetrics, ...]]:
-    """Return what can be computed, and what is missing for the rest."""
+    """Return the metrics that can be computed, and what is missing for the rest."""
     there: list[Metric] = []
     reasons: dict[str, list[str]] = {}
     for metric in metrics:

@@ -55,7 +55,7 @@ class Subjects:
     labels: Mapping[str, str] = field(default_factory=dict)
 
     def shown(self, name: str) -> str:
-        """Return what people read for a name: its label where it has one."""
+        """Return the words that people read for a name: its label where it has one."""
         return self.labels.get(name, name)
 
 
@@ -212,7 +212,7 @@ def check_subjects(subjects: Subjects, metrics: Sequence[Metric]) -> None:
 
 
 def usable_regions(metric: Metric, pair: ScoredPair) -> tuple[str, ...]:
-    """Return where a metric can measure a pair; nowhere if it needs time and there is none."""
+    """Return regions where a metric can measure a pair; none if it needs time and none is there."""
     if metric.over_time and pair.is_picture:
         return ()
     return tuple(region for region in metric.regions if region in pair.regions)

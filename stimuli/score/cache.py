@@ -55,7 +55,7 @@ class Cache:
         self.folder = folder
 
     def read(self, key: str) -> Measured | None:
-        """Return what is known under `key`; None if nothing is, or it is damaged."""
+        """Return the values under `key`; None if there are none, or they are damaged."""
         if self.folder is None:
             return None
         try:

@@ -25,7 +25,7 @@ WEIGHTS_URL = f"https://download.pytorch.org/models/{WEIGHTS_NAME}"
 
 
 def weights_path() -> Path:
-    """Return where torch looks for AlexNet's weights."""
+    """Return the path where torch looks for AlexNet's weights."""
     home = os.environ.get("TORCH_HOME") or Path(
         os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "torch"
     )

@@ -95,7 +95,7 @@ class ScoredPair:
 
 
 def composed(test: Image, truth: Image, mask: Mask, region: str) -> Image:
-    """Return what is measured in `region`."""
+    """Return the picture that is measured in `region`."""
     return np.where(mask[..., None], test, truth) if region == HOLES else test
 
 

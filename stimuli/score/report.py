@@ -212,7 +212,7 @@ def _page(
 
 
 def _verdicts(found: tuple[PairedMethods, ...]) -> Iterator[Section]:
-    """Yield what each metric says of the method against each rival."""
+    """Yield the verdict of each metric on the method against each rival."""
     for number, against in enumerate(dict.fromkeys(duel.against for duel in found)):
         duels = [duel for duel in found if duel.against == against]
         shown = duels[0].table.shown

@@ -75,7 +75,7 @@ def statistics_distance(
     gaze_px: tuple[float, float] | None = None,
     mask: Mask | None = None,
 ) -> float:
-    """Return how far the statistics of `test` are from those of `truth`.
+    """Return the distance of the statistics of `test` from those of `truth`.
 
     Parameters
     ----------

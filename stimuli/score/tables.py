@@ -47,7 +47,7 @@ class ScoreTable:
     labels: Mapping[str, str] = field(default_factory=dict)
 
     def shown(self, name: str) -> str:
-        """Return what people read for a name: its label where it has one."""
+        """Return the words that people read for a name: its label where it has one."""
         return self.labels.get(name, name)
 
     @property

@@ -99,7 +99,7 @@ EXAMPLES = {
 
 
 def example_files(task: str) -> dict[str, bytes]:
-    """Return what a new study of a task starts from, by file name: table and pictures.
+    """Return the files that a new study of a task starts from, by name: table and pictures.
 
     Empty for tasks whose stimuli are rendered.
     """

@@ -223,7 +223,7 @@ def _row(
 
 
 def difference(pictures: Sequence[Picture]) -> NDArray[np.float64]:
-    """Return how far pictures are apart, shape (H, W): the mean over pairs, of encoded levels."""
+    """Return the distance of pictures, shape (H, W): the mean over pairs, of encoded levels."""
     pairs = list(combinations([picture.astype(np.float64) for picture in pictures], 2))
     if not pairs:
         return np.zeros(pictures[0].shape[:2])

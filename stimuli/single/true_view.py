@@ -10,7 +10,7 @@ from protocols.recipes.warped_clips import TrueView
 
 
 def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> NDArray[np.float32]:
-    """Return how much of each pixel is the true view's: (H, W, 1), 1 within, 0 beyond the fade.
+    """Return the true view's share of each pixel: (H, W, 1), 1 within, 0 beyond the fade.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ def seal(
 
 
 def is_sealed(file: IO[bytes]) -> bool:
-    """Return whether a file is encrypted; it stands at its beginning before and after."""
+    """Return True if a file is encrypted; it stands at its beginning before and after."""
     head = file.read(len(MAGIC))
     file.seek(0)
     return head == MAGIC

@@ -202,7 +202,7 @@ def _members(path: Path, file: IO[bytes]) -> Iterator[tuple[zipfile.ZipFile, Ind
 
 
 def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
-    """Return why a member is none that we write."""
+    """Return the reason why a member is none that we write."""
     if info.orig_filename != info.filename:
         return "a name must be plain"
     try:
@@ -304,7 +304,7 @@ def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
 
 
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:
-    """Return what is wrong with protocol, sessions and clips as they were unpacked."""
+    """Return the faults of protocol, sessions and clips as they were unpacked."""
     problems, notes = [], []
     study = load_protocol(folder / index.protocol)
     if study.sha256 != index.protocol_sha256:

@@ -205,7 +205,7 @@ def _name(part: Path, out: Path) -> None:
 
 @contextmanager
 def _plain(final: IO[bytes], encrypted: bool) -> Iterator[IO[bytes]]:
-    """Yield where the readable archive goes: a file without a name where another is to be kept."""
+    """Yield the file of the readable archive: one without a name where another is to be kept."""
     if not encrypted:
         yield final
         return

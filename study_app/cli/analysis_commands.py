@@ -247,7 +247,7 @@ def power(
     ] = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Compute how many participants a study needs, by simulating its own design and test.
+    """Compute the participants that a study needs, by simulating its own design and test.
 
     Power is the chance that such a study finds the effect. The assumed effect depends on the
     task and is printed: a share of choices for pairs, d' or shares of right answers for other

@@ -23,7 +23,7 @@ def require_buildable(
     *,
     also: Sequence[str] = (),
 ) -> tuple[Builder, dict[str, str]]:
-    """Check what the recipe names, the display, and clips where they are given.
+    """Check the recipe's names, the display, and clips where they are given.
 
     `also` holds further mistakes, to be told with these.
 

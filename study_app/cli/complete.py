@@ -37,7 +37,7 @@ def completing(command: Command) -> Command:
 
 
 def _in_words(typer_says: Callable[..., str | None]) -> Callable[..., str]:
-    """Return what names a type in plain words: a flag has none, a list has that of its parts."""
+    """Return the namer of a type in plain words: a flag has none, a list has its parts'."""
 
     def told(ctx: Context) -> str:
         said = re.sub(r"^<list\[(.*)\]>$", r"<\1>", typer_says(ctx=ctx) or "")
@@ -47,7 +47,7 @@ def _in_words(typer_says: Callable[..., str | None]) -> Callable[..., str]:
 
 
 def _naming_value(process: Callable[[Context, Any], Any]) -> Callable[[Context, Any], Any]:
-    """Return what reads a value, and names one that it refuses."""
+    """Return the reader of a value, which names one that it refuses."""
 
     def processed(ctx: Context, value: Any) -> Any:
         try:

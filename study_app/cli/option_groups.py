@@ -86,7 +86,7 @@ def _said_of(hint: Any) -> list[ParameterInfo]:
 def _told(
     name: str, hint: Any, default: Any, text: str = "", panel: str | None = None
 ) -> inspect.Parameter:
-    """Return what Typer is told of an option or an argument; `panel` is where `text` is listed."""
+    """Return an option or an argument as Typer is told it; `panel` is where `text` is listed."""
     said = _said_of(hint)
     info = copy.copy(said[0]) if said else typer.Option()
     if text:

@@ -61,7 +61,7 @@ class ProgressLines:
         self._console.print(line)
 
     def progress(self, name: str, done: int, total: int) -> None:
-        """Say what is going on; see `one_line`."""
+        """Print the state of the work; see `one_line`."""
         if self._now is None:
             self._now = self._open.enter_context(one_line())
         self._now(name, done, total)

@@ -106,7 +106,7 @@ def score(
 
 
 def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
-    """Return what the study of a batch calls its methods, sizes and scenes.
+    """Return the labels that a batch's study gives methods, sizes and scenes.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def sequential(
     out: OutOption = None,
     replace: ReplaceOption = False,
 ) -> None:
-    """Compute at which p the planned looks stop a study, and how often that is wrong.
+    """Compute the p at which planned looks stop a study, and how often that is wrong.
 
     The study file plans the looks in its section analysis.sequential: rule and numbers of
     participants. The study's own design and test are simulated with and without an effect.

@@ -22,7 +22,7 @@ _BLANK = 1
 
 
 def unnoticed(system: str, environment: Mapping[str, str], unasked: str = "") -> str:
-    """Return what nothing tells of a desktop, and the cure; empty: all is told.
+    """Return the events of a desktop that nothing tells, and the cure; empty: all is told.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def unnoticed(system: str, environment: Mapping[str, str], unasked: str = "") ->
 
 
 class DesktopWatch:
-    """Tells which windows lie over one of ours, and whether the screen is blank.
+    """Watch for windows over one of ours, and for a blank screen.
 
     Windows that lie there from the beginning are `accepted`: a program that lays a clear one over
     everything must not stop all sessions. Those that a desktop draws into its own picture are not
@@ -87,7 +87,7 @@ class DesktopWatch:
         return ", ".join(sorted(set(self._accepted.values())))
 
     def poll(self) -> str:
-        """Return what is between participant and window now; empty: nothing."""
+        """Return the disturbance between participant and window now; empty: none."""
         now_s = time.monotonic()
         if self._saver and now_s - self._asked_s >= _ASK_BLANK_S:
             self._asked_s = now_s
@@ -139,7 +139,7 @@ class DesktopWatch:
         return x, y, x + width + 2 * border, y + height + 2 * border
 
     def _is_drawn(self, window: int) -> bool:
-        """Return whether a window can be seen, but for the layer that a compositor draws in."""
+        """Return True if a window can be seen, but for the layer that a compositor draws in."""
         reply = self._server.ask(3, 0, struct.pack("=I", window))
         return bool(reply) and reply[26] == _VIEWABLE and reply[12:14] == struct.pack("=H", _DRAWN)
 

@@ -150,7 +150,7 @@ def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
 
 
 def verdict(check: DisplayCheck, display: Display) -> Sequence[tuple[str, str]]:
-    """Return what an operator should know, as (name, sentence)."""
+    """Return the findings for an operator, as (name, sentence)."""
     measured = check.intervals
     lines = [
         ("display", f"{check.display}, monitor {check.monitor or 'without a name'}"),

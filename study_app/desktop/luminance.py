@@ -104,7 +104,7 @@ def store_luminance(path: Path, fit: LuminanceFit) -> Display:
 
 
 def parse_reading(text: str) -> float | None:
-    """Return what an operator typed as cd/m2; None where it is no number."""
+    """Return the number that an operator typed as cd/m2; None where it is none."""
     try:
         value = float(text.strip().replace(",", "."))
     except ValueError:

@@ -81,7 +81,7 @@ def choose_monitor(display: Display) -> Any:
 
 
 def enlargement(monitor: Any) -> float:
-    """Return how many pixels of the desktop an X server draws on one of the monitor; 1: no scaling.
+    """Return the desktop's pixels that an X server draws on one of the monitor; 1: no scaling.
 
     GLFW does not say it.
     """
@@ -119,5 +119,5 @@ def check_mode(
 
 
 def plain_text(value: bytes | str | None) -> str:
-    """Return what GLFW said, which is bytes; empty: nothing."""
+    """Return the text of GLFW's bytes; empty: nothing."""
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value or ""

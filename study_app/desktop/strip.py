@@ -204,7 +204,7 @@ def _besides(
     attempts: Sequence[range],
     blank: Collection[str],
 ) -> list[FlipMismatch]:
-    """Return what was captured and should not have been."""
+    """Return the captures that should not have been."""
     found: list[FlipMismatch] = []
     latest, before = -1, None
     seen_before: set[int] = set()

@@ -62,7 +62,7 @@ class SyncValues:
         return counters if counters.answers() else None
 
     def answers(self) -> bool:
-        """Return whether the driver gives values, and not only the extension's name."""
+        """Return True if the driver gives values, and not only the extension's name."""
         if self._get is None or self._wait is None or not self._display or not self._drawable:
             return False
         given = self._get(ctypes.c_void_p(self._display), self._drawable, *self._pointers)
@@ -125,7 +125,7 @@ def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
 
 
 def judge(intervals: Intervals, display: Display, evidence: Evidence) -> Evidence:
-    """Return what the measured intervals leave of the evidence.
+    """Return the evidence that the measured intervals leave.
 
     Raises
     ------

@@ -243,7 +243,7 @@ class Window:
         return asked
 
     def disturbed(self) -> str:
-        """Return what comes, or came since the last call, between participant and window.
+        """Return the disturbance between participant and window, now or since the last call.
 
         Empty: nothing. Another window has the keyboard or lies over ours, the screen is blank, the
         machine slept, the monitor is gone.
@@ -284,7 +284,7 @@ class Window:
         return float(x), float(y)
 
     def held_down(self) -> bool:
-        """Return whether the left button of the mouse is down."""
+        """Return True if the left button of the mouse is down."""
         return bool(glfw.get_mouse_button(self._handle, glfw.MOUSE_BUTTON_LEFT) == glfw.PRESS)
 
     def show_cursor(self, shown: bool, *, stays: bool = False) -> None:
@@ -315,7 +315,7 @@ class Window:
                 )
 
     def _is_there(self) -> bool:
-        """Return whether the window begins where its monitor does; only X11 is asked."""
+        """Return True if the window begins where its monitor does; only X11 is asked."""
         if glfw.get_platform() != glfw.PLATFORM_X11:
             return True
         return tuple(glfw.get_window_pos(self._handle)) == self._begins

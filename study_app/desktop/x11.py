@@ -107,7 +107,7 @@ class XServer:
         )  # fmt: skip
 
     def events(self) -> list[bytes]:
-        """Return what the server sent since the last call: 32 bytes for each event or error."""
+        """Return the server's messages since the last call: 32 bytes for each event or error."""
         given = iter(lambda: self._xcb.xcb_poll_for_event(self._server), None)
         return [self._taken(each) for each in given]
 
@@ -126,7 +126,7 @@ class XServer:
         return reply[9] if reply and reply[8] else 0
 
     def has_compositor(self) -> bool:
-        """Return whether a program puts the windows together: it owns a known selection."""
+        """Return True if a program puts the windows together: it owns a known selection."""
         name = f"_NET_WM_CM_S{self.screen}".encode("ascii")
         atom = self.ask(16, 0, struct.pack("=HH", len(name), 0) + name)[8:12]
         return any(self.ask(23, 0, atom)[8:12])

@@ -125,7 +125,7 @@ class EyelinkGaze:
         return self._info
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return what has arrived. Never waits; a link that broke gives nothing."""
+        """Return the samples that have arrived. Never waits; a link that broke gives nothing."""
         tracker, samples, number = self._tracker, list[GazeSample](), 0
         if tracker is None:
             return ()
@@ -211,7 +211,7 @@ class EyelinkGaze:
         return RawFile(".edf", data)
 
     def news(self) -> Sequence[str]:
-        """Return what happened to the link since the last call; one that broke is made again.
+        """Return news of the link since the last call; one that broke is made again.
 
         It is asked for between two attempts: connecting takes seconds where nothing answers.
         """
@@ -353,7 +353,7 @@ class EyelinkGaze:
 
 
 def graphics(pylink: Any, desk: TrackerContext) -> Any:
-    """Return what draws the tracker's targets in the session's window, and gives it our keys."""
+    """Return the painter of the tracker's targets in the window, which gives it our keys."""
     codes = {
         "enter": pylink.ENTER_KEY, "space": ord(" "), "up": pylink.CURS_UP,
         "down": pylink.CURS_DOWN, "left": pylink.CURS_LEFT, "right": pylink.CURS_RIGHT,

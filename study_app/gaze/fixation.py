@@ -134,7 +134,7 @@ class FixationMonitor:
                 self._end_outside()
 
     def verdict(self, now_s: float) -> GazeVerdict:
-        """Return what gaze says at `now_s`."""
+        """Return the verdict on gaze at `now_s`."""
         silent = now_s - self._last_s > self._rules.silence_s
         if self._watching:
             if silent:

@@ -98,7 +98,7 @@ class GazepointGaze:
         return self._info
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return what has arrived. Never waits."""
+        """Return the samples that have arrived. Never waits."""
         samples = list[GazeSample]()
         for arrived_s, data in self._wire.take():
             if (
@@ -170,7 +170,7 @@ class GazepointGaze:
         return RawFile(".xml", data) if data else None
 
     def news(self) -> Sequence[str]:
-        """Return what happened to the connection since the last call."""
+        """Return news of the connection since the last call."""
         return self._wire.news()
 
     def close(self) -> None:

@@ -159,7 +159,7 @@ class LslStream(ABC):
         return self._info
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return what has arrived. Never waits; a stream that was lost gives nothing."""
+        """Return the samples that arrived. Never waits; a stream that was lost gives nothing."""
         if self._inlet is None:
             return ()
         try:

@@ -36,7 +36,7 @@ class MouseGaze:
         return SourceInfo("mouse", "cursor in place of an eye", self._rate_hz, polled=True)
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return where the cursor is now."""
+        """Return the place of the cursor now."""
         now_s = self._clock()
         return [GazeSample(now_s, now_s, *self._cursor_px())]
 

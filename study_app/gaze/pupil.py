@@ -113,7 +113,7 @@ class PupilGaze:
         return self._info
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return what has arrived; without a calibration no eye is on the screen. Never waits."""
+        """Return the samples that came; without a calibration none on the screen. Never waits."""
         samples = []
         self._places = []
         for stamp_s, (t_s, x, y) in self._arrived():
@@ -162,7 +162,7 @@ class PupilGaze:
         return CalibrationResult(sum(errors_deg) / len(seen), math.nan, len(seen))
 
     def check_drift(self, point_px: tuple[float, float]) -> float | None:
-        """Return how far gaze at a target is from it; infinite where no eye was seen."""
+        """Return the distance of gaze from a target; infinite where no eye was seen."""
         place = self._gaze_at(point_px)
         if place is None or self._map is None:
             return None
@@ -180,7 +180,7 @@ class PupilGaze:
         return RawFile(".rtp", data) if data else None
 
     def news(self) -> Sequence[str]:
-        """Return what happened to the connection since the last call."""
+        """Return news of the connection since the last call."""
         told, self._news = [*self._wire.news(), *self._news], []
         if self._lost:
             told.append(f"{self._lost} packets of gaze were lost on the way")
@@ -354,7 +354,7 @@ def homography(
 
 
 def on_screen(fit: NDArray[np.float64], x: float, y: float) -> tuple[float, float]:
-    """Return where a map puts a place."""
+    """Return the place on the screen to which a map leads."""
     u, v, w = fit @ (x, y, 1.0)
     return (float(u / w), float(v / w)) if w else (math.nan, math.nan)
 

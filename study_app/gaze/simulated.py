@@ -129,7 +129,7 @@ class SimulatedGaze:
         """Markers have nowhere to go."""
 
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
-        """Return what this eye's jitter amounts to."""
+        """Return the accuracy and precision of this eye's jitter."""
         behaviour = self._behaviour
         accuracy = math.hypot(behaviour.drift_deg, behaviour.drift_deg) / 2
         return CalibrationResult(accuracy, 2 * behaviour.jitter_deg, len(points_px))

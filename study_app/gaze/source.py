@@ -124,11 +124,11 @@ class Tracker(GazeSource, Protocol):
         """Run the tracker's own drift check; return the error in degrees, None without one."""
 
     def raw(self, *, over: bool) -> RawFile | None:
-        """Return what was recorded or sent since the last call; None: nothing.
+        """Return the file of what was recorded or sent since the last call; None: nothing.
 
         With `over` the session's run is over: a file that the tracker has is fetched now, and it is
         asked again until nothing is left.
         """
 
     def news(self) -> Sequence[str]:
-        """Return what happened to the connection since the last call, for the journal."""
+        """Return news of the connection since the last call, for the journal."""

@@ -100,7 +100,7 @@ class TobiiGaze:
         return self._info
 
     def poll(self) -> Sequence[GazeSample]:
-        """Return what has arrived. Never waits."""
+        """Return the samples that have arrived. Never waits."""
         if self._tracker is None:
             return ()
         told = self._tracker.consume_N("notification", 1000)
@@ -160,7 +160,7 @@ class TobiiGaze:
         return RawFile(".csv", "\n".join([*lines, ""]).encode()) if lines else None
 
     def news(self) -> Sequence[str]:
-        """Return what the tracker said of itself since the last call."""
+        """Return the tracker's own messages since the last call."""
         told, self._news = self._news, []
         return told
 

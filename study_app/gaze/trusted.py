@@ -85,11 +85,11 @@ class TrustedGaze:
         return self.source.check_drift(point_px) if isinstance(self.source, Tracker) else None
 
     def raw(self, *, over: bool) -> RawFile | None:
-        """Return what the tracker recorded or sent since the last call; None: nothing."""
+        """Return the file of what was recorded or sent since the last call; None: nothing."""
         return self.source.raw(over=over) if isinstance(self.source, Tracker) else None
 
     def news(self) -> Sequence[str]:
-        """Return what happened since the last call: to the connection, and to samples."""
+        """Return news since the last call: of the connection, and of samples."""
         told = list(self.source.news()) if isinstance(self.source, Tracker) else []
         if self.left_out:
             told.append(f"{self.left_out} samples were left out, their stamps fell or lay ahead")

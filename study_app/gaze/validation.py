@@ -116,7 +116,7 @@ def smallest_window_deg(result: CalibrationResult) -> float:
 
 
 def unfit_gaze(rules: Gaze, result: CalibrationResult) -> str:
-    """Return why a block must not start with this validation; empty: it may."""
+    """Return the reason why a block must not start with this validation; empty: it may."""
     if result.accuracy_deg > rules.accuracy_max_deg:
         return (
             f"gaze: the mean error must be at most accuracy_max_deg = {rules.accuracy_max_deg:g}"

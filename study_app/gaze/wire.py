@@ -78,7 +78,7 @@ class Wire:
         self._thread.start()
 
     def take(self) -> Sequence[tuple[float, bytes]]:
-        """Return what arrived since the last call, and when. Never waits.
+        """Return the bytes that arrived since the last call, with their times. Never waits.
 
         Empty bytes stand for a connection that was made anew.
         """
@@ -100,7 +100,7 @@ class Wire:
                 self._socket.shutdown(socket.SHUT_RDWR)
 
     def news(self) -> Sequence[str]:
-        """Return what happened since the last call."""
+        """Return news since the last call."""
         return [self._news.popleft() for _ in range(len(self._news))]
 
     def close(self) -> None:

@@ -57,7 +57,7 @@ class KeptPixels(NamedTuple):
 def described(
     live: LiveMethod, source_sha256: str, entry: Live, size_px: Size, display: Display
 ) -> RendererDescription:
-    """Return what draws a stimulus at its place on a display.
+    """Return a description of the renderer of a stimulus at its place on a display.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ def described(
 
 
 def live_entries(script: TrialScript) -> dict[int, Live]:
-    """Return how each stimulus that follows the gaze is shown, by its number."""
+    """Return the entry of each stimulus that follows the gaze, by its number."""
     shown = (entry for phase in script.phases for entry in phase.show)
     return {entry.stimulus: entry for entry in shown if isinstance(entry, Live)}
 
 
 def live_entry(phase: ScriptPhase) -> Live | None:
-    """Return what of a phase follows the gaze; None: nothing."""
+    """Return the part of a phase that follows the gaze; None: nothing."""
     return next((entry for entry in phase.show if isinstance(entry, Live)), None)
 
 
@@ -113,7 +113,7 @@ class NullRenderer:
         return cast("moderngl.Texture", None)
 
     def describe(self) -> RendererDescription:
-        """Say what would be drawn."""
+        """Return a description of the renderer."""
         return self._said
 
 
@@ -171,7 +171,7 @@ class LiveShow:
         self._pixels: FrameReadback | None = None
 
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
-        """Say whose gaze it is; `polled` as in `LiveLoop`."""
+        """Set the gaze to follow; `polled` as in `LiveLoop`."""
         self._gaze = gaze
         self._loop = LiveLoop(
             self._screen, gaze, (0, 0), polled=polled, cost_s=self._cost_s, watch=gaze.saccades
@@ -213,7 +213,7 @@ class LiveShow:
             self._stimuli[number] = _Stimulus(renderer, live, sha256_json(said), corner)
 
     def first(self, number: int) -> moderngl.Texture:
-        """Return what a stimulus shows to an eye before its middle."""
+        """Return the picture of a stimulus for an eye before its middle."""
         one = self._stimuli[number]
         middle = one.renderer.describe().centre_px
         return one.renderer.draw(GazeState(middle, middle, one.live.seed))
@@ -261,7 +261,7 @@ class LiveShow:
         pixels: NDArray[np.uint8],
         settle: Callable[[], None],
     ) -> tuple[float, str]:
-        """Return how long the dearest frame takes here, and its method.
+        """Return the seconds that the dearest frame takes here, and its method.
 
         Gaze and field move from frame to frame, and the seed after the first one. What a seed
         decides is made beforehand, as in trials.
@@ -301,7 +301,7 @@ class LiveShow:
 
 
 def too_dear(display: Display, taken_s: float, method: str, drawn_by: str) -> StudyError | None:
-    """Return why frames that take so long cannot follow the gaze; None where they can."""
+    """Return the error on frames that take too long to follow the gaze; None where they can."""
     room_s = (1 - SPARE_SHARE) / display.refresh_hz
     if taken_s <= room_s:
         return None

@@ -32,7 +32,7 @@ class Latency:
             self._most_s = max(self._most_s, age_s)
 
     def summary(self) -> LatencySummary:
-        """Say what was counted."""
+        """Return the counts."""
         counts, found = self._counts, self._counts["found"]
         return LatencySummary(
             frames=found,

@@ -74,7 +74,7 @@ def redraw(
 def compared(
     pixels: FrameReadback, picture: moderngl.Texture, sha256: str, grid: str
 ) -> tuple[bool, int]:
-    """Return whether a picture is bit for bit what was kept, and by how much some pixels differ."""
+    """Return True if a picture is bit for bit what was kept, and by how much some pixels differ."""
     found, some = pixels.of(picture)
     kept = np.frombuffer(base64.b64decode(grid), np.uint8).reshape(GRID, GRID, 3)
     return found == sha256, int(np.abs(kept.astype(int) - some).max())

@@ -293,7 +293,7 @@ def gaze_by_stamp(path: Path) -> Samples:
 
 
 def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> bool:
-    """Return whether a gaze is that of the sample of its age."""
+    """Return True if a gaze is that of the sample of its age."""
     if not math.isfinite(flip.age_s):
         return False
     stamp_us = round(1e6 * (flip.t_s - flip.age_s))
@@ -308,12 +308,12 @@ def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> 
 
 
 def _moves(flip: RecordedFlip, before: RecordedFlip) -> bool:
-    """Return whether a flip of a phase was drawn to another gaze than the one before."""
+    """Return True if a flip of a phase was drawn to another gaze than the one before."""
     return flip.phase == before.phase and flip.look != before.look
 
 
 def _falls_into(windows: Sequence[SaccadeTimes], flip: RecordedFlip, hz: float) -> bool:
-    """Return whether a flip was due where the eye sees little, within half a refresh."""
+    """Return True if a flip was due where the eye sees little, within half a refresh."""
     due_s = flip.t_s - max(0, flip.refreshes - 1) / hz
     return any(
         one.onset_s - 0.5 / hz <= due_s <= one.offset_s + SUPPRESSED_AFTER_S + 0.5 / hz
@@ -329,7 +329,7 @@ class _Found:
 
 
 def _off(wanted: NDArray[np.uint8], found: NDArray[np.uint8]) -> int:
-    """Return by how much two screens differ at most, strips and patch aside; 255: in size."""
+    """Return the largest difference of two screens, strips and patch aside; 255: in size."""
     if wanted.shape != found.shape:
         return 255
     off = np.abs(wanted.astype(int) - found).max(axis=2)

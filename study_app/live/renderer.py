@@ -88,16 +88,16 @@ class LiveRenderer(Follower, Protocol):
         """Make what a seed decides, unless it is at hand; this may take longer than a frame."""
 
     def describe(self) -> RendererDescription:
-        """Say what else decides pixels."""
+        """Return all else that decides pixels."""
 
 
 class Studio(Protocol):
-    """Gives what draws the live stimuli of trials."""
+    """Source of renderers for the live stimuli of trials."""
 
     def __call__(
         self, place: int, said: RendererDescription, pixels: NDArray[np.uint8]
     ) -> LiveRenderer:
-        """Return what draws a picture as `said`: it holds the picture, and no gaze yet.
+        """Return the renderer of a picture as `said`: it holds the picture, and no gaze yet.
 
         Parameters
         ----------

@@ -61,7 +61,7 @@ class PreferenceModel(ObserverModel):
     def decide(
         self, trial: PlannedTrial, seed: int, participant: str, rng: np.random.Generator
     ) -> Decision:
-        """Return which of the two is preferred."""
+        """Return the preferred one of the two."""
         first, second = self.answers
         probability = self.choice_probability(
             seed,

@@ -37,7 +37,7 @@ class BrowserError(StudyError):
 
 
 def chromium_path() -> str:
-    """Return where Chromium is.
+    """Return the path of Chromium.
 
     Raises
     ------
@@ -143,7 +143,7 @@ class Chromium:
             self._read()
 
     def evaluate(self, script: str) -> Any:
-        """Return what a script gives, awaited.
+        """Return the value of a script, awaited.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class Chromium:
         return told["result"].get("value")
 
     def text(self) -> str:
-        """Return what the page says."""
+        """Return the text of the page."""
         return str(self.evaluate("document.body?.innerText ?? ''"))
 
     def close(self, *, crash: bool = False) -> None:
@@ -208,7 +208,7 @@ class Chromium:
 
 
 def _described(details: dict[str, Any]) -> str:
-    """Return what a script threw, in words."""
+    """Return a script's exception, in words."""
     thrown = details.get("exception", {})
     return str(thrown.get("description") or thrown.get("value") or details["text"])
 

@@ -141,7 +141,7 @@ class WebBuild:
         return [clip for clip in self.manifest.clips if clip.name in shown]
 
     def needs(self, frame_bytes: Mapping[str, int] | None = None) -> BrowserNeeds:
-        """Return what the study asks of a browser.
+        """Return the study's needs of a browser.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class WebBuild:
         return needs
 
     def page(self, language: str) -> WebPages:
-        """Return what a participant reads beside trials."""
+        """Return the texts that a participant reads beside trials."""
         texts, response = self.study.text.languages[language], self.study.response
 
         def filled(text: str) -> str:

@@ -269,7 +269,7 @@ def _import_one(
 
 
 def _beside(folder: Path, made: Path) -> State:
-    """Return what a session is to the one that the lab has under its code.
+    """Return the state of a session beside the one that the lab has under its code.
 
     Raises
     ------
@@ -426,7 +426,7 @@ class RebuiltSession:
         )
 
     def next_step(self, recorder: Recorder) -> Step:
-        """Return what comes next, after all that was taken."""
+        """Return the next step, after all that was taken."""
         return next_step(self.study, self.plan, recorder.events, self.begun.language)
 
     def take(self, line: AnyLine, recorder: Recorder) -> None:
@@ -592,7 +592,7 @@ class ReplayedStage:
         ]
 
     def disturbed(self) -> str:
-        """Return what came between participant and page after this flip."""
+        """Return the disturbance between participant and page after this flip."""
         flip, what = self._line.disturbed or (-1, "")
         return DISTURBANCES[what] if flip == self._shown - 1 else ""
 

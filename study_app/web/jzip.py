@@ -36,7 +36,7 @@ _HTML = re.compile(r"<[a-zA-Z/!]")
 
 
 def describe(name: str, title: str, page: str, identity: str, people: int) -> dict[str, Any]:
-    """Return what a ``.jas`` says of a study with one page.
+    """Return the text of a ``.jas`` on a study with one page.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def write(folder: Path, description: dict[str, Any], out: Path) -> None:
 
 
 def problems(path: Path) -> Iterator[str]:
-    """Yield why JATOS would refuse an archive."""
+    """Yield the reasons for which JATOS would refuse an archive."""
     if path.stat().st_size > MOST_BYTES:
         yield f"must have at most {MOST_BYTES >> 30} GiB (has {path.stat().st_size >> 20} MiB)"
     with zipfile.ZipFile(path) as archive:

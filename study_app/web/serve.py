@@ -33,7 +33,7 @@ class FolderHandler(BaseHTTPRequestHandler):
         return self.path.split("?")[0].lstrip("/") or "index.html"
 
     def body(self) -> bytes:
-        """Return what was posted."""
+        """Return the body that was posted."""
         return self.rfile.read(int(self.headers["content-length"]))
 
     def answer(self, status: int, data: bytes, suffix: str = ".json") -> None:

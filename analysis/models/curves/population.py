@@ -48,7 +48,7 @@ class Threshold:
     individual: Mapping[str, float]
 
     def identified(self, levels: Sequence[float] = ()) -> bool:
-        """Return whether the answers place it: with limits, not far outside the levels shown.
+        """Return True if the answers place it: with limits, not far outside the levels shown.
 
         Far is further than the levels' range; of its limits, than `OPEN_RANGES` of these.
         """
@@ -151,7 +151,7 @@ class Population:
         return np.broadcast_to(theta[count : count + self.slopes], count)
 
     def _places(self, theta: Floats, share: float | None) -> Floats:
-        """Return where the typical participant's answers have this share right (names,)."""
+        """Return the levels at which the typical participant has this share right (names,)."""
         guess, lapse = self.rates(theta)
         rise = 0.5 if share is None else (share - guess) / (1.0 - guess - lapse)
         eta = self.response.eta(rise) if 0.0 < rise < 1.0 else np.nan
@@ -287,7 +287,7 @@ class Population:
 
 
 def span(response: ResponseFunction) -> float:
-    """Return how far eta goes while F rises from 5 to 95 %."""
+    """Return the distance in eta over which F rises from 5 to 95 %."""
     return response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)
 
 

@@ -79,7 +79,7 @@ class Marginal:
         return float(self.values[np.argmax(self.density)])
 
     def quantile(self, share: Floats | float) -> Floats:
-        """Return where the distribution function reaches `share`."""
+        """Return the place where the distribution function reaches `share`."""
         if self.values.size == 1:
             return np.full(np.shape(share), self.values[0])
         steps = np.diff(self.values) * 0.5 * (self.density[1:] + self.density[:-1])
@@ -467,7 +467,7 @@ def _stated(
 
 
 def _way(rise: Floats, shape: Shape) -> Floats:
-    """Return how many widths from the threshold S has this value."""
+    """Return the distance from the threshold, in widths, at which S has this value."""
     response = CurveForm(shape=shape).response
     eta = np.vectorize(response.eta)(rise)
     return np.asarray(eta / (response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)))

@@ -47,7 +47,7 @@ class AnswerLaw(Protocol[R]):
         """Return the law of these trials alone."""
 
     def rates(self, free: Floats) -> R:
-        """Return what trials share from the numbers that are fitted."""
+        """Return the rates that trials share, from the numbers that are fitted."""
 
     def penalty(self, free: Floats) -> float:
         """Return the log prior of these numbers."""
@@ -111,7 +111,7 @@ class ResponseFunction:
         return guess, lapse
 
     def start(self) -> Floats:
-        """Return where the search for the fitted rates begins."""
+        """Return the beginning of the search for the fitted rates."""
         return np.full(self.fitted, float(logit(0.03)))
 
     def penalty(self, free: Floats) -> float:
@@ -129,7 +129,7 @@ class ResponseFunction:
         return np.asarray(rates[0] + (1.0 - rates[0] - rates[1]) * self.rise(eta)[0])
 
     def eta(self, rise: float) -> float:
-        """Return where F has this value."""
+        """Return the place where F has this value."""
         if self.mirrored:
             return -replace(self, mirrored=False).eta(1.0 - rise)
         if self.link == "logit":

@@ -60,7 +60,7 @@ class Deviation:
 def profile_limits(
     log_likelihood: Callable[[float], float], sd: float, best: float, error: float, level: float
 ) -> tuple[float, float]:
-    """Return where a profile likelihood falls by half the quantile of chi-square (1).
+    """Return the places at which a profile likelihood falls by half the quantile of chi-square (1).
 
     Parameters
     ----------

@@ -227,7 +227,7 @@ def laplace_deviations(
     slopes: Sequence[str] = (),
     level: float,
 ) -> tuple[Deviation, ...]:
-    """Return what `crossed_deviations` does, of any law of answers.
+    """Return the deviations of `crossed_deviations`, of any law of answers.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def _found(model: "LaplaceLikelihood[Any]", start: Floats, rough: Floats) -> Flo
 
 
 def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:
-    """Yield where a search without a contrast begins: each factor in turn takes it over.
+    """Yield beginnings of a search without a contrast: each factor in turn takes it over.
 
     What people all have in common looks without it like a deviation of people, or of scenes, and
     the likelihood may have a maximum for each. At 0 it is level in a deviation, so that no search
@@ -418,7 +418,7 @@ class LaplaceLikelihood(Generic[R]):
         return found
 
     def _bend(self, at: "_Mode[R]") -> Floats:
-        """Return how fast each trial's weight in the determinant grows with eta."""
+        """Return the slope of each trial's weight in the determinant along eta."""
         if self.response.plain:
             return np.asarray(at.weight * (1.0 - 2.0 * expit(at.eta)))
         which = 1 if self.response.concave else 2

@@ -104,7 +104,7 @@ def fit_logit(
 
 
 def separated(design: Floats, successes: Floats, trials: Floats) -> bool:
-    """Say whether some combination of columns predicts every answer (no finite maximum).
+    """Return True if some combination of columns predicts every answer (no finite maximum).
 
     Linear programme of Konis 2007: is there a direction along which the likelihood only rises?
     """

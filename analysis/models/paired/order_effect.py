@@ -101,7 +101,7 @@ def order_effect(
 
 
 def _bounded(won: Floats, lost: Floats, count: int) -> NDArray[np.bool_]:
-    """Return which draws (samples, 2 x pairs) have finite scores and a finite order effect."""
+    """Return True for draws (samples, 2 x pairs) with finite scores and a finite order effect."""
     first, second = pair_index(count)
     beaten = np.zeros((len(won), count, count), dtype=np.bool_)
     ways = won.reshape(len(won), 2, -1), lost.reshape(len(won), 2, -1)

@@ -171,7 +171,7 @@ def fit_scores(
 
 
 def has_maximum(won: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Say whether a finite maximum exists: the graph "was chosen over" is strongly connected.
+    """Return True if a finite maximum exists: the graph "was chosen over" is strongly connected.
 
     Parameters
     ----------

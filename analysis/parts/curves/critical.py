@@ -47,7 +47,7 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
     section: ClassVar[tuple[str, str]] = SECTION
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a level along which answers get better."""
+        """Return True if there is a level along which answers get better."""
         return plan.level is not None and not plan.falling
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> Critical:

@@ -59,7 +59,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
     needs: ClassVar[tuple[str, ...]] = ("thresholds", "curves")
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether there is a level."""
+        """Return True if there is a level."""
         return plan.level is not None
 
     def compute(
@@ -94,7 +94,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         )
 
     def show(self, found: Goodness, plan: RatePlan) -> Shown:
-        """Return what the model's own studies are like, and where the answers lie among them."""
+        """Return a picture of the model's own studies, and of the answers' place among them."""
         over = found.trend
         simulated = "studies that the model simulates"
         counted = "each participant's counts from that participant's curve in the model"
@@ -202,7 +202,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
 def _of_curves(
     curves: Curves | None, table: pd.DataFrame, plan: RatePlan, chance: np.random.Generator
 ) -> tuple[tuple[Misfit, ...], np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return how far the curves of all answers are from these, and the chance of each trial.
+    """Return the distance of the curves of all answers from these, and the chance of each trial.
 
     Raises
     ------

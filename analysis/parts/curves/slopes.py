@@ -43,7 +43,7 @@ class SlopesPart(LevelsPart[Slopes]):
     name: ClassVar[str] = "slopes"
 
     def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether several conditions have levels, and several people answered."""
+        """Return True if several conditions have levels, and several people answered."""
         several = len(shown_in(table, plan)) > 1 and table["participant"].nunique() > 1
         return super().wanted(table, plan) and several
 
@@ -112,7 +112,7 @@ class SlopesPart(LevelsPart[Slopes]):
 
 
 def _notes(population: Population, plan: RatePlan) -> tuple[str, ...]:
-    """Return of which conditions the levels do not tell the slope, and how levels were chosen."""
+    """Return notes on levels that do not tell the slope of a condition, and on their choice."""
     notes = [
         f"{plan.label(name)}: the width is near the gap between two levels, which do not tell how"
         " steep the curve is: its slope is not compared"

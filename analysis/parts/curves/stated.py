@@ -61,7 +61,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
     needs: ClassVar[tuple[str, ...]] = ("thresholds", "slopes")
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return whether a performance is stated."""
+        """Return True if a performance is stated."""
         return plan.level is not None and plan.threshold_at is not None
 
     def compute(
@@ -71,7 +71,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
         found: Mapping[str, Any],
         _chance: np.random.Generator,
     ) -> StatedThresholds:
-        """Return where the curves of the population reach the share."""
+        """Return the levels at which the curves of the population reach the share."""
         stated = plan.stated_share
         if "thresholds" not in found or stated is None:
             raise ValueError("")

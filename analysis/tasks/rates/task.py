@@ -87,7 +87,7 @@ class RatesTask(TaskAnalysis[RatePlan]):
         return common_settings(study)
 
     def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
-        """Return what was told; without a protocol nothing was planned."""
+        """Return the plan that was told; without a protocol nothing was planned."""
         return common_settings_of_table(decisions, name, told, self.table_answers(decisions, told))
 
     def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
@@ -103,7 +103,7 @@ class RatesTask(TaskAnalysis[RatePlan]):
         return as_decisions(found.drop(columns=renamed, errors="ignore"))
 
     def table_notes(self, decisions: pd.DataFrame, settings: RatePlan) -> Sequence[str]:
-        """Return whether answers are below guessing, or get worse where they should not."""
+        """Return True if answers are below guessing, or get worse where they should not."""
         return odd_answers(prepared(decisions, settings), settings)
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: RatePlan) -> None:

@@ -162,7 +162,7 @@ class TrainingOptions:
     seed: Annotated[int, typer.Option(min=0)] = 1
     """Seed of gazes, crops, weights."""
     estimate: bool = False
-    """Say how long it takes, then stop."""
+    """Print the time that it takes, then stop."""
 
 
 @app.command()

@@ -197,7 +197,7 @@ def _jods(scales: list[dict[str, Any]], size: str | None) -> dict[str, str]:
 
 
 def _shares(rows: list[dict[str, str]], size: str | None) -> dict[str, str]:
-    """Return how often each method was chosen, over all that it was compared with."""
+    """Return the share of choices of each method, over all that it was compared with."""
     chosen: dict[str, int] = {}
     trials: dict[str, int] = {}
     for row in rows:

@@ -294,7 +294,7 @@ class _Showing:
             screen.release()
 
     def _end(self, loop: LiveLoop, left_out: int) -> None:
-        """Say what was measured, and write it."""
+        """Print the measurements, and write them."""
         latency = loop.latency.summary()
         if self._log is not None:
             self._log.end(

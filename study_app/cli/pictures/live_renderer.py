@@ -279,7 +279,7 @@ class FoveatingStudio:
     def __call__(
         self, place: int, said: RendererDescription, pixels: NDArray[np.uint8]
     ) -> FoveatingRenderer:
-        """Return what draws a picture as said."""
+        """Return the renderer of a picture."""
         source = LiveSource([pixels], said.source_sha256, said.panorama, ())
         geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
         choice = Choice(said.method, said.parameters)

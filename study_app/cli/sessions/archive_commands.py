@@ -122,7 +122,7 @@ def verify_archive(path: Path, identity: Path | None) -> None:
 
 
 def is_archive(path: Path) -> bool:
-    """Return whether a path is a file, or a folder that one was unpacked into."""
+    """Return True if a path is a file, or a folder that one was unpacked into."""
     return path.is_file() or (path / INDEX_NAME).is_file()
 
 

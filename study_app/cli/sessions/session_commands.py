@@ -331,7 +331,7 @@ def _row(session: SessionFolder) -> tuple[str, ...]:
 
 
 def _latency(session: SessionFolder) -> str:
-    """Return how old gaze was in frames that followed it; empty where none did."""
+    """Return the age of gaze in frames that followed it; empty where none did."""
     live = [attempt.live for attempt in session.journal.attempts if attempt.live is not None]
     found = LatencySummary.of(live)
     if found.median_ms is None:
@@ -340,7 +340,7 @@ def _latency(session: SessionFolder) -> str:
 
 
 def _data_of(start: SessionStart) -> str:
-    """Return what a session's data are: with a mouse for an eye, or a timer, only a rehearsal."""
+    """Return the kind of data: with a mouse for an eye, or a timer, only a rehearsal."""
     if start.simulated:
         return "simulated"
     stand_ins = [
@@ -355,7 +355,7 @@ def _data_of(start: SessionStart) -> str:
 
 
 def _browser(remote: Remote | None) -> list[tuple[str, str]]:
-    """Return what vouches for a session in a browser; nothing for one at a desk."""
+    """Return the evidence for a session in a browser; nothing for one at a desk."""
     if remote is None:
         return []
     machine, off_s = remote.machine, max(map(abs, remote.deviations_s.values()), default=0.0)

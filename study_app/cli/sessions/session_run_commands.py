@@ -73,7 +73,7 @@ class SessionArguments:
     """Seed of the artificial observer."""
 
     def options(self, language: str | None = None) -> SessionOptions:
-        """Return what a session needs.
+        """Return the options of a session.
 
         Raises
         ------

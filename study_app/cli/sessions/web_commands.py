@@ -141,7 +141,7 @@ def import_web(
 
 
 def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) -> Iterator[str]:
-    """Yield what `protocol check --web` says of a study.
+    """Yield the lines of `protocol check --web` on a study.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
 
 
 def needs_lines(needs: BrowserNeeds) -> Iterator[str]:
-    """Yield what a study asks of a browser, in sentences."""
+    """Yield the study's needs of a browser, in sentences."""
     width, height = needs.window_px
     rates = ", ".join(f"{rate:g}" for rate in needs.rates_hz)
     yield f"in a browser: at {rates} Hz, in a window of at least {width} x {height} px"
