@@ -57,6 +57,10 @@ _OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
     ("analysis", "power"): {"--people": "--participants"},
     ("demo",): {"--observers": "--participants"},
     **{(name,): {"--method": "--methods"} for name in ("warp", "foveate", "live")},
+    **{
+        ("analysis", name): {"--confidence": "--coverage"}
+        for name in ("psychometric", "detection", "reaction", "ratings", "bayes")
+    },
 }
 """Of commands: what options were called before one thing had one name; no help shows it."""
 

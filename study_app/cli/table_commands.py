@@ -72,8 +72,8 @@ AnswerOption = Annotated[
 OutOption = Annotated[
     Path | None, typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json.")
 ]
-LevelOption = Annotated[
-    float, typer.Option("--confidence", min=0.5, max=0.999, help="Coverage of limits.")
+CoverageOption = Annotated[
+    float, typer.Option(min=0.5, max=0.999, help="Share of limits that hold the truth.")
 ]
 
 
@@ -98,7 +98,7 @@ def _question(
         columns: MapOption = None,
         where: WhereOption = None,
         answer: AnswerOption = None,
-        confidence: LevelOption = 0.95,
+        coverage: CoverageOption = 0.95,
         out: OutOption = None,
         replace: ReplaceOption = False,
         **given: str | bool | list[str] | None,
@@ -110,7 +110,7 @@ def _question(
             if one is not None and one is not False and key not in several
         }
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
-        texts |= {**also, "alpha": f"{1.0 - confidence:.12g}"}
+        texts |= {**also, "alpha": f"{1.0 - coverage:.12g}"}
         other = next((key for key in instead if key in texts), "")
         model = instead.get(other, told)
         kind, how = str(model.model_fields["kind"].default), (columns, where, answer)

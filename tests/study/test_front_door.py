@@ -285,6 +285,18 @@ def test_one_thing_has_one_spelling_in_every_help(command, monkeypatch):
     assert "--participants" in said or "--methods" in said
 
 
+@pytest.mark.parametrize("name", ["psychometric", "detection", "reaction", "ratings", "bayes"])
+def test_confidence_is_that_of_participants_and_limits_have_coverage(name, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    said = CliRunner().invoke(app, ["analysis", name, "--help"]).output
+    assert "--coverage" in said
+    assert "--confidence" not in said
+    for option, known in (("--confidence", True), ("--confidense", False)):
+        done = CliRunner().invoke(app, ["analysis", name, "no.csv", option, "0.9"])
+        assert done.exit_code == 2
+        assert ("No such option" not in done.stderr) is known
+
+
 def test_old_spellings_of_participants_and_methods_are_still_read(tmp_path):
     design = ("--pairs", "1", "--scenes", "2", "--repeats", "1", "--rate", "0.6")
     for option in (["--people", "1"], ["--people=1"]):
