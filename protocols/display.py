@@ -69,7 +69,7 @@ class Display(Model):
         return self.height_mm / self.height_px
 
     def frames(self, duration_s: float) -> int | None:
-        """Return `duration_s` in whole frames, or None where it is not whole."""
+        """Return `duration_s` in whole refreshes, or None where it is not whole."""
         exact = duration_s * self.refresh_hz
         whole = round(exact)
         allowed = max(FRAME_TOLERANCE, self._tolerance_s * self.refresh_hz)
@@ -82,7 +82,7 @@ class Display(Model):
         return copy
 
     def nearest_durations(self, duration_s: float) -> tuple[str, ...]:
-        """Return the durations of whole frames just below and above, in seconds, as texts."""
+        """Return the durations of whole refreshes just below and above, in seconds, as texts."""
         low = math.floor(duration_s * self.refresh_hz)
         return tuple(
             shortest(frames / self.refresh_hz, lambda s: self.frames(s) is not None)

@@ -28,7 +28,7 @@ def check_feasible(
 ) -> list[Problem]:
     """Return everything about `protocol` that `display` cannot do.
 
-    Times must be whole frames (they are never rounded), clip frames must last whole refreshes,
+    Times must be whole refreshes (they are never rounded), clip frames must last whole refreshes,
     clips must fit the screen and are shown pixel by pixel, and two pairs must fit the memory.
     Every message says the nearest feasible values. The list is empty where all is well.
     """
@@ -158,8 +158,8 @@ def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
             problems.append(
                 Problem(
                     place,
-                    f"must be whole frames at {display.refresh_hz:g} Hz (got {duration_s:g} s ="
-                    f" {duration_s * display.refresh_hz:g} frames); nearest: {near}{also}",
+                    f"must be whole refreshes at {display.refresh_hz:g} Hz (got {duration_s:g} s ="
+                    f" {duration_s * display.refresh_hz:g} refreshes); nearest: {near}{also}",
                 )
             )
     return problems

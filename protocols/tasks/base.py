@@ -213,7 +213,7 @@ class Task(ExtendedModel):
         return ()
 
     def durations(self) -> Mapping[str, float]:
-        """Return the task's times by key, in seconds: each must be whole frames."""
+        """Return the task's times by key, in seconds: each must be whole refreshes."""
         return {} if self.stimulus_s is None else {"stimulus_s": self.stimulus_s}
 
     def shown_s(self, pool: Pool) -> float:
@@ -365,7 +365,7 @@ def whole_frames(display: Display, duration_s: float) -> int:
     frames = display.frames(duration_s)
     if not frames:
         raise StudyError(
-            f"{duration_s:g} s must be whole frames at {display.refresh_hz:g} Hz;"
+            f"{duration_s:g} s must be whole refreshes at {display.refresh_hz:g} Hz;"
             " run 'metamerlab protocol check'"
         )
     return frames

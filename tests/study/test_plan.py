@@ -321,7 +321,7 @@ def test_150_ms_at_90_hz_is_refused_with_the_nearest_durations():
     assert messages(protocol, display_at(120.0)) == []
     (message,) = messages(protocol, display_at(90.0))
     assert message == (
-        "task.gap_s: must be whole frames at 90 Hz (got 0.15 s = 13.5 frames); nearest:"
+        "task.gap_s: must be whole refreshes at 90 Hz (got 0.15 s = 13.5 refreshes); nearest:"
         " 0.14444444 s or 0.15555556 s, or a display with 60 or 100 or 120 or 240 Hz"
     )
     with pytest.raises(StudyError, match=r"feasible on display 'fhd27-60hz'"):

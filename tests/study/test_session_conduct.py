@@ -786,7 +786,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(tmp_path):
         start(tmp_path, "P1", NO_GAZE, language="fr")
     with pytest.raises(StudyError, match=r"language: must be one of en, de, ja \(got ''\)"):
         simulate_session(simulation(NO_GAZE), tmp_path, "P1", language="")
-    with pytest.raises(StudyError, match="must be whole frames at 144 Hz"):
+    with pytest.raises(StudyError, match="must be whole refreshes at 144 Hz"):
         start(tmp_path, "P1", changed(NO_GAZE, task={"gap_s": 0.15}),
               display=load_display("fhd24-144hz"))  # fmt: skip
     other = changed(NO_GAZE, clips={"width_deg": 9.0})

@@ -84,7 +84,7 @@ def test_check_tells_unknown_methods_and_parameters_and_what_the_display_cannot_
     assert lines[0].endswith("; the true view is 'reference'")
     assert "did you mean 'telea'?" in lines[0]
     assert "stimuli.methods[2].parameters.radiuss_px: parameters of telea are:" in lines[1]
-    assert "task.gap_s: must be whole frames at 60 Hz" in lines[2]
+    assert "task.gap_s: must be whole refreshes at 60 Hz" in lines[2]
 
 
 def test_check_tells_every_parameter_out_of_its_range_as_a_build_does(study, tmp_path):

@@ -281,7 +281,7 @@ def test_a_timeline_is_the_protocol_s_times_in_refreshes():
     (dot,) = timeline.phases[GAP].show
     assert isinstance(dot, Picture)
     assert isinstance(dot.of, Dot)
-    with pytest.raises(StudyError, match="whole frames at 144 Hz"):
+    with pytest.raises(StudyError, match="whole refreshes at 144 Hz"):
         timeline_of(protocol, "fhd24-144hz")
 
 

@@ -182,7 +182,7 @@ def test_times_that_need_more_tolerance_are_refused_at_that_rate(lab, tmp_path):
     (tmp_path / "exact.toml").write_text(text.replace("iti_s = 0.1", "iti_s = 0.15"))
     done = metamerlab("protocol", "check", tmp_path / "exact.toml", "--web")
     assert "in a browser: at 60, 100, 120, 240 Hz" in done.output
-    assert "not at 72 Hz: trial.fixation_s: must be whole frames at 72 Hz" in done.output
+    assert "not at 72 Hz: trial.fixation_s: must be whole refreshes at 72 Hz" in done.output
 
 
 def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, lab, tmp_path):

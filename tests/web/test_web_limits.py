@@ -81,7 +81,7 @@ def test_a_refused_rate_says_the_tolerance_that_admits_it(case, stated_s):
         if not problems:
             continue
         words, _, wanted = problems[0].rpartition("; or declare web.tolerance_s = ")
-        assert "must be whole frames at" in words
+        assert "must be whole refreshes at" in words
         assert rates_of(for_browsers(exact, tolerance_s=float(wanted)), FHD)[rate] == []
         assert rates_of(for_browsers(exact, tolerance_s=float(wanted) - 2e-4), FHD)[rate] != []
 
