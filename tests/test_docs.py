@@ -212,6 +212,40 @@ def test_the_program_takes_every_command_of_every_page():
         take(["stimuli", "build", "demo", "--no-such"])
 
 
+def options_of(command: TyperGroup, name: str = "metamerlab") -> dict[str, list[list[str]]]:
+    """Return the spellings of every long option that help shows, by command."""
+    found = {}
+    for one in command.commands.values():
+        slot = getattr(one, "_slot", None)
+        whole, called = slot.load() if slot else one, f"{name} {one.name}"
+        if isinstance(whole, TyperGroup):
+            found |= options_of(whole, called)
+        else:
+            shown = [
+                [*option.opts, *option.secondary_opts]
+                for option in whole.params
+                if option.param_type_name == "option" and not option.hidden
+            ]
+            found[called] = shown
+    return found
+
+
+def test_every_option_of_every_command_stands_on_a_page():
+    text = "".join(page.read_text(encoding="utf-8") for page in pages())
+    named = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", text))
+    options = options_of(get_command(app))
+
+    assert len(options) > 45
+    assert ["--statistics", "--no-statistics"] in options["metamerlab compress"]
+    missing = [
+        f"{command} {spellings[0]}"
+        for command, every in options.items()
+        for spellings in every
+        if not named & set(spellings)
+    ]
+    assert missing == []
+
+
 def test_what_a_command_reads_is_made_before_it():
     commands = ["make a --out x/a", "look x/a", "join x/a x/b --out x/a", "make b --out x/b", "end"]
 

@@ -29,7 +29,7 @@ class ExportedOptions:
     """bids: display that sessions were recorded on, if not the protocol's; may be given more than
     once."""
     recorded_eye: Annotated[str, typer.Option(metavar="|".join(EYES))] = "cyclopean"
-    """bids: which eye the tracker reported; cyclopean: both."""
+    """Eye that the tracker reported (bids); cyclopean: both."""
     author: list[str] | None = None
     """Author of the data set; may be given more than once."""
     licence: str = ""

@@ -123,11 +123,11 @@ class LightingOptions:
     """The light of a file's scene."""
 
     lighting: Annotated[str | None, typer.Option(metavar="unlit|sun")] = None
-    """As the protocol's key, for files. Left out: sun if the file has plain colours alone."""
+    """Lighting of a file, as the protocol's key. Left out: sun for plain colours alone."""
     sun_direction: Annotated[tuple[float, float, float] | None, typer.Option(metavar="X Y Z")] = (
         None
     )
-    """As the protocol's key: from the scene towards the sun, y up."""
+    """Direction from the scene towards the sun, y up, as the protocol's key."""
 
 
 @app.command()

@@ -109,9 +109,12 @@ def render(
         int, typer.Option(min=0, help="Index of the camera: 0 is the scene's own.")
     ] = 0,
     clean: Annotated[
-        Path | None, typer.Option(help="Write the clean picture too.", show_default=False)
+        Path | None,
+        typer.Option(help="Clean picture to write too, .png or .exr.", show_default=False),
     ] = None,
-    clean_samples: Annotated[int, typer.Option(min=1, help="Samples per pixel of it.")] = 128,
+    clean_samples: Annotated[
+        int, typer.Option(min=1, help="Samples per pixel of the clean picture.")
+    ] = 128,
     size_px: Annotated[int, typer.Option(help="Edge, a multiple of 8.")] = 256,
 ) -> None:
     """Path-trace a built-in scene: 32 samples a pixel at the gaze, 1 in the periphery.
