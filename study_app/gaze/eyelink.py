@@ -10,8 +10,8 @@ import math
 import re
 import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,8 +160,9 @@ class EyelinkGaze:
             If nothing answers.
         """
         del points_px
-        self._routine("doTrackerSetup")
-        error_deg, said = self._said()
+        with self._linked():
+            self._routine("doTrackerSetup")
+            error_deg, said = self._said()
         self._news.append(f"the EyeLink says of its calibration: {said}")
         return None if math.isnan(error_deg) else CalibrationResult(error_deg, math.nan, 9)
 
@@ -174,11 +175,12 @@ class EyelinkGaze:
             If nothing answers.
         """
         x_px, y_px = (round(place) for place in point_px)
-        ended = self._routine("doDriftCorrect", x_px, y_px, 1, 0)
-        if ended != 0:
-            return math.inf
-        error_deg, said = self._said()
-        self._tracker.applyDriftCorrect()
+        with self._linked():
+            ended = self._routine("doDriftCorrect", x_px, y_px, 1, 0)
+            if ended != 0:
+                return math.inf
+            error_deg, said = self._said()
+            self._tracker.applyDriftCorrect()
         self._news.append(f"the EyeLink says of its drift correction: {said}")
         return None if math.isnan(error_deg) else error_deg
 
@@ -296,34 +298,42 @@ class EyelinkGaze:
         )
         self._record()
 
-    def _routine(self, name: str, *arguments: int) -> Any:
-        """Run one of the tracker's own routines with its targets in our window, then record.
-
-        A link that broke before is made again.
+    @contextmanager
+    def _linked(self) -> Iterator[None]:
+        """Have a link; one that broke before is made again.
 
         Raises
         ------
         StudyError
-            If nothing answers.
+            If there is none, or it breaks.
         """
         if self._broke:
             self._connect_again()
         cure = "see its cable and its Host PC, then run 'metamerlab session resume'"
+        gone = StudyError(f"gaze: the EyeLink must be connected (its link broke); {cure}")
         if self._tracker is None:
-            raise StudyError(f"gaze: the EyeLink must be connected (its link broke); {cure}")
+            raise gone
         try:
-            self._begin_file()
-            self._tracker.stopRecording()
-            self._tracker.setOfflineMode()
-            self._pylink.openGraphicsEx(graphics(self._pylink, self._desk))
-            try:
-                ended = getattr(self._tracker, name)(*arguments)
-            except RuntimeError as error:  # escape in a drift correction comes as one, too
-                self._news.append(f"the EyeLink's routine ended with: {error}")
-                ended = None
-            self._record()
+            yield
         except RuntimeError as error:
             raise StudyError(f"gaze: the link to the EyeLink broke ({error}); {cure}") from None
+        except StudyError:
+            if self._tracker.isConnected():
+                raise
+            raise gone from None
+
+    def _routine(self, name: str, *arguments: int) -> Any:
+        """Run one of the tracker's own routines with its targets in our window, then record."""
+        self._begin_file()
+        self._tracker.stopRecording()
+        self._tracker.setOfflineMode()
+        self._pylink.openGraphicsEx(graphics(self._pylink, self._desk))
+        try:
+            ended = getattr(self._tracker, name)(*arguments)
+        except RuntimeError as error:  # escape in a drift correction comes as one, too
+            self._news.append(f"the EyeLink's routine ended with: {error}")
+            ended = None
+        self._record()
         return ended
 
     def _said(self) -> tuple[float, str]:

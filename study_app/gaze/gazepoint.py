@@ -128,11 +128,11 @@ class GazepointGaze:
         Raises
         ------
         StudyError
-            If the calibration does not end.
+            If the calibration does not end, or the connection breaks.
         """
         self._keeps = self._desk.store
         width, height = self._screen
-        self._steps = []
+        self._steps, begun = [], self._wire.connection
         self._wire.send(_set("CALIBRATE_SHOW", STATE="0") + _set("CALIBRATE_CLEAR"))
         for x_px, y_px in points_px:
             place = {"X": f"{x_px / width:.5f}", "Y": f"{y_px / height:.5f}"}
@@ -140,7 +140,12 @@ class GazepointGaze:
         self._wire.send(_set("CALIBRATE_START", STATE="1"))
         until_s = self._desk.clock() + _POINT_S * (len(points_px) + 1)
         target: tuple[float, float] | None = None
-        while self._desk.clock() < until_s and self._wire.connected:
+        while begun is not None and self._wire.connection is begun:
+            if self._desk.clock() >= until_s:
+                raise StudyError(
+                    "gaze: the calibration by Gazepoint Control must end (it did not); see what"
+                    " Gazepoint Control shows, then run 'metamerlab session resume'"
+                )
             if not self._desk.look_at(target, 0.0, lambda: None, lambda _: None):
                 self._wire.send(_set("CALIBRATE_START", STATE="0"))
                 return None
@@ -155,9 +160,9 @@ class GazepointGaze:
                     self._wire.send(_set("CALIBRATE_START", STATE="0"))
                     return self._quality(step, len(points_px))
             self._steps = []
-        raise StudyError(
-            "gaze: the calibration by Gazepoint Control must end (it did not); see what Gazepoint"
-            " Control shows, then run 'metamerlab session resume'"
+        raise self._wire.lost(
+            "see that Gazepoint Control runs and the network goes, then run 'metamerlab session"
+            " resume'"
         )
 
     def check_drift(self, point_px: tuple[float, float]) -> float | None:

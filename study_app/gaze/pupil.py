@@ -141,14 +141,25 @@ class PupilGaze:
             If gaze was seen at fewer than four targets.
         """
         self._begin()
-        seen = []
+        seen, silent, begun = [], 0, self._wire.connection
         for point in points_px:
+            number = self._number
             place = self._gaze_at(point)
             if place is None:
                 return None
             if place[0] == place[0]:
                 seen.append((place, point))
+            silent += self._number == number
         if len(seen) < 4:
+            app = "see whether the Companion app shows gaze, and that the network goes"
+            cure = f"{app}, then run 'metamerlab session resume'"
+            if begun is None or self._wire.connection is not begun:
+                raise self._wire.lost(cure)
+            if silent:
+                raise StudyError(
+                    f"gaze: the glasses' phone must send gaze (none came at {silent} of"
+                    f" {len(points_px)} targets); {cure}"
+                )
             raise StudyError(
                 f"gaze: the glasses must see the eyes at four targets or more (they did at"
                 f" {len(seen)}); seat them well, then run 'metamerlab session resume'"

@@ -25,6 +25,7 @@ SETTLE_S = 0.8
 """The eye's way to a target."""
 ACTION_S = 10.0
 """Longest time that each step of a calibration may take."""
+_LOST, _RESTORED = "connection_lost", "connection_restored"
 
 
 def load_titta() -> Any:
@@ -61,7 +62,7 @@ class TobiiGaze:
         self._address, self._desk, self._titta = rest, desk, titta or load_titta()
         self._tracker: Any = None
         self._keeps, self._raw = False, list[str]()
-        self._offset_s = 0.0
+        self._offset_s, self._away = 0.0, False
         self._news: list[str] = []
         self._info = SourceInfo("tobii", "", 0.0)
 
@@ -104,7 +105,10 @@ class TobiiGaze:
         if self._tracker is None:
             return ()
         told = self._tracker.consume_N("notification", 1000)
-        self._news += [f"the Tobii says {kind}" for kind in told.get("notification_type", ())]
+        for kind in told.get("notification_type", ()):
+            self._news.append(f"the Tobii says {kind}")
+            if kind in (_LOST, _RESTORED):
+                self._away = kind == _LOST
         columns = self._tracker.consume_N("gaze", 10_000)
         names = list(columns)
         rows = list(zip(*columns.values(), strict=True))
@@ -191,6 +195,14 @@ class TobiiGaze:
         raise self._failed("it did not end" if result is None else result["status_string"])
 
     def _failed(self, said: object) -> StudyError:
+        self.poll()  # it may have told of its connection
+        if self._away or "CONNECTION_FAILED" in str(said):
+            found = f"{said}; it says {_LOST}" if self._away else said
+            return StudyError(
+                f"gaze: the Tobii must be connected while it is calibrated (found: {found}); see"
+                " its cable, its power and Tobii's own manager, then run 'metamerlab session"
+                " resume'"
+            )
         return StudyError(
             f"gaze: the Tobii's calibration must succeed (found: {said}); see the tracker in"
             " Tobii's own manager, seat the participant in its view, then run 'metamerlab session"

@@ -62,9 +62,9 @@ class Wire:
         self._news: deque[str] = deque()
 
     @property
-    def connected(self) -> bool:
-        """True if there is a connection now."""
-        return self._socket is not None
+    def connection(self) -> object | None:
+        """The connection of now, another after each break; None while there is none."""
+        return self._socket
 
     def open(self, cure: str) -> None:
         """Connect; `StudyError` with `cure` if there is nothing to connect to."""
@@ -91,6 +91,11 @@ class Wire:
         if self._socket is not None:
             with suppress(OSError):  # the thread sees that it broke
                 self._socket.sendall(data)
+
+    def lost(self, cure: str) -> StudyError:
+        """Return that what went on needed a connection that broke."""
+        now = "there is none now" if self._socket is None else "it broke, and is there again"
+        return StudyError(f"gaze: the connection to {self._name} must last ({now}); {cure}")
 
     def give_up(self, reason: str) -> None:
         """Break the connection: what comes makes no sense."""

@@ -80,7 +80,7 @@ def test_a_tracker_that_dies_before_the_first_trial_is_one_message_and_a_whole_j
         "eyelink": "the link to the EyeLink broke",
         "gazepoint": "broke (it was closed)",
         # The thread that reads the link may hear of its end after the targets are over.
-        "pupil": ("broke (it was closed)", "must see the eyes at four targets or more"),
+        "pupil": ("broke (it was closed)", "must send gaze (none came at"),
         "tobii": "CONNECTION_FAILED" if within == "calibration" else "says connection_lost",
         "lsl": "must send samples",
     }[kind]

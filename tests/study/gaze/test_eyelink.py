@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from fake_pylink import EDF, SETUP_TARGETS_PX, FakePylink
 from tracker_session import FHD, MIDDLE_PX, Eye, pumped, sit
@@ -169,3 +171,22 @@ def test_pylinks_own_dummy_mode_takes_every_command_and_sends_nothing(monkeypatc
     with pytest.raises(StudyError, match="must send samples"):
         source.open()
     source.close()
+
+
+@pytest.mark.parametrize("step", ["startRecording", "openDataFile", "getCalibrationMessage"])
+def test_a_step_that_fails_over_a_link_that_broke_is_told_as_that(monkeypatch, step):
+    clock = VirtualClock()
+    fake = FakePylink(Eye(), clock)
+    source = opened("", fake, clock)
+    source._desk = replace(source._desk, look_at=lambda *_: True)
+
+    def broken(*_):
+        fake.connected = False
+        if step == "getCalibrationMessage":
+            raise RuntimeError("Link terminated")
+        return -1
+
+    monkeypatch.setattr(type(source._tracker), step, broken)
+    said = r"the EyeLink must be connected \(its link broke\)|link to the EyeLink broke"
+    with pytest.raises(StudyError, match=rf"({said}).*; see its cable and its Host PC, then run"):
+        source.calibrate([])

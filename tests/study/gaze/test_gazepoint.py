@@ -10,7 +10,7 @@ from functools import partial
 
 import pytest
 from gazepoint_server import EPOCH_S, GazepointServer
-from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
+from tracker_session import FHD, FOREVER, MIDDLE_PX, VIEWING, Eye, pumped, sit
 
 from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
@@ -195,3 +195,37 @@ def test_a_calibration_point_off_the_screen_is_never_drawn(server_of, place):
     source.close()
 
     assert set(drawn) == {None}
+
+
+@pytest.mark.parametrize("broken", ["before", "meanwhile", "for a moment"])
+def test_a_calibration_without_its_connection_says_so_and_not_that_it_did_not_end(
+    server_of, broken
+):
+    eye, clock = Eye(), VirtualClock()
+    server = server_of(eye)
+
+    def breaks():
+        first, back = source._wire.connection, broken == "for a moment"
+        eye.gone = range(0 if back else FOREVER)
+        server.drop()
+        if back:
+            server.listen()
+        while source._wire.connection is first or (back and not source._wire.connection):
+            time.sleep(0.001)
+
+    def look_at(target, *_):
+        if target is not None and broken != "before":
+            breaks()
+        clock.move_to(clock() + 1 / 60)
+        return True
+
+    source = pumped(GazepointGaze, server, eye, clock)(
+        f"127.0.0.1:{server.port}", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at)
+    )
+    source.open()
+    if broken == "before":
+        breaks()
+    now = "it broke, and is there again" if broken == "for a moment" else "there is none now"
+    with pytest.raises(StudyError, match=rf"must last \({now}\); see that .*session resume"):
+        source.calibrate(nine_points_px(VIEWING))
+    source.close()

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from pupil_phone import EPOCH_S, PupilPhone, in_camera
-from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped, sit
+from tracker_session import FHD, FOREVER, MIDDLE_PX, VIEWING, Eye, pumped, sit
 
 from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
@@ -152,3 +152,30 @@ def test_packets_that_make_no_sense_are_left_out(phone_of):
     source.close()
 
     assert len(samples) == due
+
+
+@pytest.mark.parametrize("gone", ["the connection", "the packets"])
+def test_a_calibration_that_got_no_gaze_says_so_and_not_that_no_eye_was_seen(phone_of, gone):
+    eye, clock = Eye(), VirtualClock()
+    phone = phone_of(eye)
+
+    def look_at(_target, duration_s, poll, _on_key):
+        clock.move_to(clock() + duration_s)
+        poll()
+        return True
+
+    where = TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at)
+    source = pumped(PupilGaze, phone, eye, clock)(f"127.0.0.1:{phone.port}", where)
+    source.open()
+    if gone == "the connection":
+        eye.gone = range(FOREVER)
+        phone.drop()
+        while source._wire.connection:
+            time.sleep(0.001)
+        said = r"phone at .* must last \(there is none now\)"
+    else:
+        phone.skips = 10**6
+        said = r"phone must send gaze \(none came at 9 of 9 targets\)"
+    with pytest.raises(StudyError, match=rf"{said}; see .*session resume"):
+        source.calibrate(nine_points_px(VIEWING))
+    source.close()

@@ -97,3 +97,22 @@ def test_what_is_not_there_is_told_with_a_cure(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "TittaPy_v2", None)
     with pytest.raises(StudyError, match=r"pip install 'metamerlab\[tobii\]'"):
         open_gaze("tobii", desk)
+
+
+def test_a_calibration_whose_tracker_is_gone_says_so_and_asks_nobody_to_sit_better():
+    eye, clock = Eye(), VirtualClock()
+    titta = FakeTitta(eye, clock)
+    titta._answers = lambda: None  # it takes commands, and none of them ends
+
+    def look_at(*_):
+        clock.move_to(clock() + 1 / 60)
+        titta.said = ["connection_lost"]
+        titta.results.clear()
+        return True
+
+    source = TobiiGaze("", TrackerContext(FHD, clock, lambda: MIDDLE_PX, 60.0, look_at), titta)
+    source._tracker = titta
+    cure = r"must be connected .*it says connection_lost\); see its cable"
+    with pytest.raises(StudyError, match=cure):
+        source.calibrate(nine_points_px(VIEWING))
+    assert source.news()[-1] == "the Tobii says connection_lost"
