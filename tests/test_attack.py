@@ -120,6 +120,7 @@ SOME = [
 ]
 
 
+@pytest.mark.slow
 def test_whatever_place_a_command_is_given_a_users_files_stay():
     assert outputs.attack_outputs(SOME, 24) == (len(SOME), [])
 

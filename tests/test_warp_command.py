@@ -498,6 +498,7 @@ def test_unknown_and_impossible_parameters_are_refused(exr, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_without_opengl_it_is_said_and_numpy_works(exr, tmp_path):
     """In a process of its own, where EGL finds no driver."""
     code = "from study_app.cli import main; main()"

@@ -438,6 +438,7 @@ def test_a_cluster_is_refused_for_files(metamerlab, stills):
     assert not stills.clips.exists()
 
 
+@pytest.mark.slow
 def test_killed_at_any_point_the_same_command_finishes_the_same_batch(
     study, tmp_path, repository, proof_count
 ):

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 from stimuli.executors import local_processes
 
@@ -12,6 +14,7 @@ with local_processes(1) as pool:
 """
 
 
+@pytest.mark.slow
 def test_a_script_without_a_main_guard_is_run_once(tmp_path, repository):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)

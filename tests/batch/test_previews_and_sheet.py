@@ -94,6 +94,7 @@ def means(batch, index):
     return [decode(batch / clip.frame_path(index)).mean(axis=(0, 1)) for clip in clips]
 
 
+@pytest.mark.slow
 def test_every_thumbnail_shows_its_clip(report, batch):
     """Means survive a JPEG to about one level."""
     for frame, key in ((0, "first"), (3, "last")):

@@ -49,6 +49,7 @@ def copy(batch, tmp_path):
     return Path(shutil.copytree(batch, tmp_path / "clips"))
 
 
+@pytest.mark.slow
 def test_a_batch_holds_every_clip_of_its_protocol(batch, orders):
     manifest = read_manifest(batch)
     check_manifest(orders.protocol, manifest)

@@ -58,6 +58,7 @@ def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tm
     assert check_batch(out).in_order
 
 
+@pytest.mark.slow
 def test_a_declared_filter_brings_frames_to_the_displays_pixels(
     study, read_orders, inline, tmp_path
 ):

@@ -56,6 +56,7 @@ def test_every_changed_byte_is_found(whole, rng):
             compressed_file.from_bytes(whole[:cut])
 
 
+@pytest.mark.slow
 def test_hostile_files_get_a_message_or_a_picture(whole, rng, proof_count):
     """Changes under a checksum that holds: whoever made the file meant them."""
     read = longest = 0

@@ -332,6 +332,7 @@ def test_frames_of_other_sizes_are_refused(png, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_missing_parts_of_the_extra_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr("stimuli.denoised.path_traced.find_spec", lambda _: None)
     for arguments in (

@@ -119,6 +119,7 @@ def test_the_scale_is_deviation_and_mean_of_each_channel(examples):
     assert np.isclose(mean[17], last.mean(), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
     pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
@@ -151,6 +152,7 @@ def test_training_lowers_the_error(examples, tmp_path):
         assert np.mean(trainer.losses[-5:]) < 0.9 * np.mean(trainer.losses[:3])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("torch")
 def test_training_that_was_stopped_comes_to_the_same_weights(examples, tmp_path):
     straight = Trainer("moments", TRAINING, examples["moments"], tmp_path / "straight")

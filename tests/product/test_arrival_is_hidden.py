@@ -215,6 +215,7 @@ def as_it_was(monkeypatch):
     return unprotect
 
 
+@pytest.mark.slow
 def test_no_slot_is_told_by_a_table_of_halves(tmp_path, as_it_was):
     for places in ("drawn", "by-arrival"):
         folder = tmp_path / places

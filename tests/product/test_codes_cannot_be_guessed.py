@@ -162,6 +162,7 @@ def test_codes_cannot_be_guessed_from_a_public_export(studies, tmp_path, form):
         assert {f"{code}: hash of the plan" for code in CODES[:5]} <= found
 
 
+@pytest.mark.slow
 def test_new_names_follow_from_nothing_that_is_public(studies, tmp_path):
     """Sorted by codes, by hashes of codes, or by slots, people would be told by their places.
 

@@ -135,6 +135,7 @@ def test_every_key_is_there_and_explained(made, task):
             assert lines[at[0] - 1].startswith("# "), f"[{name}] {key} is not explained"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", RIGHT_OR_WRONG)
 @pytest.mark.parametrize(
     ("rule", "first", "last"),
@@ -207,6 +208,7 @@ def test_examples_of_optional_keys_are_valid_themselves(made, task):
     assert tried >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", OF_PICTURES)
 def test_its_pictures_are_built_simulated_and_listed(metamerlab, made, tmp_path, task):
     path = made(task)

@@ -90,6 +90,7 @@ def test_noise_has_the_stated_shape_and_no_offset(noise):
     assert np.abs(means).max() < 0.01
 
 
+@pytest.mark.slow
 def test_every_band_is_white_noise_through_its_filters_softened_and_without_a_seam():
     """Undo by hand what is said to be done: analysis, synthesis, low-pass there and back.
 

@@ -270,6 +270,7 @@ def look(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["look", *map(str, arguments)], terminal_width=100)
 
 
+@pytest.mark.slow
 def test_look_shows_a_file_in_the_light_that_its_lines_give_the_protocol(house, tmp_path):
     sheets = {}
     for name, options, lines in (

@@ -32,6 +32,7 @@ def reported(sessions) -> tuple[Path, Result]:
     return out, run("report", sessions, "--protocol", "demo", "--out", out, "--no-figures")
 
 
+@pytest.mark.slow
 def test_report_says_the_result_and_where_it_lies(sessions, reported):
     out, result = reported
 

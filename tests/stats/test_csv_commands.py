@@ -67,6 +67,7 @@ def test_what_a_command_asks_is_what_the_format_of_its_kind_says(kind):
         )
 
 
+@pytest.mark.slow
 def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):
     one = tmp_path / "one.csv"
     rows = pd.read_csv(acuity)
@@ -81,6 +82,7 @@ def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):
     assert list((tmp_path / "out").rglob("*.svg"))
 
 
+@pytest.mark.slow
 def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     out = tmp_path / "out"
     result = run(
@@ -111,6 +113,7 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     assert "Thresholds (gauss functions of 4 participants" in " ".join(result.output.split())
 
 
+@pytest.mark.slow
 def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuity, tmp_path):
     """PsychoPy writes a row for each page of instructions; a German spreadsheet decimal commas."""
     rows = pd.read_csv(acuity).rename(columns={"who": "participant", "hit": "key_resp.corr"})
@@ -173,6 +176,7 @@ def test_a_table_with_the_lines_of_old_macs_is_read_and_a_broken_spreadsheet_ref
     assert "must be an .xlsx file" in refused.output
 
 
+@pytest.mark.slow
 def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
     out = tmp_path / "out"
     result = run(

@@ -369,6 +369,7 @@ def test_a_report_shows_all_of_each_part(name, tmp_path, write_journals):
     check(folder, REPORTS[name], (folder / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", COMMANDS)
 def test_a_command_of_one_table_prints_and_writes_all_of_its_part(words, tmp_path):
     study, parts = COMMANDS[words]
@@ -477,6 +478,7 @@ def test_scenes_that_are_none_have_no_deviation(trials):
     assert "scenes x conditions 0" in texts(told.blocks)
 
 
+@pytest.mark.slow
 def test_widths_of_logarithmic_levels_are_headed_as_ratios():
     rows = TABLES["two-answers"][2]().query("participant < 'P003'")
     for log, head in ((True, "Width, as a ratio"), (False, "Width")):

@@ -58,6 +58,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
     return loaded
 
 
+@pytest.mark.slow
 def test_the_study_is_the_papers(numbers):
     assert numbers["simulated"] is True
     cells = numbers["results"]["preferences"]["table"]["cells"]

@@ -149,6 +149,7 @@ def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load
         assert said in why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["bids", "psych-ds"])
 def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
     study, display = load("yes-no")

@@ -45,6 +45,7 @@ def test_help_imports_nothing_heavy():
     assert done.stdout.strip().splitlines()[-1] == "IMPORTED []", done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_help_of_no_command_imports_statistics_or_graphics():
     """A command imports what it works with when it runs; its formats it needs at once."""
     heavy = sorted({*HEAVY, "statsmodels", "jinja2"} - {"numpy", "pydantic", "PIL"})

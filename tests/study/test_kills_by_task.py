@@ -8,10 +8,15 @@ from attack.kills import CASES, RESTLESS, journal_of, kill_sessions, write_study
 
 from study_app.simulate import SimulatedStudy, simulate_session
 
+SOON = ("two-alternative", "identification by up-down")
+"""Cases that are no slow tests."""
+
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 @pytest.mark.parametrize("disk_full", [False, True], ids=["killed", "disk full"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [one if one in SOON else pytest.param(one, marks=pytest.mark.slow) for one in CASES]
+)
 def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_full, full):
     """SIGKILL, or a full disk, at writes spread over the whole session, several in each."""
     fewest = 20 if CASES[name].confidence else 12
@@ -25,6 +30,7 @@ def test_disturbed_anywhere_it_goes_on_as_it_would_have(tmp_path, name, disk_ful
         assert given == (asked if attempt.outcome == "completed" else ())
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_in_a_trial_of_three_questions_it_loses_and_doubles_none(tmp_path, full):
     found = kill_sessions("asked thrice", tmp_path, 200 if full else 20)

@@ -164,6 +164,7 @@ def test_built_clips_are_played_and_a_changed_one_is_refused(tmp_path):
     assert "must be the frame that was hashed" in " ".join(done.stderr.split())
 
 
+@pytest.mark.slow
 def test_an_earlier_preview_is_written_over_and_nothing_else(tmp_path):
     assert run("protocol", "preview", "demo", "--out", tmp_path / "p.html").exit_code == 0
     assert run("protocol", "preview", "demo", "--out", tmp_path / "p.html").exit_code == 0

@@ -67,6 +67,7 @@ def test_a_trial_shows_one_stimulus_or_its_standard_and_then_it(load):
     assert len(after.task.cells(after.pool)) == 16
 
 
+@pytest.mark.slow
 def test_it_is_simulated_tabled_and_reported_from_study_to_results(load, tmp_path):
     study, display = load(STANDARD, ("# baseline = 0.0", "baseline = 0.5"))
     simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 4)

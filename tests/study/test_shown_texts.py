@@ -51,6 +51,7 @@ def changed(study: StudyProtocol, language: str, **texts: object) -> StudyProtoc
 STUDY, DISPLAY = load_study(shipped("studies")["critical-scaling"])
 
 
+@pytest.mark.slow
 def test_each_text_of_each_language_is_checked_by_itself():
     texts = STUDY.text.languages["de"]
     kinds = ["consent", "start", "question", "paused", "gaze_lost", "too_late", "preparing"]
@@ -76,6 +77,7 @@ def test_each_text_of_each_language_is_checked_by_itself():
     assert shortcomings(STUDY, DISPLAY).problems == []
 
 
+@pytest.mark.slow
 def test_show_tells_of_each_display_what_check_tells():
     """Before, its table knew of times and stimuli alone."""
     study = changed(STUDY, "de", consent=LONG, question=LONG)

@@ -71,6 +71,7 @@ def sit(study, display, root, code):
     return journal, pages, [picture for _, picture in stage.pictures]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_whole_session_is_shown_recorded_and_analysed(tmp_path, name):
     case = CASES[name]

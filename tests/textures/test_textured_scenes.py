@@ -119,6 +119,7 @@ def run(*arguments):
     return result.exit_code, result.stdout, result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl_context")
 @pytest.mark.parametrize("bits", [8, 16])
 def test_bake_and_show_from_file_to_sheet(tmp_path, bits):

@@ -35,6 +35,7 @@ def test_what_is_behind_a_cut_out_is_the_photograph_and_nothing_of_the_other(gl_
     assert abs(off.mean()) < 1 / 255  # a way of 20 px that is wrong would be 5 / 255
 
 
+@pytest.mark.slow
 def test_the_command_prints_means_and_a_row_for_every_photograph(folder, capsys, monkeypatch):
     def closeness(fill, truth, mask):
         return 10 - float(abs(fill - truth)[mask].mean())

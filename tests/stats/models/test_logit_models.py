@@ -453,6 +453,7 @@ def test_the_mode_is_found_where_newtons_steps_alone_swing_for_ever(rng):
         assert np.abs(slope).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_a_likelihood_ratio_is_against_the_best_of_the_smaller_models(rng):
     """Without an intercept either people or scenes may vary more in its place; at 0 none does."""
     larger, several, boundary = [], 0, 0

@@ -82,6 +82,7 @@ def text_of(page: Path) -> str:
     return re.sub(r"(?s)<svg.*?</svg>|<style.*?</style>|<[^>]+>", " ", page.read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rating", ["words", "numbers"])
 def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
     if rating == "numbers":
@@ -99,6 +100,7 @@ def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
     assert (written[f"share_{scale.split(',')[2]}"] == 0).all()
 
 
+@pytest.mark.slow
 def test_change_over_the_session_counts_steps_of_the_declared_scale(words):
     numbers = words.assign(rating=[4 if place % 10 > 4 else 2 for place in range(len(words))])
     numbers.loc[[0, 11], "rating"] = [1, 5]
@@ -181,6 +183,7 @@ def levels_table(folder: Path, right) -> Path:
     return folder / "levels.csv"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("answers", "right"),
     [

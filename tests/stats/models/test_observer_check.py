@@ -30,6 +30,7 @@ def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):
 NAMES = [f"P{i}" for i in range(11)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "tail_df"), [(0.0, None), (0.5, None), (1.5, None), (0.7, 3.0)])
 def test_clean_studies_flag_anyone_about_as_rarely_as_stated(rng, proof_count, spread, tail_df):
     """Family-wise .05, also where people differ by 1.5 JOD or some differ much more than most."""

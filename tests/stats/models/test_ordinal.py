@@ -177,6 +177,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
 
 
+@pytest.mark.slow
 def test_the_command_tells_and_writes(rated, tmp_path):
     file, out = tmp_path / "votes.csv", tmp_path / "out"
     words = ["bad", "poor", "fair", "good", "best"]

@@ -74,6 +74,7 @@ def test_which_method_is_named_first_turns_signs_and_nothing_else(paired):
         assert other.p_adjusted >= other.p
 
 
+@pytest.mark.slow
 def test_equal_methods_seldom_differ_where_people_do(rng, proof_count):
     """Tastes of sd .7, so pairings of sd 1: without random slopes a quarter of p are small."""
     p = [

@@ -111,6 +111,7 @@ def _answers(rng, threshold, *, levels=7, shown=20, spread=0.0, lapse=0.02):
     return x, rng.binomial(shown, share).astype(float), np.full(levels, float(shown))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("levels", "shown", "spread"), [(5, 10, 0.0), (7, 20, 0.0), (7, 40, 0.2)])
 def test_limits_hold_the_threshold_as_often_as_they_say(levels, shown, spread, proof_count):
     """Of 300 runs .93 to .98 did: no fewer, but for what chance makes of so few runs."""

@@ -222,6 +222,7 @@ def test_equal_conditions_are_called_different_as_rarely_as_said():
     assert called / runs < 0.05 + 3 * np.sqrt(0.05 * 0.95 / runs)
 
 
+@pytest.mark.slow
 def test_the_command_tells_and_writes_both(times, tmp_path):
     file = tmp_path / "t.csv"
     times.rename(columns={"rt_s": "seconds"}).to_csv(file, index=False)
@@ -257,6 +258,7 @@ def test_a_baseline_that_is_none_is_refused(times, tmp_path):
     assert "must be a value of 'cond' (a, b, c)" in " ".join(result.output.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ["summary", "models"])
 def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, asked):
     file = tmp_path / "times.csv"

@@ -190,6 +190,7 @@ def test_a_curve_that_answers_do_not_follow_is_found_by_level():
     assert a.residuals[worst] < a.lower[worst]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "falling"), [("gauss", False), ("gumbel", True), ("weibull", False)]
 )

@@ -140,6 +140,7 @@ def test_thresholds_deviations_and_lapses_are_recovered(rng):
     assert gap.lower < -1.0 < gap.upper
 
 
+@pytest.mark.slow
 def test_limits_of_thresholds_cover_and_equal_thresholds_rarely_differ(rng, proof_count):
     """12 people x 3 conditions x 7 levels x 8: coverage .93 to .97, false positives to .06."""
     studies = proof_count(120)

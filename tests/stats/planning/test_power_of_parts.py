@@ -148,6 +148,7 @@ class Never(Sides):
         return "rt_s" in table
 
 
+@pytest.mark.slow
 def test_a_part_that_knows_tables_only_has_the_power_that_can_be_counted(rng):
     """One decision each: a sign test of people whose power is a sum of binomial chances."""
     study = preferences_of(pairs=1, scenes=2, repeats=1, participants=12)

@@ -88,6 +88,7 @@ def test_names_that_the_table_does_not_have_are_refused(decisions, key, value, m
         settings(decisions, **{key: value})
 
 
+@pytest.mark.slow
 def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
     choices.to_csv(tmp_path / "c.csv", index=False)
     result = run(

@@ -45,6 +45,7 @@ def both(tmp_path_factory, demo_protocol, write_journals):
     return folder / "r"
 
 
+@pytest.mark.slow
 def test_a_report_says_which_sessions_were_remote_and_what_vouches_for_them(both):
     numbers, page = said(both)
     lab, browser = numbers["places"]
@@ -64,6 +65,7 @@ def test_a_report_says_which_sessions_were_remote_and_what_vouches_for_them(both
     assert sessions["remote"].tolist() == [0, 1] * 4
 
 
+@pytest.mark.slow
 def test_the_primary_result_is_compared_by_place_and_called_exploratory(
     both, demo_protocol, write_journals, tmp_path
 ):

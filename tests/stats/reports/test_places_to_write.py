@@ -115,6 +115,7 @@ def test_a_bad_place_is_told_before_anything_is_read(words, out):
     assert held(Path()) == before
 
 
+@pytest.mark.slow
 def test_a_result_is_never_replaced_from_a_table_of_its_own(study):
     (study / "t.csv").rename("t.csv")
     words = ("analysis", "reaction", "t.csv", "--by", "method", "--out", "times")
@@ -147,6 +148,7 @@ def test_tables_over_the_sessions_that_they_are_of_are_refused(
     assert held(tmp_path) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("out", [".", "../times", "{here}"])
 def test_from_inside_a_result_it_is_refused_and_nothing_is_put_beside_it(study, monkeypatch, out):
     (study / "t.csv").rename("t.csv")
@@ -165,6 +167,7 @@ def test_from_inside_a_result_it_is_refused_and_nothing_is_put_beside_it(study, 
     assert run(*words, "times", "--replace")[0] == 0
 
 
+@pytest.mark.slow
 def test_a_result_of_an_earlier_version_is_left_to_its_user(study):
     """It has no listing: what the message says must work."""
     (study / "t.csv").rename("t.csv")

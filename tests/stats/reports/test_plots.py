@@ -289,7 +289,7 @@ def test_the_overlap_measure_sees_text_over_text():
 
 
 @pytest.mark.parametrize("width_in", [ONE_COLUMN_IN, TWO_COLUMNS_IN])
-@pytest.mark.parametrize("simulated", [False, True])
+@pytest.mark.parametrize("simulated", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_text_overlaps_and_none_is_cut_off(draw, kind, simulated, width_in):
     figure = draw[kind](width_in=width_in, simulated=simulated)

@@ -58,6 +58,7 @@ def imported(votes, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_report_of_imported_ratings_holds_the_model_of_the_original_table(votes, imported):
     numbers = json.loads((imported / "out" / "results.json").read_text())
     rows = votes.rename(columns={"who": "participant", "vote": "rating"})
@@ -173,6 +174,7 @@ def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):
         analysis.settings_of_table(analysis.read(file, {}, options), "votes", options)
 
 
+@pytest.mark.slow
 def test_ratings_of_one_person_are_refused_with_a_cure_that_import_names_too(votes, tmp_path):
     cure = "add those of another participant"
     for people, status in ((1, 2), (2, 0)):

@@ -53,6 +53,7 @@ def test_run_again_every_byte_is_the_same(made, demo_protocol):
         assert (made / "again" / name).read_bytes() == (made / "r" / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_from_outside(html):
     assert "<link" not in html
     assert "<script" not in html
@@ -103,6 +104,7 @@ def test_simulated_data_is_stamped_on_page_and_every_figure(html, numbers):
     assert html.count("<strong>Simulated data.</strong>") == figures
 
 
+@pytest.mark.slow
 def test_recorded_data_carries_no_stamp(tmp_path, demo_protocol, write_journals):
     write_journals(tmp_path / "s", people=4, simulated=False)
     with drawn_narrow():
@@ -243,6 +245,7 @@ def _unanimous(first: str, second: str, _rng: np.random.Generator) -> bool:
     return order.index(first) > order.index(second)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("choose", "people"), [(_first, 1), (_reference, 2), (_unanimous, 4), (_unanimous, 1)]
 )

@@ -62,6 +62,7 @@ def at_chance(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.drop(columns=["expected", "answer"]).assign(correct=np.arange(len(trials)) % 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "trials", "options"),
     [
@@ -93,6 +94,7 @@ def test_scenes_are_spoken_of_only_where_errors_respect_them(
         assert not re.search(r"participants? and scene\b|crossed", page)
 
 
+@pytest.mark.slow
 def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(matched, tmp_path):
     note = "Differences are means of each participant's own fit"
     design = TaskDesign(6, 3, 3)  # what people guess is not compared: another that they see

@@ -44,6 +44,7 @@ from study_app.cli import app
 from study_app.observers import default_model
 from study_app.simulate import SimulatedStudy, simulate_study
 
+pytestmark = pytest.mark.slow
 VALIDATOR = Path(sys.executable).parent / "bids-validator-deno"
 VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
 

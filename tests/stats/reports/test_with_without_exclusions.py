@@ -56,6 +56,7 @@ def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict
         assert sum(one.decisions for one in column) == len(decisions)
 
 
+@pytest.mark.slow
 def test_the_report_shows_them_and_results_hold_them(journals, strict, tmp_path):
     with undrawn():
         made = report_sessions(journals, strict, tmp_path / "r", figure_files=False)

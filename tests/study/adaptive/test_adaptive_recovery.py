@@ -43,6 +43,7 @@ RULES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 def test_thresholds_of_simulated_observers_are_recovered(rule, proof_count, repository):
     """Bias below a tenth of the function's spread, SD at most 1.15 times the package's.

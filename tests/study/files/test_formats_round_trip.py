@@ -164,6 +164,7 @@ def test_every_event_survives_its_journal_line(event_class):
     survives()
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(instances(Clip), max_size=3, unique_by=lambda c: c.name), st.data())
 def test_a_manifest_survives_its_file(tmp_path, clips, data):

@@ -74,6 +74,7 @@ def test_a_study_with_a_number_that_is_hardly_meant_is_in_order_with_a_note(stud
     assert said in told
 
 
+@pytest.mark.slow
 def test_shipped_studies_and_displays_get_no_such_note():
     for name in shipped("studies"):
         code, told, _ = check(name)

@@ -269,6 +269,7 @@ def damaged(draw: st.DrawFn) -> tuple[str, str]:
     return task, "\n".join(lines) + "\n"
 
 
+@pytest.mark.slow
 @settings(
     max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
