@@ -2,7 +2,7 @@
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binom
+import scipy
 
 RARE = 1e-4
 """Chance of a false alarm in a table whose answers are as they should be."""
@@ -13,7 +13,7 @@ _STEEP = 4.0
 def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
     """Return a note where right answers are fewer than guessing gives; else none."""
     right, trials = int(rows["correct"].sum()), len(rows)
-    if binom.cdf(right, trials, chance) >= RARE:
+    if scipy.stats.binom.cdf(right, trials, chance) >= RARE:
         return ()
     return (
         f"answers are below guessing ({right} of {trials} right): if correct is 1 for errors, say"
@@ -24,7 +24,7 @@ def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
 def below_at(rows: pd.DataFrame, level: str, chance: float) -> str:
     """Return levels with fewer right answers than guessing gives; empty: none."""
     counts = rows.groupby(level)["correct"].agg(["sum", "size"])
-    low = counts[binom.cdf(counts["sum"], counts["size"], chance) < RARE / len(counts)]
+    low = counts[scipy.stats.binom.cdf(counts["sum"], counts["size"], chance) < RARE / len(counts)]
     if low.empty:
         return ""
     return (

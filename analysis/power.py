@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
+from analysis.plots.style import Figure
 from analysis.seed import SEED
 from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError
@@ -453,7 +453,7 @@ def thinned(people: Sequence[int], planned: int | None) -> tuple[int, ...]:
 
 def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> int | None:
     """Return the smallest number from which the smoothed, rising curve stays above `goal`."""
-    rising = optimize.isotonic_regression(curve).x
+    rising = scipy.optimize.isotonic_regression(curve).x
     above = np.nonzero(rising >= goal)[0]
     return int(participants[above[0]]) if above.size else None
 

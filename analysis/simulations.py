@@ -6,9 +6,9 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy import optimize
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
@@ -53,7 +53,7 @@ def mean_logit(rate: float, spread: float) -> float:
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     weights = weights / weights.sum()
     return float(
-        optimize.brentq(lambda mu: weights @ expit(mu + spread * nodes) - rate, -60.0, 60.0)
+        scipy.optimize.brentq(lambda mu: weights @ expit(mu + spread * nodes) - rate, -60.0, 60.0)
     )
 
 

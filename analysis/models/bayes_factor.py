@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy import integrate, special
+import scipy
 
 CAUCHY_SCALE = float(np.sqrt(0.5))
 """Scale of the default prior on the standardised effect ("medium", Rouder et al. 2009)."""
@@ -11,7 +11,7 @@ CAUCHY_SCALE = float(np.sqrt(0.5))
 
 def binomial_bayes_factor(chosen: int, trials: int) -> float:
     """Return BF10 of a uniform prior on the share against .5; trials independent."""
-    log_marginal = special.betaln(chosen + 1, trials - chosen + 1)
+    log_marginal = scipy.special.betaln(chosen + 1, trials - chosen + 1)
     return float(np.exp(min(log_marginal + trials * np.log(2.0), 700.0)))
 
 
@@ -33,5 +33,5 @@ def t_bayes_factor(t: float, count: float, scale: float = CAUCHY_SCALE) -> float
         log_value += -0.5 * math.log(2.0 * math.pi) - 0.5 * log_g - 0.5 / g
         return math.exp(min(log_value, 700.0))
 
-    value, _ = integrate.quad(integrand, -25.0, 40.0, limit=400, epsabs=0.0, epsrel=1e-8)
+    value, _ = scipy.integrate.quad(integrand, -25.0, 40.0, limit=400, epsabs=0.0, epsrel=1e-8)
     return float(value)

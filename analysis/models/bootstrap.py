@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from analysis.models.clustered import holm, least_p
 from analysis.models.paired.paired_counts import Floats, Model, fit_scores, pair_index
@@ -206,7 +206,7 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
     place = np.arange(samples) / (samples - 1.0)
     floor = float(least_p(participants))
     widened = np.sqrt(participants / (participants - 1.0))
-    edge = float(stats.norm.ppf(1.0 / samples))
+    edge = float(ndtri(1.0 / samples))
     found = np.ones(drawn.shape[1])
     for index, column in enumerate(np.sort(drawn, axis=0).T):
         centre, deviation = float(column.mean()), float(column.std(ddof=1))
@@ -217,10 +217,10 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
             z = edge - min(abs(column[0]), abs(column[-1])) / deviation
         else:
             below = float(np.interp(0.0, column, place))
-            z = max(edge, float(stats.norm.ppf(min(max(below, 1e-12), 1.0 - 1e-12))))
-            above = max(edge, float(stats.norm.ppf(max(1.0 - below, 1e-12))))
+            z = max(edge, float(ndtri(min(max(below, 1e-12), 1.0 - 1e-12))))
+            above = max(edge, float(ndtri(max(1.0 - below, 1e-12))))
             z = min(z, above)
-        found[index] = max(floor, float(min(1.0, 2.0 * stats.t.cdf(z / widened, participants - 1))))
+        found[index] = max(floor, float(min(1.0, 2.0 * stdtr(participants - 1, z / widened))))
     return found
 
 
@@ -235,5 +235,5 @@ def _square(values: NDArray[Any], first: NDArray[np.intp], second: NDArray[np.in
 def expanded_tail(level: float, clusters: int) -> float:
     """Return the bootstrap tail area that gives `level` with few clusters (Hesterberg 2015)."""
     tail = 0.5 * (1.0 - level)
-    widened = stats.t.ppf(tail, clusters - 1) * np.sqrt(clusters / (clusters - 1))
-    return float(stats.norm.cdf(widened))
+    widened = stdtrit(clusters - 1, tail) * np.sqrt(clusters / (clusters - 1))
+    return float(ndtr(widened))

@@ -12,8 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtr
 
+from analysis.models.tails import two_sided_p, two_sided_quantile
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -81,8 +82,8 @@ class ClusteredShare:
         z = np.where(gap < SAME, 0.0, gap) * np.sqrt(self.trials / (null * (1.0 - null)))
         toward = np.where(self.share > null, null, 1.0 - null)
         return (
-            np.asarray(2.0 * stats.t.sf(np.abs(self.score_t(null)), self.df)),
-            np.asarray(2.0 * stats.norm.sf(z)),
+            two_sided_p(self.score_t(null), self.df),
+            two_sided_p(z),
             least_p(self.persons, toward),
         )
 
@@ -105,7 +106,8 @@ class ClusteredShare:
         """Return the limits that leave out `null` exactly where its p is below 1 - level."""
         share, tail = self.share, 0.5 + 0.5 * level
         inverse = np.maximum(
-            stats.norm.ppf(tail) ** 2 / self.trials, stats.t.ppf(tail, self.df) ** 2 / self._size()
+            two_sided_quantile(level) ** 2 / self.trials,
+            two_sided_quantile(level, self.df) ** 2 / self._size(),
         )
         centre = (share + 0.5 * inverse) / (1.0 + inverse)
         half = np.sqrt(share * (1.0 - share) * inverse + 0.25 * inverse**2) / (1.0 + inverse)
@@ -167,12 +169,12 @@ class ClusteredEstimate:
         gap = np.abs(self.value - null)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(gap > 1e-12, gap / self.standard_error, 0.0)
-        p = 2.0 * stats.t.sf(ratio, np.maximum(self.df, 1e-9))
+        p = two_sided_p(ratio, np.maximum(self.df, 1e-9))
         return np.asarray(np.maximum(p, np.where(gap > 1e-12, self._floor(), 0.0)))
 
     def limits(self, level: float = 0.95, null: float = 0.0) -> tuple[Floats, Floats]:
         """Return t limits; they hold `null` exactly where its p is above 1 - level."""
-        reach = stats.t.ppf(0.5 + 0.5 * level, self.df) * self.standard_error
+        reach = two_sided_quantile(level, self.df) * self.standard_error
         lower, upper = self.value - reach, self.value + reach
         few = self._floor() > 1.0 - level
         lower = np.where(few, np.minimum(lower, null), lower)
@@ -192,7 +194,7 @@ def least_p(people: Floats | float, toward: Floats | float = 0.5) -> Floats:
 
 def held_p(t: float, df: float, p: float) -> str:
     """Say that p of a `ClusteredEstimate` is the least that its participants show; "" if not."""
-    held = 2.0 * float(stats.t.sf(abs(t), df)) < (1.0 - 1e-9) * p
+    held = float(two_sided_p(t, df)) < (1.0 - 1e-9) * p
     return _held(p, round(1.0 - math.log2(p))) if held else ""
 
 
@@ -487,7 +489,7 @@ def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: 
     with np.errstate(divide="ignore", invalid="ignore"):
         below = (estimate + margin) / standard_error
         above = (estimate - margin) / standard_error
-    p = np.maximum(stats.t.sf(below, df), stats.t.cdf(above, df))
+    p = np.maximum(stdtr(df, -below), stdtr(df, above))
     return np.asarray(np.where(standard_error > 0, p, 1.0))
 
 
@@ -547,7 +549,7 @@ def participant_t(values: Floats) -> tuple[float, float, float, float]:
     error = float(values.std(ddof=1) / np.sqrt(count))
     if error < 1e-12:
         return mean, 0.0, float(count - 1), 1.0 if abs(mean) < 1e-12 else float("nan")
-    return mean, error, float(count - 1), float(2.0 * stats.t.sf(abs(mean) / error, count - 1))
+    return mean, error, float(count - 1), float(two_sided_p(mean / error, count - 1))
 
 
 def holm(p_values: Floats) -> Floats:

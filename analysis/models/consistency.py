@@ -7,7 +7,8 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+
+from analysis.models.tails import chi_squared_p
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def circular_triads(wins: Floats) -> Triads:
     else:
         df = count * (count - 1) * (count - 2) / (count - 4) ** 2
         statistic = 8.0 / (count - 4) * (0.25 * comb(count, 3) - circular + 0.5) + df
-        p = float(stats.chi2.sf(statistic, df))
+        p = float(chi_squared_p(statistic, df))
     return Triads(circular, largest, 1.0 - circular / largest, p)
 
 
@@ -133,7 +134,7 @@ def agreement(wins: Floats) -> Agreement:
     centre = 0.5 * possible * (observers - 3.0) / (observers - 2.0)
     statistic = 4.0 / (observers - 2.0) * (together - centre - 1.0)
     smallest = -1.0 / (observers - 1.0) if observers % 2 == 0 else -1.0 / observers
-    return Agreement(u, smallest, statistic, df, float(stats.chi2.sf(statistic, df)))
+    return Agreement(u, smallest, statistic, df, float(chi_squared_p(statistic, df)))
 
 
 def transitivity(wins: Floats) -> Transitivity:

@@ -7,9 +7,9 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.clustered import held_p, holm, two_way_df, weighted_df
+from analysis.models.tails import two_sided_p, two_sided_quantile
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 
@@ -212,7 +212,7 @@ def absorbing(sd: Mapping[str, float], contrast: float) -> list[dict[str, float]
 
 def ratio_p(ratio: float, df: float) -> float:
     """Return p of a likelihood ratio, its root against t."""
-    return float(2.0 * stats.t.sf(math.sqrt(ratio), df))
+    return float(two_sided_p(math.sqrt(ratio), df))
 
 
 def with_holm(values: Sequence[float]) -> list[tuple[float, float]]:
@@ -258,8 +258,8 @@ def paired(measure: str, gaps: Sequence[tuple[Pair, Floats]], level: float) -> l
 def _compared(
     measure: str, pairs: Sequence[Pair], gap: Floats, error: Floats, df: Floats, level: float
 ) -> list[Difference]:
-    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
-    p = 2.0 * stats.t.sf(np.abs(gap) / np.maximum(error, 1e-12), df)
+    reach = two_sided_quantile(level, df) * error
+    p = two_sided_p(gap / np.maximum(error, 1e-12), df)
     adjusted = holm(p) if p.size else p
     levels = np.full(p.size, level)
     table = np.column_stack([gap, error, gap - reach, gap + reach, levels, df, p, adjusted])

@@ -6,15 +6,16 @@ from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
-from scipy.special import expit, log_expit, logsumexp
+from scipy.special import expit, log_expit, logsumexp, ndtri
 
 from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.numeric import numeric_hessian
+from analysis.models.tails import chi_squared_quantile, two_sided_quantile
 from protocols.prose import count_of
 
 Floats = NDArray[np.float64]
@@ -125,7 +126,7 @@ class CriticalScaling:
         This is what the answers of all participants together follow: it rises earlier and less
         steeply than the typical participant's.
         """
-        z_s, z_g = (stats.norm.ppf((np.arange(n) + 0.5) / n) for n in (200, 20))
+        z_s, z_g = (ndtri((np.arange(n) + 0.5) / n) for n in (200, 20))
         critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
         gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
         right = abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
@@ -267,13 +268,13 @@ def critical_scaling(
 
     alone = fit_person(rows, column=column, rule=rule, law=law, limits=False)
     start = np.array([np.log(alone.critical), np.log(alone.gain), 0.25, 0.25, -3.0])
-    best = np.asarray(optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
+    best = np.asarray(scipy.optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
     hessian = numeric_hessian(loss, best, step=1e-3)
     proper = bool(np.all(np.isfinite(hessian))) and bool(np.linalg.eigvalsh(hessian)[0] > 1e-6)
     limits: list[tuple[float, float] | None] = [None, None]
     if proper:
         error = np.sqrt(np.diag(np.linalg.inv(hessian)))
-        reach = float(stats.t.ppf(0.5 + 0.5 * level, people - 1)) * error
+        reach = float(two_sided_quantile(level, people - 1)) * error
         # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
         with np.errstate(over="ignore", under="ignore"):
             limits = [
@@ -429,11 +430,13 @@ def _lapse_prior(free: Floats) -> float:
 
 def _polish(loss: Callable[[Floats], float], starts: Sequence[Floats]) -> Floats:
     rough = [
-        optimize.minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5})
+        scipy.optimize.minimize(
+            loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}
+        )
         for start in starts
     ]
     best = min(rough, key=lambda one: float(one.fun))
-    sharp = optimize.minimize(
+    sharp = scipy.optimize.minimize(
         loss, best.x, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9}
     )
     return np.asarray(sharp.x, dtype=np.float64)
@@ -443,7 +446,7 @@ def _profile(
     loss: Callable[[Floats], float], best: Floats, index: int, level: float
 ) -> tuple[float, float] | None:
     """Return exp of the ends of the profile-likelihood interval of one parameter."""
-    drop = 0.5 * float(stats.chi2.ppf(level, 1))
+    drop = 0.5 * chi_squared_quantile(level)
     bottom = loss(best)
 
     def excess(value: float) -> float:
@@ -452,7 +455,7 @@ def _profile(
         def held(rest: Floats) -> float:
             return loss(np.insert(rest, index, value))
 
-        found = optimize.minimize(
+        found = scipy.optimize.minimize(
             held, inner, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-6}
         )
         return float(found.fun) - bottom - drop
@@ -466,7 +469,7 @@ def _profile(
             if reach > 10.0:
                 return None
         outer = float(best[index] + direction * reach)
-        ends.append(float(np.exp(optimize.brentq(excess, inner, outer, xtol=1e-4))))
+        ends.append(float(np.exp(scipy.optimize.brentq(excess, inner, outer, xtol=1e-4))))
     return min(ends), max(ends)
 
 

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.special import ndtri
 
 from analysis.models.cells import TrialGrid, checked, conditions, grid
@@ -28,6 +27,7 @@ from analysis.models.right_answers import (
     rate_contrasts,
     share_influence,
 )
+from analysis.models.tails import two_sided_p, two_sided_quantile
 
 Floats = NDArray[np.float64]
 
@@ -320,8 +320,8 @@ def _yes_no(
 def _measure(moved: Influence, level: float) -> Measure:
     if int((moved.shown.sum(axis=1) > 0).sum()) < 2:
         value, error = float(moved.value), float(np.sqrt(moved.least))
-        reach = float(stats.norm.ppf(0.5 + 0.5 * level)) * error
-        p = float(2.0 * stats.norm.sf(abs(value) / error))
+        reach = float(two_sided_quantile(level)) * error
+        p = float(two_sided_p(value / error))
         return Measure(value, error, np.inf, value - reach, value + reach, level, p)
     found = moved.estimate()
     lower, upper = found.limits(level)

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 from scipy.special import logit
 
 from analysis.models.cells import checked, conditions
 from analysis.models.contrasts import Difference, paired, pairs_of
+from analysis.models.tails import two_sided_quantile
 
 NOISE = 0.1
 """Within-trial noise s, as the papers scale it: drift and boundary are in units of it."""
@@ -199,7 +200,7 @@ def _odd(who: str, own: pd.DataFrame, right: np.ndarray, fit: Diffusion) -> list
         notes.append(f"{who}: times are not skewed to the right, as a diffusion's are")
     wrong = own.loc[own["correct"] == 0, "rt_s"].to_numpy(dtype=np.float64)
     if wrong.size >= FEWEST_RIGHT and right.size >= FEWEST_RIGHT:
-        p = float(stats.mannwhitneyu(right, wrong).pvalue)
+        p = float(scipy.stats.mannwhitneyu(right, wrong).pvalue)
         if p < 0.01:
             notes.append(f"{who}: right and wrong answers differ in speed; EZ takes them as alike")
     return notes
@@ -215,7 +216,7 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
         reach = math.nan
         if values.size > 1:
             error = float(values.std(ddof=1)) / math.sqrt(values.size)
-            reach = float(stats.t.ppf(0.5 + 0.5 * level, values.size - 1)) * error
+            reach = float(two_sided_quantile(level, values.size - 1)) * error
         means[measure], lower[measure], upper[measure] = centre, centre - reach, centre + reach
     return MeanDiffusion(name, len(own), means, lower, upper, level)
 

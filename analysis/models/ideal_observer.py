@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.special import ndtr, ndtri
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,7 @@ def forced_choice_share(d_prime: Floats | float, alternatives: int) -> Floats:
     if alternatives == 2:
         return np.asarray(ndtr(d / ROOT_2))
     x, step = np.linspace(-9.0, 9.0, 721, retstep=True)
-    values = stats.norm.pdf(x) * ndtr(x + d[..., None]) ** (alternatives - 1)
+    values = scipy.stats.norm.pdf(x) * ndtr(x + d[..., None]) ** (alternatives - 1)
     return np.asarray(values.sum(axis=-1) * step)
 
 

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.contrasts import Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
@@ -30,6 +29,7 @@ from analysis.models.mixed.logit import (
     profile_limits,
     separated,
 )
+from analysis.models.tails import two_sided_p, two_sided_quantile
 
 Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
@@ -449,8 +449,7 @@ def _ratio_p(
     one, response = np.eye(len(model.terms))[place], solution.response
     ratio, beta, deviations = reduced_ratio(solution, one, place, less)
     if draws is None:
-        law = stats.norm() if df is None else stats.t(df)
-        return float(2.0 * law.sf(np.sqrt(ratio)))
+        return float(two_sided_p(np.sqrt(ratio), np.inf if df is None else df))
     if model.terms[place] == "Intercept":
         return None
 
@@ -518,8 +517,8 @@ def _table(
 ) -> tuple[Coefficient, ...]:
     rows = []
     for term, estimate, error, df in zip(terms, beta, errors, degrees, strict=True):
-        law = stats.norm() if df is None else stats.t(df)
-        reach = float(law.ppf(0.5 + 0.5 * level))
+        free = np.inf if df is None else df
+        reach = float(two_sided_quantile(level, free))
         ratio = float(estimate / max(error, 1e-12))
         rows.append(
             Coefficient(
@@ -528,7 +527,7 @@ def _table(
                 standard_error=float(error),
                 statistic=ratio,
                 df=df,
-                p=float(2.0 * law.sf(abs(ratio))),
+                p=float(two_sided_p(ratio, free)),
                 lower=float(estimate - reach * error),
                 upper=float(estimate + reach * error),
             )

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
-from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 
 from analysis.models.detection import Measure
+from analysis.models.tails import two_sided_p, two_sided_quantile
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -123,7 +123,7 @@ def rank_area(higher: Floats, lower: Floats) -> float:
     """
     if not higher.size or not lower.size:
         return math.nan
-    ranks = stats.rankdata(np.concatenate([higher, lower]))[: higher.size]
+    ranks = scipy.stats.rankdata(np.concatenate([higher, lower]))[: higher.size]
     wins = float(ranks.sum()) - 0.5 * higher.size * (higher.size + 1)
     return wins / (higher.size * lower.size)
 
@@ -205,7 +205,7 @@ def fit_meta(counts: Floats) -> MetaFit:
         return total, slope
 
     start = np.concatenate([[d_prime], np.full(2 * steps - 2, math.log(1.0 / steps))])
-    found = minimize(cost, start, jac=True, method="BFGS", options={"gtol": 1e-6})
+    found = scipy.optimize.minimize(cost, start, jac=True, method="BFGS", options={"gtol": 1e-6})
     return MetaFit(d_prime, criterion, float(found.x[0]), -float(found.fun), padded)
 
 
@@ -250,7 +250,7 @@ def fit_unequal(counts: Floats, padding: float = 0.0) -> UnequalFit:
 
     gaps = np.log(np.maximum(np.diff(places), 1e-3))
     start = np.concatenate([[0.5, 0.0, places[0]], gaps])
-    found = minimize(cost, start, jac=True, method="BFGS", options={"gtol": 1e-6})
+    found = scipy.optimize.minimize(cost, start, jac=True, method="BFGS", options={"gtol": 1e-6})
     mean, log_sd = float(found.x[0]), float(found.x[1])
     if abs(log_sd) > WIDEST or not np.isfinite(found.fun):
         raise ValueError("the ratio of standard deviations has no end")
@@ -275,10 +275,10 @@ def mean_over_people(values: Floats, level: float, against: float | None = None)
     if own.size < 2:
         return Measure(mean, math.nan, 0.0, math.nan, math.nan, level, math.nan)
     df, error = float(own.size - 1), float(own.std(ddof=1)) / math.sqrt(own.size)
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    reach = float(two_sided_quantile(level, df)) * error
     p = math.nan
     if error > 0.0 and against is not None:
-        p = float(2.0 * stats.t.sf(abs(mean - against) / error, df))
+        p = float(two_sided_p((mean - against) / error, df))
     return Measure(mean, error, df, mean - reach, mean + reach, level, p)
 
 
@@ -290,7 +290,7 @@ def ratio_of_means(above: Floats, below: Floats, level: float) -> Ratio:
     if people < 2:
         return Ratio(value, math.nan, math.nan, level, people)
     moments = np.cov(above, below) / people
-    squared = float(stats.t.ppf(0.5 + 0.5 * level, people - 1)) ** 2
+    squared = float(two_sided_quantile(level, people - 1)) ** 2
     a = x * x - squared * float(moments[1, 1])
     b = x * y - squared * float(moments[0, 1])
     c = y * y - squared * float(moments[0, 0])
@@ -318,7 +318,7 @@ def halves_agree(measure: str, halves: Sequence[tuple[float, float]], level: flo
     if (np.ptp(pairs, axis=0) == 0.0).any():
         raise ValueError("people do not differ in it")
     half = float(np.corrcoef(pairs.T)[0, 1])
-    reach = float(stats.norm.ppf(0.5 + 0.5 * level)) / math.sqrt(len(pairs) - 3)
+    reach = float(two_sided_quantile(level)) / math.sqrt(len(pairs) - 3)
     turned = math.atanh(min(max(half, -0.999999), 0.999999))
     ends = [math.tanh(turned + side * reach) for side in (-1.0, 1.0)]
     whole, lower, upper = (max(0.0, 2.0 * r / (1.0 + r)) for r in (half, *ends))

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
-from scipy.special import expit, ndtr
+from scipy.special import expit, ndtr, ndtri
 
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
@@ -30,6 +30,8 @@ from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.numeric import slope_hessian
 from analysis.models.right_answers import FEW_PARTICIPANTS
+from analysis.models.tails import chi_squared_p, two_sided_quantile
+from protocols.tasks.rates import name_of
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -264,7 +266,7 @@ def fit_cumulative(
     )
     model = LaplaceLikelihood(design, counted, OrderedLaw(link))
     share = np.cumsum(np.bincount(y)[:top]) / y.size
-    first = stats.norm.ppf(share) if link == "probit" else np.log(share / (1.0 - share))
+    first = ndtri(share) if link == "probit" else np.log(share / (1.0 - share))
     start = np.concatenate([first, np.zeros(coefficients), np.full(len(effects), START_SD)])
     gradient = 1e-5 if errors else 1e-3
     tried = []
@@ -273,7 +275,9 @@ def fit_cumulative(
         gaps = np.log(np.maximum(np.diff(theta), 1e-3))
         begin = np.concatenate([rest, theta[:1], gaps])
         options = {"gtol": gradient, "hess_inv0": model.rough_covariance(begin)}
-        tried.append(optimize.minimize(model, begin, jac=True, method="BFGS", options=options))
+        tried.append(
+            scipy.optimize.minimize(model, begin, jac=True, method="BFGS", options=options)
+        )
     found = min(tried, key=lambda one: float(one.fun))
     beta, sd, free = np.split(found.x, cut)
     theta, sd = model.response.rates(free)[1:-1], np.abs(sd)
@@ -355,7 +359,7 @@ def rating_model(
     number in means.
     """
     rows = checked(trials, ("rating",), by)
-    texts = rows["rating"].map(_text)
+    texts = rows["rating"].map(name_of)
     known = list(categories) if categories is not None else _numbers(texts)
     unknown = sorted(set(texts) - set(known))
     if unknown:
@@ -433,7 +437,7 @@ def paired_ratings(
     bias to one of the two places. Limits and tests as of `rating_model`.
     """
     rows = checked(decisions, ("first", "second", "rating"))
-    texts = rows["rating"].map(_text)
+    texts = rows["rating"].map(name_of)
     used = _numbers(texts)
     y = _codes(texts, used)
     names = sorted({*rows["first"].astype(str), *rows["second"].astype(str)})
@@ -649,10 +653,6 @@ def _codes(texts: pd.Series, used: Sequence[str]) -> Whole:
     return np.array([place[text] for text in texts], dtype=np.int64)
 
 
-def _text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
-
-
 def _numbers(texts: pd.Series) -> list[str]:
     numbers = pd.to_numeric(texts, errors="coerce")
     if not bool(np.isfinite(numbers.astype(float)).all()):
@@ -685,7 +685,7 @@ def _misfit(trials: _Trials, condition: Whole) -> list[str]:
     share = table / table.sum(axis=1, keepdims=True)
     free = float(np.sum(table[table > 0] * np.log(share[table > 0])))
     df = (table.shape[0] - 1) * (table.shape[1] - 2)
-    if df > 0 and stats.chi2.sf(2.0 * (free - plain.log_likelihood), df) < MISFIT_P:
+    if df > 0 and chi_squared_p(2.0 * (free - plain.log_likelihood), df) < MISFIT_P:
         return [
             "conditions differ by more than a shift of all ratings (proportional odds do not hold):"
             " read the shares of each rating too"
@@ -701,7 +701,7 @@ def _rated(
     from_first = np.eye(error.size)
     from_first[1:, 0] = -1.0
     df = [crossed.df(one, own**2) for one, own in zip(from_first, error, strict=True)]
-    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
+    reach = two_sided_quantile(level, df) * error
     numbers = _scale_numbers(trials.scale)
     found = []
     for k, (name, own) in enumerate(trials.given.items()):

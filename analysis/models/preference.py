@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import (
@@ -333,7 +334,7 @@ def preference(
         )
     share = wins / trials
     flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
-    exact = stats.binomtest(wins, trials)
+    exact = scipy.stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
     claimed = test == "participant-scene"
     notes = _notes(shown, wins, len(people), len(scenes), by_person, by_scene, claimed=claimed)
@@ -427,7 +428,7 @@ def _judged(
             " p and limits are those of independent trials, because such agreement can be luck"
         )
     # One number for the evidence: the t of so many participants that has this very p.
-    t = float(stats.t.isf(0.5 * max(p, 1e-300), people - 1))
+    t = -float(stdtrit(people - 1, 0.5 * max(p, 1e-300)))
     return _Judged(
         p=p,
         lower=lower,

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from analysis.models.curves.response import Link, ResponseFunction, axis_of
+from analysis.models.tails import chi_squared_p, chi_squared_quantile
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
@@ -226,13 +227,13 @@ def fit_psychometric(
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
     likelihood = height - problem.log_prior(guess_rate, lapse_rate)
     share = successes / trials
-    saturated = float(np.sum(stats.binom.logpmf(successes, trials, share)))
+    saturated = float(np.sum(scipy.stats.binom.logpmf(successes, trials, share)))
     constant = saturated - float(np.sum(_log_terms(successes, trials, share)))
     deviance = max(0.0, 2.0 * (saturated - constant - likelihood))
     df = x.size - best.size
     notes = _notes(problem, best, share)
     spread = max(1.0, deviance / df) if overdispersed and df > 0 else 1.0
-    drop = 0.5 * spread * float(stats.chi2.ppf(level, 1))
+    drop = 0.5 * spread * chi_squared_quantile(level)
     limits = [None if notes else problem.profile(index, best, height, drop) for index in (0, 1)]
     return Psychometric(
         shape=curve.shape,
@@ -246,7 +247,7 @@ def fit_psychometric(
         log_likelihood=likelihood + constant,
         deviance=deviance,
         df=df,
-        p=float(stats.chi2.sf(deviance, df)) if df > 0 else 1.0,
+        p=float(chi_squared_p(deviance, df)) if df > 0 else 1.0,
         overdispersion=spread,
         warnings=notes,
         levels=tuple(map(float, np.unique(problem.x))),
@@ -324,13 +325,13 @@ class _Problem:
         if free[0].size == 0:
             return points[0], -run(free[0])
         rough = [
-            optimize.minimize(
+            scipy.optimize.minimize(
                 run, point, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}
             )
             for point in free
         ]
         # On a profile only the height counts, and that to a thousandth of the drop.
-        found = optimize.minimize(
+        found = scipy.optimize.minimize(
             run,
             min(rough, key=lambda one: float(one.fun)).x,
             method="Nelder-Mead",
@@ -361,7 +362,7 @@ class _Problem:
                 inner = float(best[index] + direction * reach)
                 reach *= 1.7
             outer = float(best[index] + direction * reach)
-            end = outer if reach >= 20 else optimize.brentq(excess, inner, outer, xtol=1e-5)
+            end = outer if reach >= 20 else scipy.optimize.brentq(excess, inner, outer, xtol=1e-5)
             theta = best.copy()
             theta[index] = end
             ends.append(self.unpack(theta)[index])
@@ -411,4 +412,4 @@ def _weibull_slope(threshold: float, width: float) -> float:
         return 0.02
     if gap(upper) > 0:
         return 1e4
-    return math.exp(optimize.brentq(gap, lower, upper, xtol=1e-12))
+    return math.exp(scipy.optimize.brentq(gap, lower, upper, xtol=1e-12))

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
+
+from analysis.models.tails import two_sided_quantile
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     reach = np.nan
     if medians.size > 1:
         error = float(medians.std(ddof=1) / np.sqrt(medians.size))
-        reach = float(stats.t.ppf(0.5 + 0.5 * level, medians.size - 1)) * error
+        reach = float(two_sided_quantile(level, medians.size - 1)) * error
     else:
         notes.append("one participant only: no limits")
     if times.size < 4 * medians.size:
@@ -78,7 +80,7 @@ def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
         median=float(np.median(times)),
         quartile_low=float(np.quantile(times, 0.25)),
         quartile_high=float(np.quantile(times, 0.75)),
-        trimmed_mean=float(stats.trim_mean(times, 0.1)),
+        trimmed_mean=float(scipy.stats.trim_mean(times, 0.1)),
         mean_of_medians=float(np.exp(centre)),
         lower=float(np.exp(centre - reach)),
         upper=float(np.exp(centre + reach)),

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import (
@@ -95,7 +95,7 @@ def rate(
     """Return the share of one condition's trials (0/1) in which something happened."""
     happened, shown = places.count(event), places.count(event * 0 + 1)
     count, total = int(happened.sum()), int(shown.sum())
-    exact = stats.binomtest(count, total, chance)
+    exact = scipy.stats.binomtest(count, total, chance)
     people, scenes = (int((shown.sum(axis=axis) > 0).sum()) for axis in (1, 0))
     notes = two_scenes(scenes)
     if people < 2:

@@ -6,7 +6,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.paired.paired_counts import (
     PSEUDO_VOTES,
@@ -18,6 +17,7 @@ from analysis.models.paired.paired_counts import (
     pair_index,
     solve_pairs,
 )
+from analysis.models.tails import chi_squared_p
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,10 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
         log_likelihood=float(solution.log_likelihood),
         deviance=deviance,
         fit_df=fit_df,
-        fit_p=float(stats.chi2.sf(deviance, fit_df)) if fit_df > 0 else 1.0,
+        fit_p=float(chi_squared_p(deviance, fit_df)) if fit_df > 0 else 1.0,
         equal_statistic=equal,
         equal_df=count - 1,
-        equal_p=float(stats.chi2.sf(equal, count - 1)),
+        equal_p=float(chi_squared_p(equal, count - 1)),
         warnings=warnings,
     )
 
@@ -178,7 +178,7 @@ def contrasts(
                 second=conditions[j],
                 difference=float(scores[i] - scores[j]),
                 statistic=statistic,
-                p=float(stats.chi2.sf(statistic, 1)),
+                p=float(chi_squared_p(statistic)),
             )
         )
     return tuple(found)

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy.special import ndtr, ndtri, stdtrit
 
 from analysis.models.bayes_factor import t_bayes_factor
+from analysis.models.tails import two_sided_p
 from protocols.study_file.sequential import Sequential, SequentialRule
 
 Floats = NDArray[np.float64]
@@ -103,8 +105,8 @@ def spent(fraction: float, alpha: float, rule: SequentialRule) -> float:
     z the upper alpha / 4 point; ``pocock``, alpha ln(1 + (e - 1) t).
     """
     if rule == "obrien-fleming":
-        z = float(stats.norm.isf(alpha / 4.0))
-        return float(min(alpha, 4.0 * stats.norm.sf(z / np.sqrt(fraction))))
+        z = -float(ndtri(alpha / 4.0))
+        return float(min(alpha, 4.0 * ndtr(-z / np.sqrt(fraction))))
     return float(min(alpha, alpha * np.log1p((np.e - 1.0) * fraction)))
 
 
@@ -138,21 +140,23 @@ def critical_values(fractions: Sequence[float], alpha: float, rule: SequentialRu
         due = max(now - before, 0.0)
         root = float(np.sqrt(t[k]))
 
-        top = float(stats.norm.isf(NEVER / 2.0))
+        top = -float(ndtri(NEVER / 2.0))
         if _beyond(top, root, step, place, mass) >= due:
             bounds[k] = top
         else:
-            bounds[k] = optimize.brentq(_excess, 0.0, top, (due, root, step, place, mass), 1e-12)
+            bounds[k] = scipy.optimize.brentq(
+                _excess, 0.0, top, (due, root, step, place, mass), 1e-12
+            )
         edge = bounds[k] * root
         inner = edge * nodes
-        density = stats.norm.pdf((inner[:, None] - place) / step) / step @ mass
+        density = scipy.stats.norm.pdf((inner[:, None] - place) / step) / step @ mass
         place, mass, before = inner, density * weights * edge, now
     return bounds
 
 
 def _beyond(z: float, root: float, step: float, place: Floats, mass: Floats) -> float:
     """Return the chance to be beyond z at a look, and within all bounds before."""
-    tails = stats.norm.sf((z * root - place) / step) + stats.norm.cdf((-z * root - place) / step)
+    tails = ndtr((place - z * root) / step) + ndtr((-z * root - place) / step)
     return float(mass @ tails)
 
 
@@ -180,7 +184,7 @@ def plan_of(section: Sequential, alpha: float) -> SequentialPlan:
         section.rule,
         looks,
         alpha,
-        tuple(float(2.0 * stats.norm.sf(value)) for value in z),
+        tuple(float(two_sided_p(value)) for value in z),
         (None,) * len(looks),
         tuple(spent(fraction, alpha, section.rule) for fraction in fractions),
         section.bayes_factor,
@@ -199,13 +203,13 @@ def _p_at_factor(people: int, factor: float) -> float | None:
     """
 
     def excess(log_p: float) -> float:
-        t = float(stats.t.isf(0.5 * np.exp(log_p), people - 1))
+        t = -float(stdtrit(people - 1, 0.5 * np.exp(log_p)))
         return float(np.log(t_bayes_factor(t, people)) - np.log(factor))
 
     low, high = float(np.log(NEVER)), 0.0
     if excess(low) < 0.0 or excess(high) > 0.0:
         return None
-    return float(np.exp(optimize.brentq(excess, low, high, xtol=1e-9)))
+    return float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-9)))
 
 
 def standing(

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 from scipy.special import logit
 
 from analysis.models.cells import checked, grid, numbered
@@ -246,7 +246,7 @@ def _pooled(design: Floats, y: Floats, response: ResponseFunction) -> Floats:
     # Performance may rise or fall with the level: a start on each side of flat.
     conditions_of = np.all((design == 0) | (design == 1), axis=0)
     starts = [np.where(conditions_of, 0.0, sign) for sign in (-1.0, 1.0)]
-    found = [optimize.minimize(loss, start, jac=True, method="BFGS") for start in starts]
+    found = [scipy.optimize.minimize(loss, start, jac=True, method="BFGS") for start in starts]
     return np.asarray(min(found, key=lambda one: float(one.fun)).x, dtype=np.float64)
 
 

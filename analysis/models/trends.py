@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.clustered import participant_t, sign_flip_p
+from analysis.models.tails import two_sided_quantile
 
 Floats = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def trend(
         rho, rho_p = np.nan, np.nan
         notes.append("all values are equal, or too few: no rank correlation")
     else:
-        rho, rho_p = map(float, stats.spearmanr(order, value))
+        rho, rho_p = map(float, scipy.stats.spearmanr(order, value))
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
         mean = float(drift[0]) if drift.size else np.nan
@@ -129,7 +130,7 @@ def trend(
     if not np.isfinite(p):
         p = sign_flip_p(drift)
         notes.append("all participants changed alike: p is the sign-flip test's")
-    reach = float(stats.t.ppf(0.5 + 0.5 * level, df)) * error
+    reach = float(two_sided_quantile(level, df)) * error
     return Trend(
         outcome=outcome,
         change=mean,

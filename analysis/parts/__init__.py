@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.answers import SimulatedAnswers
 from analysis.models.mixed.inference import Draws, Inference
+from analysis.plots.style import Figure
 from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Section

@@ -6,7 +6,6 @@ from functools import partial
 from typing import ClassVar
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from analysis.models.preference_posterior import PRIORS, BayesianPreference, bayesian_preference
 from analysis.parts import PartFigure, Shown, SimplePart, tried
@@ -15,6 +14,7 @@ from analysis.plots.style import (
     BLUE,
     GREY,
     LIGHT,
+    Figure,
     explain,
     limits_text,
     name_rows,

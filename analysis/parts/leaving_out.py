@@ -7,11 +7,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.random import Generator
-from scipy import stats
+from scipy.special import ndtri
 
 from analysis.models.clustered import ClusteredShare, two_way
 from analysis.models.compared_methods import Comparisons, counts
+from analysis.models.tails import two_sided_quantile
 from analysis.parts import Part, PartFigure, Shown
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.interaction_plot import interaction_plot
@@ -19,7 +21,7 @@ from analysis.report.wording import leading, level_text, number, number_range, p
 from protocols.blocks import FigurePlace, Heading, Paragraph
 from protocols.prose import count_of
 
-JOD = float(stats.norm.ppf(0.75))
+JOD = float(ndtri(0.75))
 """Of two 1 JOD apart, this quantile's share prefers the better."""
 MOST_DRAWN = 40
 
@@ -107,7 +109,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
                     p = float(left.p_value())
                     without.append(LeftOutResult(kind, name, float(left.share), low, high, p))
         lower, upper = (float(end) for end in whole.limits(plan.confidence))
-        jod, jod_lower, jod_upper = (stats.norm.ppf([whole.share, lower, upper]) / JOD).tolist()
+        jod, jod_lower, jod_upper = (ndtri([whole.share, lower, upper]) / JOD).tolist()
         planned = plan.planned_participants
         more = planned if planned not in (None, len(people)) else None
         return LeavingOut(
@@ -187,8 +189,8 @@ def _power(estimate: ClusteredShare, plan: PreferencePlan, times: float) -> floa
     # Trials of people who agree by luck tell no more than independent ones.
     error = max(error, float(np.sqrt(0.25 / (estimate.trials * times))))
     df = float(estimate.df)
-    reach, away = stats.t.isf(0.5 * plan.alpha, df), plan.margin / error
-    return float(stats.nct.sf(reach, df, away) + stats.nct.cdf(-reach, df, away))
+    reach, away = two_sided_quantile(plan.confidence, df), plan.margin / error
+    return float(scipy.stats.nct.sf(reach, df, away) + scipy.stats.nct.cdf(-reach, df, away))
 
 
 def _sentences(found: LeavingOut, plan: PreferencePlan) -> Iterator[str]:

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
@@ -371,8 +371,8 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
         def tested() -> Floats:
             gaps = answers.counts[..., 1:] - answers.counts[..., :1]
-            each = [stats.ttest_1samp(gaps[:, :count], 0.0, axis=1).pvalue for count in people]
-            p = np.stack(each, axis=1)
+            tests = (scipy.stats.ttest_1samp(gaps[:, :count], 0.0, axis=1) for count in people)
+            p = np.stack([test.pvalue for test in tests], axis=1)
             return holm(p) if plan.correction == "holm" else p
 
         return {"": tested} if plan.adaptive else {}

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import pandas as pd
+import scipy
 from markupsafe import Markup
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
@@ -158,7 +158,8 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             if plan.test != "pooled":
                 return found.p_value()
             fewer = np.round(np.minimum(found.share, 1.0 - found.share) * found.trials)
-            return np.asarray(np.minimum(1.0, 2.0 * stats.binom.cdf(fewer, found.trials, 0.5)))
+            one_sided = scipy.stats.binom.cdf(fewer, found.trials, 0.5)
+            return np.asarray(np.minimum(1.0, 2.0 * one_sided))
 
         def family() -> Floats:
             kinds = [(one.method, one.against, one.size) for one in plan.comparisons]

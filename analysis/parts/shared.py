@@ -7,7 +7,6 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.answers import SimulatedAnswers
 from analysis.models.clustered import holm, two_way_df
@@ -16,6 +15,7 @@ from analysis.models.detection import Measure
 from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
 from analysis.models.right_answers import Rate
+from analysis.models.tails import two_sided_p
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
@@ -265,4 +265,4 @@ def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
     error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
     count = float(max(people, scenes))
     ratio = count * np.log1p((mean[:, 0, 0] / error) ** 2 / count)
-    return np.asarray(2.0 * stats.t.sf(np.sqrt(ratio), df))
+    return two_sided_p(np.sqrt(ratio), df)

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from matplotlib.figure import Figure
-from scipy import stats
-
 from analysis.models.mixed.deviations import EffectLevel
-from analysis.plots.style import BLUE, GREY, explain, limits_text, new_figure, style
+from analysis.models.tails import two_sided_quantile
+from analysis.plots.style import BLUE, GREY, Figure, explain, limits_text, new_figure, style
 
 LEAST_SPAN = 0.02
 """Of an axis: where no level lies off the typical one, what is left of the search is not shown."""
@@ -24,7 +22,7 @@ def caterpillar_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw how far each level lies from the typical one, in order, a panel per effect."""
-    reach = float(stats.norm.ppf(0.5 + 0.5 * level))
+    reach = float(two_sided_quantile(level))
     longest = max(map(len, effects.values()))
     with style(width_in) as size:
         row_in = 0.15 if longest <= NAMED else 6.0 / longest

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.special import ndtr
 
 from analysis.models.detection import Measure
@@ -15,6 +14,7 @@ from analysis.plots.style import (
     GREY,
     MARKERS,
     SERIES,
+    Figure,
     key,
     limits_text,
     name_rows,

@@ -4,16 +4,16 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
+from analysis.models.tails import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
     BLUE,
     LIGHT,
     ORANGE,
     SERIES,
+    Figure,
     explain,
     limits_text,
     new_figure,
@@ -56,7 +56,7 @@ def learning_plot(
         axes.plot(places, mean, "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
         if count.min() > 1:
             error = np.nanstd(each, axis=0, ddof=1) / np.sqrt(count)
-            reach = error * stats.t.ppf(0.5 + 0.5 * level, count - 1)
+            reach = error * two_sided_quantile(level, count - 1)
             lower, upper = np.maximum(mean - reach, low), np.minimum(mean + reach, high)
             axes.fill_between(places, lower, upper, color=BLUE, alpha=0.2, lw=0, zorder=2)
         if bounds is not None:

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 
-from matplotlib.figure import Figure
-
 from analysis.plots.style import (
     MARKERS,
     SERIES,
+    Figure,
     key,
     limits_text,
     name_rows,

@@ -4,7 +4,6 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.models.preference import Preference
@@ -15,6 +14,7 @@ from analysis.plots.style import (
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
+    Figure,
     explain,
     interval,
     limits_text,

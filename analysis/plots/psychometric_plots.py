@@ -4,20 +4,19 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.curves.goodness_of_fit import Misfit
+from analysis.models.tails import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
     DASHES,
     GREY,
     MARKERS,
     SERIES,
+    Axes,
+    Figure,
     interval,
     key,
     legend_columns,
@@ -239,6 +238,8 @@ def _share_ticks(axes: Axes, *, few: bool = False, low: float = -0.03) -> None:
 
 def _level_ticks(axes: Axes, levels: Floats, width_in: float, *, logarithmic: bool) -> None:
     """Set ticks: at each level, where these are few and their names have room."""
+    from matplotlib import rcParams
+
     if logarithmic:
         level_axis(axes, levels)
     shown = np.unique(levels)
@@ -250,7 +251,7 @@ def _level_ticks(axes: Axes, levels: Floats, width_in: float, *, logarithmic: bo
     if max(map(len, texts)) > LONGEST_TICK:
         texts = [size(value, within=(0.0, span)) for value in shown]
     room_in = float(np.diff(shown).min()) / (1.1 * span) * (width_in - 0.5)
-    if room_in > (0.6 * max(map(len, texts)) + 0.6) * mpl.rcParams["font.size"] / 72:
+    if room_in > (0.6 * max(map(len, texts)) + 0.6) * rcParams["font.size"] / 72:
         axes.set_xticks(shown, texts)
 
 
@@ -302,7 +303,7 @@ def misfit_plot(
             reach = np.zeros(mean.size)
             if count.min() > 1:
                 sd = np.nanstd(course.people, axis=0, ddof=1)
-                reach = sd / np.sqrt(count) * stats.t.ppf(0.5 + 0.5 * level, count - 1)
+                reach = sd / np.sqrt(count) * two_sided_quantile(level, count - 1)
             several[1].errorbar(course.places, mean, reach, color="black", marker="o", ms=3.5,
                                 ls="none", lw=1.0)  # fmt: skip
             several[1].set_xlim(0, 1)

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from analysis.models.ordinal import RatingModel
 from analysis.plots.style import (
+    Axes,
+    Figure,
     explain,
     interval,
     limits_text,
@@ -58,7 +58,7 @@ def ratings_plot(
     return figure
 
 
-def _bars(axes: mpl.axes.Axes, model: RatingModel) -> None:
+def _bars(axes: Axes, model: RatingModel) -> None:
     colours = _ramp(len(model.categories))
     for y, one in enumerate(model.conditions):
         left = 0.0
@@ -77,4 +77,6 @@ def _bars(axes: mpl.axes.Axes, model: RatingModel) -> None:
 
 def _ramp(count: int) -> Sequence[tuple[float, float, float, float]]:
     """Return colours that differ in lightness, for grey prints and the colour-blind."""
-    return [mpl.colormaps["cividis"](x) for x in np.linspace(0.05, 0.95, count)]
+    from matplotlib import colormaps
+
+    return [colormaps["cividis"](x) for x in np.linspace(0.05, 0.95, count)]

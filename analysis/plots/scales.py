@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from analysis.models.bootstrap import ScaleIntervals
 from analysis.models.scaling import Scale
 from analysis.plots.style import (
     GREY,
+    Figure,
     explain,
     interval,
     limits_text,

@@ -1,10 +1,9 @@
 """The bounds of planned looks, and where a study stands among them."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from analysis.models.sequential_bounds import SequentialPlan
-from analysis.plots.style import BLUE, GREY, ORANGE, explain, new_figure, style
+from analysis.plots.style import BLUE, GREY, ORANGE, Figure, explain, new_figure, style
 from analysis.report.wording import leading
 
 LEAST_SHOWN = 1e-6

@@ -1,4 +1,7 @@
-"""One look for all figures, and how they are saved: same result, same bytes."""
+"""One look for all figures, and how they are saved: same result, same bytes.
+
+matplotlib is imported when the first figure is drawn: most commands draw none.
+"""
 
 import io
 import logging
@@ -7,16 +10,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.font_manager import fontManager
 from numpy.typing import NDArray
 
 from analysis.report.wording import size
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:  # names for hints
+    Axes = Figure = object
 
 ONE_COLUMN_IN = 3.33
 TWO_COLUMNS_IN = 7.0
@@ -59,28 +64,47 @@ _STYLE = Path(__file__).with_name("paper.mplstyle")
 
 
 @cache
-def _style() -> mpl.RcParams:
-    return mpl.rc_params_from_file(str(_STYLE), use_default_template=False)
+def _style() -> Any:
+    from matplotlib import rc_params_from_file
+
+    return rc_params_from_file(str(_STYLE), use_default_template=False)
+
+
+@contextmanager
+def _styled(fonts: Any = None) -> Iterator[None]:
+    from matplotlib import rc_context
+
+    with rc_context({**_style(), **(fonts or {})}):
+        yield
 
 
 @contextmanager
 def style(width_in: float) -> Iterator[float]:
     """Apply the house style and give the font size for a figure of this width."""
-    size = 6.5 if width_in < 5 else 8.0
-    with mpl.rc_context(_style()):
-        mpl.rcParams["font.size"] = size
-        mpl.rcParams["font.family"] = ["DejaVu Sans", *_installed()]
+    size = font_size(width_in)
+    families = ["DejaVu Sans", *_installed()]
+    with _styled({"font.size": size, "font.family": families}):
         yield size
+
+
+def font_size(width_in: float) -> float:
+    """Return the font size of a figure of this width, in points."""
+    return 6.5 if width_in < 5 else 8.0
 
 
 @cache
 def _installed() -> tuple[str, ...]:
+    from matplotlib.font_manager import fontManager
+
     names = {font.name for font in fontManager.ttflist}
     return tuple(name for name in _OTHER_SCRIPTS if name in names)
 
 
 def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Figure:
     """Return an empty figure; one of simulated data says so above everything."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width_in, height_in + (0.22 if simulated else 0.0)))
     FigureCanvasAgg(figure)
     figure.set_layout_engine("constrained")
@@ -100,13 +124,13 @@ def wrapped(label: str, width_in: float) -> str:
 def row_in(labels: Iterable[str], width_in: float, least: float) -> float:
     """Return the height of rows, in inches, in which none of these labels touches the next."""
     lines = max(wrapped(label, width_in).count("\n") + 1 for label in labels)
-    return max(least, (1.25 * lines + 0.8) * (6.5 if width_in < 5 else 8.0) / 72)
+    return max(least, (1.25 * lines + 0.8) * font_size(width_in) / 72)
 
 
 def legend_columns(labels: Sequence[str], width_in: float) -> int:
     """Return the number of columns of a legend below the axes: 2 at most in one column of text."""
     narrow = width_in < 5
-    em_in = (6.5 if narrow else 8.0) / 72
+    em_in = font_size(width_in) / 72
     entry_in = (0.6 * max(map(len, labels), default=0) + 5.0) * em_in
     return max(1, min(2 if narrow else 4, len(labels), int(width_in / entry_in)))
 
@@ -125,8 +149,7 @@ def limits_text(level: float) -> str:
 def explain(figure: Figure, text: str, width_in: float) -> None:
     """Say below a figure without a legend what its bars, lines and dots mean."""
     lines = textwrap.wrap(text, 62 if width_in < 5 else 120)
-    size = mpl.rcParams["font.size"] - 0.5
-    figure.supxlabel("\n".join(lines), fontsize=size, color=GREY)
+    figure.supxlabel("\n".join(lines), fontsize=font_size(width_in) - 0.5, color=GREY)
 
 
 def key(figure: Figure, names: Sequence[str], text: str, width_in: float) -> None:
@@ -198,7 +221,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     if kind not in metadata:
         raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
     buffer = io.BytesIO()
-    with mpl.rc_context(_style()), _letters_alone():
+    with _styled(), _letters_alone():
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.models.critical_scaling import CriticalScaling
@@ -23,6 +21,8 @@ from analysis.plots.style import (
     MARKERS,
     ORANGE,
     SERIES,
+    Axes,
+    Figure,
     explain,
     interval,
     legend_columns,

@@ -2,11 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.models.order_and_side import Bias
@@ -14,6 +10,7 @@ from analysis.models.reaction import ReactionTimes
 from analysis.plots.style import (
     BLUE,
     ORANGE,
+    Figure,
     explain,
     interval,
     limits_text,
@@ -33,8 +30,6 @@ Label = Callable[[str], str]
 NUMBERED_ROWS = 40
 PAGE_IN = 9.0
 
-_DIVERGING = LinearSegmentedColormap.from_list("shares", [ORANGE, "#FFFFFF", BLUE])
-
 
 def heat_map(
     shares: Floats,
@@ -50,6 +45,8 @@ def heat_map(
     More than `NUMBERED_ROWS` share the height of a page: colours alone, which grow lighter with the
     share and have a scale, and few of their names.
     """
+    from matplotlib.colors import LinearSegmentedColormap
+
     every = len(rows) // NUMBERED_ROWS + 1  # how many rows a name stands for
     with style(width_in) as size:
         cell_in = (0.19 if width_in < 5 else 0.23) if every == 1 else PAGE_IN / len(rows)
@@ -60,7 +57,8 @@ def heat_map(
         figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
         axes = figure.subplots()
         edges = (np.arange(count + 1) - 0.5 for count in (len(columns), len(rows)))
-        colours = _DIVERGING if every == 1 else mpl.colormaps["cividis"]
+        diverging = LinearSegmentedColormap.from_list("shares", [ORANGE, "#FFFFFF", BLUE])
+        colours = diverging if every == 1 else "cividis"
         cells = axes.pcolormesh(
             *edges, np.ma.masked_invalid(shares), cmap=colours, vmin=0.0, vmax=1.0
         )
@@ -77,7 +75,7 @@ def heat_map(
                 text,
                 ha="center",
                 va="center",
-                color=_readable_on(_DIVERGING(0.5 if np.isnan(value) else float(value))),
+                color=_readable_on(cells.cmap(0.5 if np.isnan(value) else float(value))),
                 fontsize=size - 1,
             )
         axes.xaxis.tick_top()
@@ -123,6 +121,8 @@ def reaction_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw participants' median reaction times and their mean with limits, on a log axis."""
+    from matplotlib.ticker import MaxNLocator
+
     with style(width_in):
         each_in = row_in([label(one.condition) for one in summaries], width_in, 0.36)
         figure = new_figure(width_in, 0.75 + each_in * len(summaries), simulated=simulated)
@@ -135,11 +135,8 @@ def reaction_plot(
         values += [end for one in summaries for end in (one.lower, one.upper)]
         low, high = float(np.nanmin(values)) / 1.15, float(np.nanmax(values)) * 1.15
         axes.set_xlim(low, high)
-        ticks = [
-            tick
-            for tick in np.asarray(MaxNLocator(5).tick_values(low, high))
-            if low <= tick <= high
-        ]
+        every = np.asarray(MaxNLocator(5).tick_values(low, high))
+        ticks = [tick for tick in every if low <= tick <= high]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel("Reaction time, s (log axis)")

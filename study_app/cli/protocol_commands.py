@@ -38,7 +38,6 @@ from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
 from study_app.cli.script_command import script, trial_table
 from study_app.cli.terminal import PlainConsole, say, say_notes
-from study_app.gaze.open_source import check_choice
 
 app = CommandGroup(
     help="""Write, check and plan a study.
@@ -86,6 +85,8 @@ def check(
         return
     study, screen = load_study(protocol, display)
     if gaze is not None:
+        from study_app.gaze.open_source import check_choice  # it brings every tracker along
+
         check_choice(study.gaze, gaze, simulate=True)
     manifest = read_manifest(stimuli) if stimuli else None
     # Imported here: they bring the renderer and the statistics along.

@@ -61,6 +61,23 @@ def test_help_of_no_command_imports_statistics_or_graphics():
     assert done.stdout.splitlines() == [f"{slot.name} []" for slot in SLOTS], done.stderr
 
 
+def test_planning_a_study_imports_no_figures_and_no_models():
+    """`protocol check` asks every statistic about the design, and computes none of them."""
+    heavy = ("matplotlib", "statsmodels", "scipy.stats", "scipy.optimize", "scipy.sparse")
+    code = (
+        "import sys\n"
+        "from analysis.planning import look_problems, planning_notes\n"
+        "from protocols.load import load_protocol, shipped\n"
+        "for path in shipped('studies').values():\n"
+        "    study = load_protocol(path)\n"
+        "    look_problems(study), planning_notes(study)\n"
+        f"print(study.study.name, [name for name in {heavy!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+    assert done.stdout.endswith(" []\n"), done.stdout + done.stderr
+
+
 def test_help_lists_every_slot():
     listed = CliRunner().invoke(app, ["--help"], terminal_width=100).stdout
 

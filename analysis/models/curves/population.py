@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.models.clustered import holm
@@ -13,6 +12,7 @@ from analysis.models.contrasts import Crossed, Difference, Pair, wald
 from analysis.models.curves.quadrature import mean_lapse
 from analysis.models.curves.response import ResponseFunction, axis_of
 from analysis.models.numeric import delta_method
+from analysis.models.tails import two_sided_quantile
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 
 Floats = NDArray[np.float64]
@@ -283,7 +283,7 @@ class Population:
         variance = np.diag(covariance).clip(min=0)
         units = np.eye(len(self.names))
         df = [self.crossed.df(unit, float(own)) for unit, own in zip(units, variance, strict=True)]
-        return np.asarray(stats.t.ppf(0.5 + 0.5 * self.level, df))
+        return two_sided_quantile(self.level, df)
 
 
 def span(response: ResponseFunction) -> float:

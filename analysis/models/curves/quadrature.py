@@ -9,8 +9,8 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 from scipy.special import expit
 
 from analysis.models.curves.response import ResponseFunction, steep_prior
@@ -132,7 +132,7 @@ def fit_people(
     found = None
     for sd in STARTS:
         begin = np.concatenate([start, np.full(model.deviations, sd), model.start_rates()])
-        best = optimize.minimize(loss, begin, jac=True, method="BFGS", options={"gtol": 1e-3})
+        best = scipy.optimize.minimize(loss, begin, jac=True, method="BFGS", options={"gtol": 1e-3})
         point, hessian = newton_polish(loss, np.asarray(best.x, dtype=np.float64))
         proper = _proper(point, hessian)
         value = loss(point)[0]

@@ -11,9 +11,8 @@ from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from protocols.errors import StudyError
 from protocols.limits import FIXED
@@ -304,8 +303,10 @@ def _slots(codes: Sequence[Codes], starts: Codes) -> tuple[Codes, tuple[int, int
         linked = np.concatenate([codes[k] + starts[k] for k in order[:taken]])
         # Every trial ties its effects to the first of them.
         ends = np.broadcast_to(linked[0], linked.shape).ravel()
-        graph = coo_array((np.ones(linked.size), (linked.ravel(), ends)), (starts[-1],) * 2)
-        label = connected_components(graph, directed=False)[1][inner]
+        graph = scipy.sparse.coo_array(
+            (np.ones(linked.size), (linked.ravel(), ends)), (starts[-1],) * 2
+        )
+        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][inner]
         label = np.unique(label, return_inverse=True)[1].astype(np.int64)
         sizes = np.bincount(label)
         border = starts[-1] - inner.size

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
+
+from analysis.models.tails import chi_squared_quantile
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +73,7 @@ def profile_limits(
     error : float
         About the standard error of `sd`: of the first step.
     """
-    cut = math.sqrt(float(stats.chi2.ppf(level, 1)))
+    cut = math.sqrt(chi_squared_quantile(level))
 
     @cache  # a search for a root asks for both ends again
     def beyond(value: float) -> float:
@@ -83,11 +85,11 @@ def profile_limits(
     how = {"xtol": 1e-3 * max(sd, step), "rtol": 1e-4}
     lower = 0.0
     if sd > 0.0 and beyond(0.0) > 0.0:
-        lower = float(optimize.brentq(beyond, 0.0, sd, **how))
+        lower = float(scipy.optimize.brentq(beyond, 0.0, sd, **how))
     low, high = sd, sd + 2.0 * step
     for _ in range(_LONGEST):
         if beyond(high) > 0.0:
-            return lower, float(optimize.brentq(beyond, low, high, **how))
+            return lower, float(scipy.optimize.brentq(beyond, low, high, **how))
         low, high, step = high, high + 2.0 * step, 2.0 * step
     return lower, math.inf
 
@@ -144,7 +146,7 @@ def held_maximum(
             turn = np.eye(step.size) - np.outer(step, bend) / along
             inverse = turn @ inverse @ turn.T + np.outer(step, step) / along
         at, now, slope = at - step, new, new_slope
-    found = optimize.minimize(free, at, jac=True, method="BFGS", options={"gtol": 1e-3})
+    found = scipy.optimize.minimize(free, at, jac=True, method="BFGS", options={"gtol": 1e-3})
     return -float(found.fun)
 
 

@@ -8,8 +8,6 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from statsmodels.genmod.families import Binomial
-from statsmodels.genmod.generalized_linear_model import GLM
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +97,10 @@ def _matrices(
             raise ValueError(f"reference of {column!r} must be one of {levels} (got {first!r})")
         levels.remove(first)
         table[column] = pd.Categorical(table[column].astype(str), [first, *levels])
+    # Imported here: most formulas are sums of columns, and this takes half a second.
+    from statsmodels.genmod.families import Binomial
+    from statsmodels.genmod.generalized_linear_model import GLM
+
     model = GLM.from_formula(plain, table, family=Binomial())
     design = np.asarray(model.exog, dtype=np.float64)
     if design.shape[0] != len(table):

@@ -6,8 +6,8 @@ from itertools import islice
 from typing import Any, Generic
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 from scipy.special import expit
 
 from analysis.models.curves.response import LOGIT, AnswerLaw, R, ResponseFunction, steep_prior
@@ -289,7 +289,7 @@ def reduced_ratio(
 def _found(model: "LaplaceLikelihood[Any]", start: Floats, rough: Floats) -> Floats:
     """Return the parameters of a maximum; `rough` is about their covariance, for the first step."""
     options = {"gtol": 1e-3, "hess_inv0": rough}
-    found = optimize.minimize(model, start, jac=True, method="BFGS", options=options)
+    found = scipy.optimize.minimize(model, start, jac=True, method="BFGS", options=options)
     return np.asarray(found.x, dtype=np.float64)
 
 

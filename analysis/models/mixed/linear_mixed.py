@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from analysis.models.mixed.arrow_matrix import Arrow, ArrowMatrix, RandomEffects
 from analysis.models.mixed.deviations import Deviation, FittedEffects
@@ -89,7 +89,7 @@ def fit_linear_mixed(
     )
     begins = [np.array([one[name] for name in groups]) for one in starts]
     tried = [
-        optimize.minimize(
+        scipy.optimize.minimize(
             products.profile,
             start**2,
             jac=True,
@@ -211,7 +211,7 @@ class _Products:
             slope = np.append(by_ratio, variance * by_variance - by_ratio @ ratios) / variance
             return 0.5 * deviance, 0.5 * unit * np.delete(slope, place)
 
-        found = optimize.minimize(
+        found = scipy.optimize.minimize(
             cost,
             np.delete(sd, place) ** 2 / unit,
             jac=True,

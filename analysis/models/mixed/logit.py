@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
 from scipy.special import expit, log_expit
+
+from analysis.models.tails import chi_squared_p, chi_squared_quantile
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +112,7 @@ def separated(design: Floats, successes: Floats, trials: Floats) -> bool:
     """
     rows = np.concatenate([design[successes > 0], -design[successes < trials]])
     rows = np.unique(np.round(rows, 12), axis=0)
-    result = optimize.linprog(
+    result = scipy.optimize.linprog(
         -rows.sum(axis=0),
         A_ub=-rows,
         b_ub=np.zeros(rows.shape[0]),
@@ -161,7 +163,7 @@ def likelihood_ratio_p(design: Floats, successes: Floats, trials: Floats, *, fir
         2.0 * (full - fit_logit(design, successes, trials, firth=firth, fixed=column).penalised)
         for column in range(design.shape[1])
     ]
-    return np.asarray(stats.chi2.sf(np.maximum(values, 0.0), 1))
+    return chi_squared_p(np.maximum(values, 0.0))
 
 
 def profile_limits(design: Floats, successes: Floats, trials: Floats, level: float) -> Floats:
@@ -171,7 +173,7 @@ def profile_limits(design: Floats, successes: Floats, trials: Floats, level: flo
     (Heinze and Schemper 2002).
     """
     full = fit_logit(design, successes, trials, firth=True)
-    drop = 0.5 * float(stats.chi2.ppf(level, 1))
+    drop = 0.5 * chi_squared_quantile(level)
     errors = np.sqrt(np.diag(full.covariance))
 
     def limit(column: int, sign: float) -> float:
@@ -184,7 +186,7 @@ def profile_limits(design: Floats, successes: Floats, trials: Floats, level: flo
         while above(far) > 0.0 and far < FARTHEST:
             far *= 2.0
         # A penalised likelihood falls without end, if slowly where answers are separated.
-        distance = optimize.brentq(above, 0.0, far, xtol=1e-8) if far < FARTHEST else FARTHEST
+        distance = scipy.optimize.brentq(above, 0.0, far, xtol=1e-8) if far < FARTHEST else FARTHEST
         return float(full.beta[column] + sign * distance)
 
     return np.array([[limit(k, -1.0), limit(k, 1.0)] for k in range(design.shape[1])])

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.clustered import holm
+from analysis.models.tails import two_sided_p, two_sided_quantile
 
 Floats = NDArray[np.float64]
 Asked = Mapping[str, Mapping[str, float]]
@@ -86,8 +86,8 @@ def margins(
             nan = math.nan
             return Margin(name, nan, nan, nan, nan, level, nan)
         free = df(weights, variance)
-        reach = float(stats.t.ppf(0.5 + 0.5 * level, free)) * error
-        p = float(2.0 * stats.t.sf(abs(value) / max(error, 1e-12), free))
+        reach = float(two_sided_quantile(level, free)) * error
+        p = float(two_sided_p(value / max(error, 1e-12), free))
         return Margin(name, value, error, value - reach, value + reach, level, free, p)
 
     means = [margin(name, unit) for name, unit in zip(names, np.eye(len(names)), strict=True)]

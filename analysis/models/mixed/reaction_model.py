@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
@@ -25,6 +24,7 @@ from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.right_answers import FEW_PARTICIPANTS
+from analysis.models.tails import two_sided_quantile
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ def time_model(
     crossed = Crossed.of(condition, groups, sd)
     error = np.sqrt(np.diag(covariance))
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
-    reach = stats.t.ppf(0.5 + 0.5 * level, df) * error
+    reach = two_sided_quantile(level, df) * error
     gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
     tested = with_holm(
         [

@@ -7,7 +7,6 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.clustered import holm
 from analysis.models.mixed.deviations import Deviation
@@ -20,6 +19,7 @@ from analysis.models.mixed.glmm import (
     reduced_ratio,
 )
 from analysis.models.paired.paired_counts import components, has_maximum
+from analysis.models.tails import two_sided_p
 
 Floats = NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def _contrasts(
         contrast[0] = 0.0  # the order's place; the first method is the zero
         reduced = np.hstack([order, equal[:, 1:]])
         ratios.append(reduced_ratio(fit, contrast, j, reduced, starts=starts)[0])
-    p = 2.0 * stats.t.sf(np.sqrt(ratios), df)
+    p = two_sided_p(np.sqrt(ratios), df)
     return tuple(
         PairedContrast(
             first=methods[i],

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.models.bootstrap import drawn_scores, draws
 from analysis.models.clustered import least_p
@@ -89,5 +89,5 @@ def _hotelling(value: Floats, drawn: Floats, df: int, people: int) -> JointTest 
         return None
     along = axes[:, kept].T @ value
     f = float(along**2 @ (1.0 / curvature[kept])) * (people - df) / (df * (people - 1.0))
-    p = max(float(stats.f.sf(f, df, people - df)), float(least_p(people)))
+    p = max(float(scipy.stats.f.sf(f, df, people - df)), float(least_p(people)))
     return JointTest(f, df, people - df, p)

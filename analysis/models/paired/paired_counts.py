@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 from scipy.special import expit, log_expit, log_ndtr, ndtri
 
 Floats = NDArray[np.float64]
@@ -191,7 +191,7 @@ def has_maximum(won: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def components(compared: NDArray[np.bool_], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of conditions that comparisons link, by name, in order."""
-    count, label = connected_components(compared | compared.T, directed=False)
+    count, label = scipy.sparse.csgraph.connected_components(compared | compared.T, directed=False)
     return tuple(
         tuple(name for name, group in zip(names, label, strict=True) if group == part)
         for part in range(count)
