@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import AnalysisPlan, Part, PartFigure, Shown
-from analysis.parts.ratings import RatingResults, category
+from analysis.parts.ratings import RatingResults
 from analysis.parts.shared import TESTED, limits
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
@@ -30,6 +30,7 @@ from analysis.report.wording import (
     t_text,
 )
 from protocols.blocks import Cautions, FigurePlace, TableBlock
+from protocols.tasks.rates import name_of
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ class StepLearning(LearningPart[RatingPlan]):
     ) -> Iterator[LearnedOutcome]:
         """Yield the step that was rated."""
         ratings: RatingResults = found["ratings"]
-        steps = table["rating"].map(category).map(ratings.model.steps).astype(float)
+        steps = table["rating"].map(name_of).map(ratings.model.steps).astype(float)
         yield LearnedOutcome("rating, in steps of the scale", table.assign(outcome=steps))
 
     def cells(self, plan: RatingPlan) -> tuple[str, ...]:

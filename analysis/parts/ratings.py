@@ -48,6 +48,7 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
+from protocols.tasks.rates import name_of
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
             rows = table.drop(columns="scene") if blank else table
             categories = plan.scale or None
             model = rating_model(rows, (plan.by,), categories=categories, **how)
-        levels = pd.crosstab(table["participant"], table["rating"].map(category))
+        levels = pd.crosstab(table["participant"], table["rating"].map(name_of))
         levels = levels.reindex(columns=list(model.categories), fill_value=0)
         return RatingResults(
             model,
@@ -178,11 +179,6 @@ def _family(count: int, plan: RatingPlan) -> FamilyOfTests:
     return FamilyOfTests(
         "comparison", " of ratings", count, holms, False, draws=plan.bootstrap_draws
     )
-
-
-def category(value: object) -> str:
-    """Return a rating as the model names it."""
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
 def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
