@@ -156,8 +156,6 @@ class PupilPhone:
             head = struct.pack("!BBHII", 128, 96, self._number % 65536, stamp, 1)
             self._send(head + struct.pack("!ffB", x, y, 255 if place else 0), 0)
             count += 1
-            if count % 40 == 0:  # after a page they all come at once, and nobody waits for UDP
-                time.sleep(0.003)
         self._next = wanted
         return count
 

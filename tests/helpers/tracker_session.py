@@ -96,7 +96,7 @@ def pumped(adapter, server, eye: Eye, clock: VirtualClock):
     """Return an adapter's class whose other end keeps up with the virtual clock."""
 
     class Pumped(adapter):
-        opened = False
+        opened, at_s = False, 0.0
 
         def open(self):
             super().open()
@@ -105,13 +105,21 @@ def pumped(adapter, server, eye: Eye, clock: VirtualClock):
         def poll(self):
             if not self.opened:
                 clock.move_to(clock() + 1 / 60)
-            due, samples = server.advance(clock()), []
-            until_s = time.monotonic() + 30.0
-            while True:
-                samples += super().poll()
-                if len(samples) >= due or time.monotonic() > until_s:
+            due, samples, until_s = 0, [], time.monotonic() + 30.0
+            while True:  # few at a time: after a page, a datagram too many would be lost
+                self.at_s = min(self.at_s + 0.1, clock())
+                due += server.advance(self.at_s)
+                while True:
+                    samples += super().poll()
+                    if len(samples) >= due or time.monotonic() > until_s:
+                        break
+                    time.sleep(0.0005)
+                if self.at_s >= clock():
                     return samples
-                time.sleep(0.0005)
+
+        def calibrate(self, points_px):
+            self.poll()  # or what was due over the page would be of the calibration
+            return super().calibrate(points_px)
 
         def mark(self, text):
             eye.attempt, eye.began_s = eye.attempt + 1, clock()
